@@ -11,6 +11,7 @@ import pytest
 from conftest import rest_slow
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.files.cache import cache_folder
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda import nvrtc
 from cubicsplat_cli.raster.cuda.compile import Program
@@ -167,7 +168,7 @@ def folder(tmp_path, monkeypatch):
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.setenv(name, str(tmp_path))
     folder = tmp_path / "cubicsplat" / "cuda"
-    assert cuda_compile.cache_folder() == folder
+    assert cache_folder(cuda_compile.CACHE) == folder
     return folder
 
 
@@ -189,7 +190,7 @@ def test_the_cache_knows_programs_architectures_versions_and_texts_apart():
     assert cuda_compile.cache_key(*usual) == cuda_compile.cache_key(*usual)
 
 
-@pytest.mark.parametrize("damage", [b"", b"cubicsplat cubin 1\nshort", None], ids=["empty", "short", "flipped"])
+@pytest.mark.parametrize("damage", [b"", b"cubicsplat cache 1\nshort", None], ids=["empty", "short", "flipped"])
 def test_a_damaged_cache_costs_a_compilation(folder, damage):
     compiler = Counting()
     compiler.code()
@@ -215,6 +216,6 @@ def test_without_a_home_folder_kernels_are_compiled_each_time(folder, monkeypatc
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name)
     monkeypatch.setattr(Path, "home", homeless)
-    assert cuda_compile.cache_folder() is None
+    assert cache_folder(cuda_compile.CACHE) is None
     compiler = Counting()
     assert [compiler.code(), compiler.code()] == [b"code 1", b"code 2"]

@@ -174,6 +174,27 @@ def test_no_renderer_at_all_is_an_error_with_both_reasons(package):
         rerender(svg_of(two_squares(None)), 12, 8)
 
 
+def test_a_command_keeps_what_comes_of_parsing_cairos_header(tmp_path, monkeypatch):
+    """A damaged file in the cache costs no more than the time to parse it again."""
+    code = """import sys, hashlib
+from cubicsplat_cli.progress import COMMAND_BEGAN
+COMMAND_BEGAN.set(0.0)
+from cubicsplat_cli.evaluate import rerender
+svg = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><circle r="5" fill="#f40"/></svg>'
+drawn = rerender(svg, 9, 9, renderer="cairosvg").pixels
+print("pycparser" in sys.modules, hashlib.sha256(drawn.tobytes()).hexdigest())"""
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.setenv(name, str(tmp_path))
+    said = []
+    for damaged in (False, False, True):
+        for path in tmp_path.rglob("*.bin") if damaged else ():
+            path.write_bytes(path.read_bytes()[:-1])
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+        said.append(done.stdout.split())
+    assert [parsed for parsed, _ in said] == ["True", "False", "True"]
+    assert len({pixels for _, pixels in said}) == 1
+
+
 @pytest.mark.parametrize(("width", "height"), [(0, 5), (5, -1), (40_000, 5), (30_000, 30_000)])
 def test_impossible_sizes_are_refused(width, height):
     with pytest.raises(InputError, match="cannot be drawn"):

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubicsplat_cli.raster.observed import distinct, edge_variances, planes, second_differences, unexplained
+from cubicsplat_cli.raster.observed import (
+    distinct,
+    edge_variances,
+    off_palette,
+    planes,
+    second_differences,
+    steps,
+    unexplained,
+)
 
 LUMA = np.array([0.299, 0.587, 0.114, 0.7], np.float32)
 
@@ -121,3 +129,18 @@ def test_unexplained_pixels_are_those_of_the_definition(reach: int, seam: float,
     wanted = _unexplained(*given)
     assert np.array_equal(gap, wanted[0]) and np.array_equal(where, wanted[1])
     assert 30 < where.sum() < where.size - 30
+
+
+@pytest.mark.parametrize("shape", [(7, 9, 4), (1, 5, 3), (6, 1, 4)])
+def test_steps_are_the_largest_differences_of_neighbours(shape: tuple[int, ...], rng: np.random.Generator) -> None:
+    levels = rng.uniform(0.0, 255.0, shape).astype(np.float32)
+    for found, axis in zip(steps(levels), (0, 1), strict=True):
+        np.testing.assert_array_equal(found, np.abs(np.diff(levels, axis=axis)).max(axis=2))
+    turned = steps(levels.swapaxes(0, 1))
+    np.testing.assert_array_equal(turned[0].T, steps(levels)[1])
+
+
+def test_pixels_are_compared_with_the_colours_of_their_labels(rng: np.random.Generator) -> None:
+    levels, palette = rng.uniform(0.0, 255.0, (5, 6, 4)).astype(np.float32), rng.uniform(0.0, 255.0, (3, 4))
+    labels = rng.integers(0, 3, (5, 6))
+    np.testing.assert_array_equal(off_palette(levels, palette, labels), np.abs(levels - palette[labels]).max(axis=2))

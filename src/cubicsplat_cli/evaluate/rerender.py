@@ -11,13 +11,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
+from cubicsplat_cli.evaluate.cairo import import_cairosvg
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.svg.embedded import picture_in
-from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.svg.untrusted import SvgSize
 
 # cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, with resvg more).
 MAX_SIDE = 32_767
@@ -134,6 +138,8 @@ def checked(
 
     width, height, scale, errors: see `rerender_untrusted`.
     """
+    from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
+
     if not (math.isfinite(scale) and scale > 0):
         raise UsageError(f"must be a positive number, not {scale:g}", "scale")
     asked = SvgSize(width, height) if width and height else None
@@ -185,7 +191,7 @@ def choose_renderer(renderer: str | None) -> tuple[ModuleType, str, str | None]:
 def _load(name: str) -> tuple[ModuleType | None, str | None]:
     """Import a renderer; where that fails, the problem and its remedy instead."""
     try:
-        return importlib.import_module(_PACKAGES[name]), None
+        return import_cairosvg() if name == "cairosvg" else importlib.import_module(_PACKAGES[name]), None
     except OSError as error:
         # cairocffi looks for the shared library while it is imported.
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -30,10 +30,10 @@ from cubicsplat_cli.evaluate.rerender import (
     full_name,
 )
 from cubicsplat_cli.settings import SCALE
-from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene
+    from cubicsplat_cli.svg.untrusted import SvgSize
 
 # A pixel takes 4 bytes on cairo's surface, 16 in the engine's picture, up to 40 with resvg and its PNG.
 TILE_PIXELS = 2**22
@@ -60,6 +60,8 @@ def downsampled_svg(
     px of the enlarged picture, and the result. Raises UsageError for a scale outside 1..12, and what `check_untrusted`
     and `rerender` raise.
     """
+    from cubicsplat_cli.svg.untrusted import check_untrusted
+
     SCALE.check("scale", scale)
     size = check_untrusted(svg, source)
     module, name, note = choose_renderer(renderer)

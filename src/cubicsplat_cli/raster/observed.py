@@ -50,6 +50,29 @@ def second_differences(levels: np.ndarray) -> np.ndarray:
     return out
 
 
+def steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H - 1, W) and (H, W - 1) float32 how far each pixel of a picture (H, W, C) is from the one below, and from the
+    one to the right, in the channel with most.
+    """
+    levels = np.ascontiguousarray(levels, np.float32)
+    height, width, channels = levels.shape
+    down = np.empty((max(height - 1, 0), width), np.float32)
+    along = np.empty((height, max(width - 1, 0)), np.float32)
+    for out, apart in ((down, width * channels), (along, channels)):
+        _native("cs_steps", levels, *out.shape, channels, width * channels, apart, out, result=None)
+    return down, along
+
+
+def off_palette(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """(H, W) how far each pixel of a picture (H, W, 4) is from the colour of a palette (P, 4) that its label (H, W)
+    says, in the channel with most.
+    """
+    out = np.empty(labels.shape)
+    given = np.ascontiguousarray(levels, np.float32), labels.size, doubles(palette)
+    _native("cs_off_palette", *given, np.ascontiguousarray(labels, np.int32), out, result=None)
+    return out
+
+
 def distinct(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The places (K,) at which the different ones of uint64 keys are first, in the order of the keys, and which of them
     each key is, of their shape.

@@ -12,7 +12,7 @@ from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba
 OPAQUE = 255
 
 # XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_NOT_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 _SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
 _NOT_ID = re.compile(r"[^A-Za-z0-9_.]+")
 _TAG = re.compile(r"<[^>]*>")
@@ -41,7 +41,8 @@ def format_number(value: int, precision: int) -> str:
 
 def xml_text(text: str) -> str:
     """The text with a replacement character for each that XML cannot hold."""
-    return _NOT_XML.sub("\ufffd", text)
+    # What is printable can be held; to compile the expression takes longer than to write most files.
+    return text if text.isprintable() else re.sub(_NOT_XML, "\ufffd", text)
 
 
 def comment_text(text: str) -> str:

@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.raster.observed import distinct
+from cubicsplat_cli.raster.observed import distinct, steps
 
 # Colours that any picture may have; larger ones as many as the square root of their cells. Chosen on drawn sprites and
 # scenes (K <= 0.6 sqrt(N)) against unsmoothed flags and emoji (1.1 sqrt(N) and more).
@@ -269,8 +269,8 @@ def _inner(grid: Grid) -> np.ndarray:
 
 def _soft(levels: np.ndarray) -> float:
     """The share of the steps between neighbouring cells (R, C, 4), levels, of different colours that are soft."""
-    steps = np.concatenate([largest(np.abs(np.diff(levels, axis=axis))).ravel() for axis in (0, 1)])
-    return float((steps[steps > 0.0] <= SOFT).mean())
+    every = np.concatenate([each.ravel() for each in steps(levels)])
+    return float((every[every > 0.0] <= SOFT).mean())
 
 
 def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:
@@ -289,8 +289,8 @@ def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:
 
 def _between(levels: np.ndarray) -> np.ndarray:
     """(R, C) bool: the colour lies on the line between those to the left and to the right, away from both."""
-    steps = largest(np.abs(np.diff(levels, axis=1))) > 0.0
-    y, x = np.nonzero(steps[:, :-1] & steps[:, 1:])
+    differs = steps(levels)[1] > 0.0
+    y, x = np.nonzero(differs[:, :-1] & differs[:, 1:])
     before, here, after = (levels[y, x + k] for k in range(3))
     span = after - before
     length = (span * span).sum(axis=1)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster.observed import steps
 
 ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge
 SMALL = 64  # px of the longer side, up to which other things tell
@@ -59,12 +59,11 @@ def _drawn(found: Evenness, least_alike: float, most_little: float) -> bool:
 def evenness(levels: np.ndarray, tile: int) -> Evenness:
     """Of a picture (H, W, C) in 0..255 where tiles of tile x tile px are not all alike."""
     pairs, alike, little = (np.zeros(levels.shape[:2], dtype=np.int32) for _ in range(3))
-    for axis in (0, 1):
-        steps = largest(np.abs(np.diff(levels, axis=axis)))
-        at = tuple(slice(side) for side in steps.shape)
+    for step in steps(levels):
+        at = tuple(slice(side) for side in step.shape)
         pairs[at] += 1
-        alike[at] += steps <= ALIKE
-        little[at] += (steps > ALIKE) & (steps <= EDGE)
+        alike[at] += step <= ALIKE
+        little[at] += (step > ALIKE) & (step <= EDGE)
     pairs, alike, little = (_tiled(counts, tile) for counts in (pairs, alike, little))
     busy = alike < pairs
     if not busy.any():

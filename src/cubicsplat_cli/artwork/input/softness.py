@@ -65,7 +65,7 @@ def _drift(soft: float, even: float) -> float:
 def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     """The shares of a picture (H, W, C) in 0..255; drawn: (H, W) bool, not empty, what counts."""
     values = levels.astype(np.float32)
-    means, slopes = planes(values, WIDER if _noise(values) > NOISY else WINDOW)
+    means, slopes = planes(values, WIDER if _is_noisy(values) else WINDOW)
     places, count = ndimage.label((slopes <= QUIET) & drawn)
     inside = places > 0
     order = np.argsort(places[inside], kind="stable")
@@ -102,12 +102,10 @@ def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
     return float(every.mean()) if len(every) else 1.0
 
 
-def _noise(values: np.ndarray) -> float:
-    """Levels, the standard deviation of what differs from pixel to pixel in most of the picture."""
-    if values.shape[1] < 3:
-        return 0.0
+def _is_noisy(values: np.ndarray) -> bool:
+    """Whether what differs from pixel to pixel in most of the picture has a standard deviation beyond NOISY levels."""
     second = np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
-    return float(np.median(second)) / SECOND_MEDIAN
+    return 2 * np.count_nonzero(second > NOISY * SECOND_MEDIAN) > second.size
 
 
 def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:

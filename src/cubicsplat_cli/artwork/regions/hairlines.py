@@ -12,6 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import best_blend, blend_with, fills_of_lines, near_fills, residual_of_three, spread
 
 # Residuals, in levels, of a blend that the fills beside it explain, and that the fill of a line must explain; lines are
@@ -160,7 +161,7 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     solid = solid_labels(labels)
     away = np.zeros(labels.shape, dtype=bool)
     inner = (slice(1, -1), slice(1, -1))  # pixels on the rim blend with what is beyond the canvas
-    away[inner] = largest(np.abs(levels[inner] - palette[labels[inner]])) > off
+    away[inner] = off_palette(levels, palette, labels)[inner] > off
     y, x = np.nonzero(away)
     far = away.copy()
     far[y, x] = best_blend(levels[y, x], palette, near_fills(labels, y, x, 1))[1] > off

@@ -12,6 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.observed import steps
 
 # Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
 ALIKE, APART = 0.5, 8.0
@@ -116,23 +117,25 @@ def _gap(colours: np.ndarray, palette: np.ndarray) -> np.ndarray:
 
 def _runs(levels: np.ndarray) -> _LineRuns:
     """All of SHORT px and more, opaque and one px wide, with an even row of another colour on either side."""
-    parts = []
+    parts, (down, along) = [], steps(levels)
     for upright in (False, True):
         lines = levels.swapaxes(0, 1) if upright else levels
-        y, x, length = _rows(lines)
+        y, x, length = _rows(lines[..., 3] >= SOLID, *((along.T, down.T) if upright else (down, along)))
         sides = [lines[y + step, x] for step in (0, -1, 1)]
         parts.append((*((x, y) if upright else (y, x)), length, np.full(len(y), upright), *sides))
     return _LineRuns(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _rows(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The row and column at which level runs begin in a picture (H, W, 4), and their px."""
-    height, width = lines.shape[:2]
+def _rows(solid: np.ndarray, down: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The row and column at which level runs begin in a picture, and their px.
+
+    solid: (H, W) bool, opaque pixels. down, along: its `steps`.
+    """
+    height, width = solid.shape
     differs = np.zeros((height, width), dtype=bool)
-    step = largest(np.abs(lines[1:] - lines[:-1])) >= APART
-    solid = lines[..., 3] >= SOLID
+    step = down >= APART
     differs[1:-1] = step[1:] & step[:-1] & solid[1:-1] & solid[2:] & solid[:-2]
-    alike = largest(np.abs(lines[:, 1:] - lines[:, :-1])) <= ALIKE
+    alike = along <= ALIKE
     on = np.zeros((height, width), dtype=bool)
     on[1:-1, 1:] = alike[1:-1] & alike[:-2] & alike[2:]
     on[:, 1:] &= differs[:, 1:] & differs[:, :-1]

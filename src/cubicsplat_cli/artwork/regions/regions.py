@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.regions.hairlines import (
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
 from cubicsplat_cli.artwork.regions.line_blends import line_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
+from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import best_blend, components, near_fills, nearest_fills
 
 # A pixel within so many levels of a fill is that fill.
@@ -103,7 +104,7 @@ def pixel_fills(
         fills = _blends_shared_out(levels, palette, pure)
         fills = with_lines(levels, palette, fills, STRANGE, LESS)
     else:
-        fills, pure = known, np.where(largest(np.abs(levels - palette[known])) <= PURE, known, -1)
+        fills, pure = known, np.where(off_palette(levels, palette, known) <= PURE, known, -1)
     fills = joined_at_corners(fills, levels, palette)
     parts, _ = components(fills)
     # What a damaged picture was restored to has crumbs of its noise.

@@ -126,7 +126,7 @@ class _Trials:
         out: list[list[_Explanation]] = [[] for _ in found]
         for number in range(max(map(len, proposed), default=0)):
             some = [(k, each) for k, ways in enumerate(proposed) if number < len(ways) for each in ways[number]]
-            some.sort(key=lambda pair: pair[1].beneath)
+            some = sorted(self._affordable(some, out), key=lambda pair: pair[1].beneath)
             if not some:
                 continue
             new, changes, falls = self._tried([each for _, each in some], ROUNDS)
@@ -135,6 +135,29 @@ class _Trials:
                 around = ndimage.binary_dilation(found[k].where, SQUARE, MARGIN)
                 fall = float(falls[found[k].rows, found[k].columns][around].sum())
                 out[k].append(_Explanation([new[i] for i in own], [changes[i] for i in own], fall))
+        return out
+
+    def _affordable(self, some: list[tuple[int, Placed]], known: list[list[_Explanation]]) -> list[tuple[int, Placed]]:
+        """The new shapes, each with the number of its area, that may pay for themselves: where they explained all that
+        they change, and shared what several of them do. None in areas of which a way is known that shortens the
+        description more than all of them would.
+        """
+        changed = [_changed(each.shape, self.goal.reach, self.size) for _, each in some]
+        falls, sharing = 0.5 * self.before.misfit.reshape(self.size), np.zeros(self.size)
+        for window, own in changed:
+            sharing[window] += own
+        falls /= np.maximum(sharing, 1.0)
+        changes = [self._change(each.shape, falls, *where) for (_, each), where in zip(some, changed, strict=True)]
+        out = []
+        for area in sorted({area for area, _ in some}):
+            those = [k for k, (each, _) in enumerate(some) if each == area]
+            floor = _floor_of(known[area]) if known[area] else _floor([changes[k] for k in those])
+            good = [k for k in those if self._net(changes[k], floor) > 0.0]
+            most = max((self._gain(way, floor)[0] for way in known[area]), default=0.0)
+            if sum(self._net(changes[k], floor) for k in good) > most:
+                out += [some[k] for k in good]
+            else:  # its colours still tell how much is off by chance
+                known[area].append(_Explanation([some[k][1] for k in those], [changes[k] for k in those], 0.0))
         return out
 
     def _tried(self, new: list[Placed], rounds: int) -> tuple[list[Placed], list[_Change], np.ndarray]:
@@ -146,11 +169,11 @@ class _Trials:
         after = settle(self.before.with_layers(_stacked(self.still, layers, new)), self.goal, rounds)
         new = _outlined(new, after)
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
-        return new, [self._change(each.shape, falls) for each in new], falls
+        changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]
+        return new, [self._change(each.shape, falls, *where) for each, where in zip(new, changed, strict=True)], falls
 
-    def _change(self, shape: Shape, falls: np.ndarray) -> _Change:
+    def _change(self, shape: Shape, falls: np.ndarray, window: tuple[slice, slice], own: np.ndarray) -> _Change:
         price = PRICE * (SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines))
-        window, own = _changed(shape, self.goal.reach, self.size)
         if not own.any():
             return _Change(0.0, UNSEEN, price)
         errors = self.picture.model.noise + self.picture.ringing[window][own][:, 0]
@@ -164,19 +187,21 @@ class _Trials:
 
     def _shortest(self, ways: list[_Explanation]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
-        floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
-        known = {shape.fill for shape in self.drawing.shapes}
-        most, best = 0.0, list[Placed]()
+        floor, most, best = _floor_of(ways), 0.0, list[Placed]()
         for way in ways:
-            good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
-            new = {way.shapes[k].shape.fill for k in good} - known
-            price = sum(way.changes[k].price for k in good) + PRICE * FILL_PARAMETERS * len(new)
-            # What two of its shapes change is theirs once.
-            fall = min(way.fall, sum(way.changes[k].fall for k in good))
-            total = self.detail * fall / floor - price
-            if good and total > most:
-                most, best = total, [way.shapes[k] for k in good]
+            total, good = self._gain(way, floor)
+            if total > most:
+                most, best = total, good
         return best
+
+    def _gain(self, way: _Explanation, floor: float) -> tuple[float, list[Placed]]:
+        """Nats by which a way shortens the description, and its shapes that do."""
+        good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
+        new = {way.shapes[k].shape.fill for k in good} - {shape.fill for shape in self.drawing.shapes}
+        price = sum(way.changes[k].price for k in good) + PRICE * FILL_PARAMETERS * len(new)
+        # What two of its shapes change is theirs once.
+        fall = min(way.fall, sum(way.changes[k].fall for k in good))
+        return (self.detail * fall / floor - price if good else 0.0), [way.shapes[k] for k in good]
 
     def _still(self, shape: Shape) -> Layer:
         """The layer of a shape that stays as it is."""
@@ -193,6 +218,11 @@ def _floor(changes: list[_Change]) -> float:
     """The misfit by chance of a pixel of some shapes: their mean, by what they explain."""
     falls = np.array([max(change.fall, UNSEEN) for change in changes])
     return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
+
+
+def _floor_of(ways: list[_Explanation]) -> float:
+    """That by which ways are compared."""
+    return max((_floor(way.changes) for way in ways), default=UNSEEN)
 
 
 def _outlined(new: list[Placed], state: State) -> list[Placed]:

@@ -7,18 +7,15 @@ cache afterwards.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import logging
-import os
-import sys
-import tempfile
 from collections.abc import Callable
 from ctypes import sizeof
 from dataclasses import dataclass
 from pathlib import Path
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.files.cache import read_cache, write_cache
 from cubicsplat_cli.raster.cuda import nvrtc
 from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, Frame, StepValues
 from cubicsplat_cli.raster.engine import EngineScene
@@ -27,7 +24,7 @@ from cubicsplat_cli.settings import Mode
 KERNELS = Path(__file__).parents[1] / "kernels"
 MAIN = "raster.cu"
 OLDEST = 75  # compute capability 7.5: the oldest that NVRTC 13 compiles for
-_MAGIC = b"cubicsplat cubin 1\n"  # at the start of each file of the cache
+CACHE = "cuda"  # kind of what is kept on disk
 _log = logging.getLogger("cubicsplat")
 
 
@@ -131,55 +128,9 @@ def machine_code(
     """Machine code of the kernels for a GPU, from the cache or compiled now (which it logs), and its architecture."""
     architecture = architecture_for(capability)
     key = cache_key(program, architecture, nvrtc.version(), sources())
-    code = read_cache(key)
+    code = read_cache(CACHE, key)
     if code is None:
         _log.info("compiling the CUDA kernels (%s) for %s, once on this machine", program.name, architecture)
         code, _ = compiled(program, architecture)
-        write_cache(key, code)
+        write_cache(CACHE, key, code)
     return code, architecture
-
-
-# Compiled kernels on disk are a convenience: a damaged file, or a folder that cannot be written, costs a compilation.
-
-
-def cache_folder() -> Path | None:
-    """The folder of the compiled kernels, by the custom of the platform; None where the user has no such place."""
-    if sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
-        base = Path(os.environ["LOCALAPPDATA"])
-    elif os.environ.get("XDG_CACHE_HOME"):
-        base = Path(os.environ["XDG_CACHE_HOME"])
-    else:
-        try:
-            home = Path.home()
-        except RuntimeError:  # neither HOME nor an entry in the user database, as in some containers
-            return None
-        base = home / ("Library/Caches" if sys.platform == "darwin" else ".cache")
-    return base / "cubicsplat" / "cuda"
-
-
-def read_cache(key: str) -> bytes | None:
-    """The code kept under a key, or None where there is none that is whole."""
-    folder = cache_folder()
-    try:
-        data = (folder / f"{key}.bin").read_bytes() if folder else b""
-    except OSError:
-        return None
-    head = len(_MAGIC) + hashlib.sha256().digest_size
-    code = data[head:]
-    return code if code and data[:head] == _MAGIC + hashlib.sha256(code).digest() else None
-
-
-def write_cache(key: str, code: bytes) -> None:
-    """Writes beside the place and moves, so that no reader ever sees half a file; gives up where it may not write."""
-    folder = cache_folder()
-    if folder is None:
-        return
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(dir=folder, prefix=".new-")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(_MAGIC + hashlib.sha256(code).digest() + code)
-            Path(temporary).replace(folder / f"{key}.bin")
-        except OSError:
-            Path(temporary).unlink(missing_ok=True)

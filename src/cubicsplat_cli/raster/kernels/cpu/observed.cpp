@@ -202,6 +202,31 @@ CS_EXPORT void cs_second_differences(const float* values, int64_t height, int64_
 
 // The different ones of `count` keys: which of them each is, numbered in the order of the keys, and the first of each.
 // Returns how many there are; -1 where there is no memory.
+// The largest difference of a channel between each pixel and the one `apart` values further on, in so many runs of so many
+// pixels, which begin every `stride` values.
+CS_EXPORT void cs_steps(const float* values, int64_t runs, int64_t pixels, int64_t channels, int64_t stride,
+                        int64_t apart, float* out) {
+  for (int64_t run = 0; run < runs; run++) {
+    const float *one = values + run * stride, *other = one + apart;
+    for (int64_t i = 0; i < pixels; i++, one += channels, other += channels) {
+      float most = 0.0f;
+      for (int64_t c = 0; c < channels; c++) most = std::max(most, std::fabs(other[c] - one[c]));
+      *out++ = most;
+    }
+  }
+}
+
+// The largest difference of the four channels between each pixel and the colour that it is said to be.
+CS_EXPORT void cs_off_palette(const float* values, int64_t pixels, const double* palette, const int32_t* labels,
+                              double* out) {
+  for (int64_t i = 0; i < pixels; i++) {
+    const double* colour = palette + 4 * int64_t(labels[i]);
+    double most = 0.0;
+    for (int c = 0; c < 4; c++) most = std::max(most, std::fabs(double(values[4 * i + c]) - colour[c]));
+    out[i] = most;
+  }
+}
+
 CS_EXPORT int64_t cs_distinct(int64_t count, const uint64_t* keys, int64_t* numbers, int64_t* first) {
   try {
     std::vector<int64_t> table(1024, -1);
