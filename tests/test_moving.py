@@ -55,24 +55,6 @@ def test_a_frame_that_is_a_knot_is_exact_and_one_between_is_linear_in_time(seed:
                 assert (shown.colours[curve] == scene.colours[frame, curve]).all()
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_interpolating_changes_no_frame_and_nothing_the_second_time(seed: int) -> None:
-    scene = moving(seed, tracks=True)
-    scene.validate()
-    whole = scene.interpolated()
-    for frame in range(scene.frames):
-        for name in ("points", "colours", "opacities"):
-            assert getattr(whole, name)[frame] == pytest.approx(getattr(scene.at(frame), name), abs=1e-5)
-            assert getattr(whole.at(frame), name) == pytest.approx(getattr(scene.at(frame), name), abs=1e-5)
-
-
-def test_tracks_of_their_own_are_the_same_curves_to_one_who_knows_only_the_common_knots() -> None:
-    whole = moving(3, tracks=True).interpolated()
-    plain = replace(whole, offsets=None, track_knots={})
-    for frame in range(whole.frames):
-        assert plain.at(frame).points == pytest.approx(whole.at(frame).points, abs=1e-5)
-
-
 def test_what_cannot_be_drawn_is_refused() -> None:
     scene = moving(1)
     bad = scene.knots.copy()

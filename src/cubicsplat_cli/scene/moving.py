@@ -81,24 +81,6 @@ class MovingScene:
             half_widths=between_knots(self.half_widths, self.knots_of("shapes"), self.times, frame),
         )
 
-    def interpolated(self) -> MovingScene:
-        """The same with the values between knots replaced by those of the linear path."""
-
-        def whole(values: np.ndarray, track: str) -> np.ndarray:
-            knots = self.knots_of(track)
-            return np.stack([between_knots(values, knots, self.times, frame) for frame in range(self.frames)])
-
-        offsets = None if self.offsets is None else whole(self.offsets, "offsets")
-        shapes = whole(self.shapes(), "shapes")
-        return replace(
-            self,
-            points=(shapes if offsets is None else shapes + offsets[:, :, None]).astype(np.float32),
-            colours=whole(self.colours, "colours"),
-            opacities=whole(self.opacities, "opacities"),
-            half_widths=whole(self.half_widths, "shapes"),
-            offsets=offsets,
-        )
-
     def validate(self) -> None:
         """Raise InputError, naming the variable and what it should be, unless every frame can be drawn."""
         self._validate_times()

@@ -15,7 +15,6 @@ REACH, SLOTS = 4, 3  # px in which the objects of a blend are sought, and how ma
 # Times that each channel counts: opacity is as sure within shading as elsewhere.
 SURE = np.array([1.0, 1.0, 1.0, 8.0])
 CLEAR = 128.0  # levels of opacity, below which an object is the transparent ground
-_SQUARE = np.ones((3, 3), dtype=bool)
 
 
 def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
