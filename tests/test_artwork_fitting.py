@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from PIL import Image, ImageDraw, ImageFont
 
+from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
@@ -21,6 +23,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline, fit_outlines
 from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.progress import Work, under_way
 
 NOISE = 0.02
@@ -231,3 +234,24 @@ def test_tiny_loops_are_fitted_too(count: int) -> None:
 def test_points_without_a_loop_are_refused(points: np.ndarray) -> None:
     with pytest.raises(InputError):
         fit_outline(points, np.ones(5))
+
+
+def crossings(ring: Ring) -> int:
+    """How often a ring crosses itself, as a polyline."""
+    points = flattened(ring, 0.2)
+    way = np.roll(points, -1, axis=0) - points
+    gap = points[None] - points[:, None]
+    across = way[:, None, 0] * way[None, :, 1] - way[:, None, 1] * way[None, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (gap[..., 0] * way[None, :, 1] - gap[..., 1] * way[None, :, 0]) / across
+        u = (gap[..., 0] * way[:, None, 1] - gap[..., 1] * way[:, None, 0]) / across
+    crossed = (t >= 0.0) & (t < 1.0) & (u >= 0.0) & (u < 1.0)
+    return int(np.triu(crossed, 2).sum())
+
+
+def test_small_letters_do_not_cross_themselves() -> None:
+    """An arch a pixel thin has its inner corner beyond its outer side, where the flanks meet."""
+    image = Image.new("RGB", (110, 26), "white")
+    ImageDraw.Draw(image).text((5.3, 4), "Menu item num", fill="#222", font=ImageFont.load_default(15))
+    shapes = vectorize.draw(as_picture(image).target()).shapes
+    assert sum(crossings(o) for shape in shapes for o in shape.outlines if isinstance(o, Ring)) <= 6  # 20 were

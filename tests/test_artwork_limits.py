@@ -77,10 +77,10 @@ def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, c
 
 
 def test_a_large_picture_is_drawn_smaller_and_enlarged(caplog):
-    picture = np.zeros((1300, 1600, 3), np.float32)
+    picture = np.zeros((1600, 2000, 3), np.float32)
     picture[200:600, 300:900] = 1.0
     drawing = vectorize.draw(picture)
-    assert (drawing.width, drawing.height) == (1600, 1300)
+    assert (drawing.width, drawing.height) == (2000, 1600)
     box = drawing.shapes[-1].outlines[0].ring().anchors
     assert np.abs(box.min(axis=0) - [300, 200]).max() < 0.1
     assert np.abs(box.max(axis=0) - [900, 600]).max() < 0.1

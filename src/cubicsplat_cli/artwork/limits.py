@@ -10,8 +10,9 @@ import numpy as np
 from cubicsplat_cli.artwork.regions.regions import Regions, pixel_fills
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
-# A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
-MOST_PIXELS = 2_000_000
+# A screen of 1920 x 1200 px is drawn whole: half as large its text could not be read. Pages of text that large take up
+# to a minute and .6 GB a megapixel.
+MOST_PIXELS = 3_000_000
 # A map, a page of text or a tone of dots has very many regions: MOST_REGIONS are drawn, about a minute's work, the
 # larger beneath the smaller, each ending a little beneath its neighbours; beyond, the smallest join their neighbours.
 # What else lies above what, hidden parts and translucency take a tenth of a second a region, and are sought of so many.

@@ -102,6 +102,7 @@ Outline fitted_between(const Contour& loop, const Corners& corners, double price
   taken_if_cheaper(best, std::move(level), contour, price);
   Outline out = Outline::of(best);
   out.shorten(loop);
+  out.uncross();
   out.cost = 0.5 * best.chi + price * double(best.parameters());
   return out;
 }

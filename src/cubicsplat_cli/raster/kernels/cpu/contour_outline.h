@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <new>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "cubic.h"
@@ -247,13 +248,47 @@ struct Outline {
       if (least <= most) continue;
       const Point from = loop.at[nearest],
                   to{from.x + (here.x - from.x) * most / least, from.y + (here.y - from.y) * most / least};
-      const Point step{to.x - here.x, to.y - here.y};
-      const size_t last = (i + anchors.size() - 1) % anchors.size();
-      anchors[i] = to, moved = true;
-      controls[i][0].x += step.x, controls[i][0].y += step.y;
-      controls[last][1].x += step.x, controls[last][1].y += step.y;
+      move(i, {to.x - here.x, to.y - here.y});
+      moved = true;
     }
     for (size_t i = 0; moved && i < anchors.size(); i++)
+      if (lines[i]) straighten(i);
+  }
+
+  // Brings back the anchors that lie beyond another side of the ring: where a part is about a pixel thin, a corner on
+  // its one side is sought where the flanks meet, which may be on its other side. Crossed sides stay crossed afterwards,
+  // since no small step frees them.
+  void uncross() {
+    const size_t n = anchors.size();
+    std::vector<std::array<Point, kSides + 1>> sides(n);
+    for (size_t i = 0; i < n; i++) sides[i] = flattened(i);
+    std::vector<Crossing> first(n, Crossing{HUGE_VAL, {}}), last(n, Crossing{-1.0, {}});
+    const auto note = [&](size_t i, double t, Point at) {
+      if (t < first[i].t) first[i] = {t, at};
+      if (t > last[i].t) last[i] = {t, at};
+    };
+    for (const auto& [i, k] : overlapping(sides)) {
+      const bool onward = k == (i + 1) % n, backward = i == (k + 1) % n;
+      each_crossing(sides[i], sides[k], [&](double t, double u, Point at) {
+        const bool shared = (onward && t > 1.0 - kEnd && u < kEnd) || (backward && u > 1.0 - kEnd && t < kEnd);
+        if (!shared) note(i, t, at), note(k, u, at);
+      });
+    }
+    bool moved = false;
+    for (size_t i = 0; i < n; i++) {
+      // Of the side that comes in the first crossing, of that which goes out the last one: beyond lies the anchor.
+      const Crossing &in = first[(i + n - 1) % n], &out = last[i];
+      const Point here = anchors[i];
+      if (!(in.t < HUGE_VAL && out.t >= 0.0) || !(std::hypot(in.at.x - out.at.x, in.at.y - out.at.y) < kLongestTip))
+        continue;
+      const Point middle{0.5 * (in.at.x + out.at.x), 0.5 * (in.at.y + out.at.y)};
+      const double away = std::hypot(here.x - middle.x, here.y - middle.y);
+      if (!(away < kLongestTip)) continue;
+      const double back = 1.0 + kClear / std::max(away, kClear);
+      move(i, {back * (middle.x - here.x), back * (middle.y - here.y)});
+      moved = true;
+    }
+    for (size_t i = 0; moved && i < n; i++)
       if (lines[i]) straighten(i);
   }
 
@@ -273,6 +308,74 @@ struct Outline {
 
  private:
   static constexpr double kHalfTurn = 3.141592653589793;
+  static constexpr size_t kSides = 8;     // of the polyline of a piece in which crossings are sought
+  static constexpr double kClear = 0.25;  // px before the side that was crossed
+  static constexpr double kEnd = 1e-3;    // of a piece, where it meets the next
+
+  // A place of a piece: its parameter, and where that is.
+  struct Crossing {
+    double t;
+    Point at;
+  };
+
+  std::array<Point, kSides + 1> flattened(size_t i) const {
+    const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
+    std::array<Point, kSides + 1> out;
+    for (size_t k = 0; k <= kSides; k++) {
+      const double t = double(k) / kSides, u = 1.0 - t;
+      const double w[4] = {u * u * u, 3.0 * u * u * t, 3.0 * u * t * t, t * t * t};
+      out[k] = {0.0, 0.0};
+      for (int j = 0; j < 4; j++) out[k].x += w[j] * p[j].x, out[k].y += w[j] * p[j].y;
+    }
+    return out;
+  }
+
+  // The pairs of pieces whose boxes overlap.
+  static std::vector<std::pair<size_t, size_t>> overlapping(const std::vector<std::array<Point, kSides + 1>>& sides) {
+    struct Box {
+      double left, right, top, bottom;
+      size_t piece;
+    };
+    std::vector<Box> boxes;
+    for (size_t i = 0; i < sides.size(); i++) {
+      Box box{HUGE_VAL, -HUGE_VAL, HUGE_VAL, -HUGE_VAL, i};
+      for (const Point& at : sides[i]) {
+        box.left = std::min(box.left, at.x), box.right = std::max(box.right, at.x);
+        box.top = std::min(box.top, at.y), box.bottom = std::max(box.bottom, at.y);
+      }
+      boxes.push_back(box);
+    }
+    std::sort(boxes.begin(), boxes.end(), [](const Box& a, const Box& b) { return a.left < b.left; });
+    std::vector<std::pair<size_t, size_t>> out;
+    for (size_t i = 0; i < boxes.size(); i++)
+      for (size_t k = i + 1; k < boxes.size() && boxes[k].left <= boxes[i].right; k++)
+        if (boxes[k].top <= boxes[i].bottom && boxes[i].top <= boxes[k].bottom)
+          out.emplace_back(boxes[i].piece, boxes[k].piece);
+    return out;
+  }
+
+  // Tells the parameters of both pieces where their polylines cross, and where that is.
+  template <class Tell>
+  static void each_crossing(const std::array<Point, kSides + 1>& a, const std::array<Point, kSides + 1>& b, Tell tell) {
+    for (size_t i = 0; i < kSides; i++)
+      for (size_t k = 0; k < kSides; k++) {
+        const double ax = a[i + 1].x - a[i].x, ay = a[i + 1].y - a[i].y;
+        const double bx = b[k + 1].x - b[k].x, by = b[k + 1].y - b[k].y;
+        const double gx = b[k].x - a[i].x, gy = b[k].y - a[i].y, across = ax * by - ay * bx;
+        if (across == 0.0) continue;
+        const double t = (gx * by - gy * bx) / across, u = (gx * ay - gy * ax) / across;
+        if (t >= 0.0 && t < 1.0 && u >= 0.0 && u < 1.0)
+          tell((double(i) + t) / kSides, (double(k) + u) / kSides, Point{a[i].x + t * ax, a[i].y + t * ay});
+      }
+  }
+
+  // Moves an anchor with its handles.
+  void move(size_t i, Point step) {
+    const size_t last = (i + anchors.size() - 1) % anchors.size();
+    anchors[i].x += step.x, anchors[i].y += step.y;
+    controls[i][0].x += step.x, controls[i][0].y += step.y;
+    controls[last][1].x += step.x, controls[last][1].y += step.y;
+  }
 
   // Brings the control points of a line to its thirds.
   void straighten(size_t i) {
