@@ -120,8 +120,10 @@ def _recoloured(page: Page, shapes: list[Shape]) -> list[Shape]:
         red, green, blue = np.rint(255.0 * page.picture[part.window][part.mask].mean(axis=0)).astype(int).tolist()
         own = _box_of(part)
         for index, shape in enumerate(shapes):
-            off = np.abs(_box(shape) - np.clip(_box(shape), own[[0, 1, 0, 1]], own[[2, 3, 2, 3]])).max()
-            if off <= FRAME and _is_near(shape, part):
+            if not _is_near(shape, part):
+                continue
+            box = _box(shape)
+            if np.abs(box - np.clip(box, own[[0, 1, 0, 1]], own[[2, 3, 2, 3]])).max() <= FRAME:
                 shapes[index] = replace(shape, fill=(red, green, blue, 255))
     return shapes
 

@@ -15,9 +15,8 @@ import numpy as np
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shading.insides import FULL, shown
 from cubicsplat_cli.artwork.shading.objects import objects_of
-from cubicsplat_cli.artwork.shading.paints import base_paint
+from cubicsplat_cli.artwork.shading.paints import FULL, base_paint, shown
 from cubicsplat_cli.artwork.shading.silhouettes import CLEAR, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.vectorize import draw_flat

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from PIL import Image
@@ -32,15 +33,22 @@ class EmbeddedImage:
 
     def rows(self, top: int, bottom: int) -> np.ndarray:
         """(bottom - top, canvas[0], 4) float32 premultiplied RGBA in [0, 1] of some rows, at the nearest whole px."""
-        left, first = round(self.left), round(self.top)
-        size = max(1, round(self.left + self.width) - left), max(1, round(self.top + self.height) - first)
-        with Image.open(io.BytesIO(self.data), formats=("PNG", "JPEG")) as image:
-            pixels = np.asarray(image.convert("RGB").resize(size, Image.Resampling.LANCZOS), np.float32) / 255.0
+        left, first, pixels = round(self.left), round(self.top), self._pixels
+        height, width = pixels.shape[:2]
         out = np.zeros((self.canvas[1], self.canvas[0], 4), np.float32)
-        shown = out[max(0, first) : max(0, first + size[1]), max(0, left) : max(0, left + size[0])]
+        shown = out[max(0, first) : max(0, first + height), max(0, left) : max(0, left + width)]
         cut = pixels[max(0, -first) :, max(0, -left) :]
         shown[..., :3], shown[..., 3] = cut[: shown.shape[0], : shown.shape[1]], 1.0
         return out[top:bottom]
+
+    @cached_property
+    def _pixels(self) -> np.ndarray:
+        """(h, w, 3) float32 in [0, 1] of the box: rows are asked for strip by strip."""
+        left, top = round(self.left), round(self.top)
+        size = max(1, round(self.left + self.width) - left), max(1, round(self.top + self.height) - top)
+        with Image.open(io.BytesIO(self.data), formats=("PNG", "JPEG")) as image:
+            resized = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+            return np.asarray(np.asarray(resized, np.float32) / 255.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,11 @@ from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
 from cubicsplat_cli.svg.embedded import picture_in
-from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
+from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_writer import CURVES_ID
-from cubicsplat_cli.svg.shading import ISOLATED, REFERENCE, SCALES, ShadedShape
+from cubicsplat_cli.svg.shading import ISOLATED, SCALES, ShadedShape
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")

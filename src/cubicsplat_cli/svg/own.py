@@ -29,6 +29,7 @@ _LENGTH = re.compile(r"(\d{1,7}(?:\.\d{1,9})?)(mm|in)?")
 _OF_ONE_SHAPE = 1e-3  # by which the proportions may differ: lengths are rounded
 _PAINT = {"id", "fill", "fill-opacity"}
 _STROKE = {"stroke", "stroke-opacity", "stroke-width", "stroke-linecap", "stroke-linejoin"}
+REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")  # to an element, as our files write it
 _GRADIENT = {"id", "gradientUnits", "gradientTransform", "spreadMethod", "href", "xlink:href"}
 # The places of elements in files of ours, and the attributes of each.
 _OWN: dict[str, set[str]] = {

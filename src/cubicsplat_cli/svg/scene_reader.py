@@ -14,7 +14,15 @@ from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
-from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, check_attributes, own_elements, own_subpaths
+from cubicsplat_cli.svg.own import (
+    REFERENCE,
+    GradientReader,
+    OwnElement,
+    canvas_size,
+    check_attributes,
+    own_elements,
+    own_subpaths,
+)
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise
@@ -23,7 +31,6 @@ from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _DECIMALS = 9  # more than any file has
-_REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")
 _ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
 _SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
 _BACKGROUND_ATTRIBUTES = ("id", "x", "y", "width", "height", "fill")
@@ -134,7 +141,7 @@ class _SceneReader:
     def _add_curve(self, element: OwnElement, mode: Mode, rings: list[np.ndarray]) -> None:
         given, kind = element.attributes, "fill" if mode is Mode.CLOSED else "stroke"
         self.curves.append(rings)
-        match = _REFERENCE.fullmatch(given.get(kind, ""))
+        match = REFERENCE.fullmatch(given.get(kind, ""))
         gradient = None
         if match is not None:
             gradient = without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -28,7 +27,6 @@ PHOTO_STEPS = 10  # a px at least, of curves with bent sides, which a photo has 
 GROUNDS = 2  # rectangles of paint beneath curves
 IMAGE_DECIMALS = 2  # px
 XLINK = "http://www.w3.org/1999/xlink"
-REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")
 ISOLATED = ".999"  # the opacity of a group that is to be drawn on its own: the largest that all renderers tell from 1
 
 

@@ -1,1 +1,1 @@
-"""Objects of a shaded picture: where they are, their clean outlines and base paints, and what clips their shading."""
+"""Objects of a shaded picture: where they are, their clean outlines, what shows of them, and their base paints."""

@@ -1,4 +1,4 @@
-"""The base paints of objects: flat, or the linear gradient that comes nearest to what shows of them."""
+"""What shows of objects, and their base paints: flat, or the linear gradient that comes nearest to it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.coverage import coverage
+from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.gradients.shade import Ramp, Shade, gradient_of
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_off
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
@@ -14,6 +17,18 @@ ANGLES, STOPS = 16, 4
 # Mean square in levels^2 that a gradient must be nearer than a flat fill, as nobody sees less, for each stop.
 LEAST_GAIN = 4.0
 FEWEST = 8  # px that a gradient is fitted to
+FULL = 0.995  # of a pixel that a shape covers: all of it
+
+
+def shown(drawing: Drawing) -> list[np.ndarray]:
+    """For each shape, all opaque, (H, W) the share of each pixel that it covers and no shape above it does."""
+    clear = np.ones((drawing.height, drawing.width))
+    shares = []
+    for shape in reversed(drawing.shapes):
+        own = coverage(*pieces_of_rings(shape.oriented()), 0, 0, drawing.height, drawing.width)
+        shares.append(own * clear)
+        clear = clear * (1.0 - own)
+    return shares[::-1]
 
 
 def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, Gradient | None]:

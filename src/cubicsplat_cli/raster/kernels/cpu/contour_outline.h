@@ -251,8 +251,7 @@ struct Outline {
       move(i, {to.x - here.x, to.y - here.y});
       moved = true;
     }
-    for (size_t i = 0; moved && i < anchors.size(); i++)
-      if (lines[i]) straighten(i);
+    if (moved) straighten();
   }
 
   // Brings back the anchors that lie beyond another side of the ring: where a part is about a pixel thin, a corner on
@@ -288,8 +287,7 @@ struct Outline {
       move(i, {back * (middle.x - here.x), back * (middle.y - here.y)});
       moved = true;
     }
-    for (size_t i = 0; moved && i < n; i++)
-      if (lines[i]) straighten(i);
+    if (moved) straighten();
   }
 
   double area() const {
@@ -321,12 +319,7 @@ struct Outline {
   std::array<Point, kSides + 1> flattened(size_t i) const {
     const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
     std::array<Point, kSides + 1> out;
-    for (size_t k = 0; k <= kSides; k++) {
-      const double t = double(k) / kSides, u = 1.0 - t;
-      const double w[4] = {u * u * u, 3.0 * u * u * t, 3.0 * u * t * t, t * t * t};
-      out[k] = {0.0, 0.0};
-      for (int j = 0; j < 4; j++) out[k].x += w[j] * p[j].x, out[k].y += w[j] * p[j].y;
-    }
+    for (size_t k = 0; k <= kSides; k++) out[k] = Place(&p[0].x, double(k) / kSides).at;
     return out;
   }
 
@@ -375,6 +368,12 @@ struct Outline {
     anchors[i].x += step.x, anchors[i].y += step.y;
     controls[i][0].x += step.x, controls[i][0].y += step.y;
     controls[last][1].x += step.x, controls[last][1].y += step.y;
+  }
+
+  // Brings the control points of all lines to their thirds.
+  void straighten() {
+    for (size_t i = 0; i < anchors.size(); i++)
+      if (lines[i]) straighten(i);
   }
 
   // Brings the control points of a line to its thirds.
