@@ -20,10 +20,11 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input import prepare
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.linear_light import light_of, without_linear_light
+from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light
 from cubicsplat_cli.artwork.input.palette import noisy_fills
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
+from cubicsplat_cli.artwork.input.rim import without_rim
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
 from cubicsplat_cli.artwork.regions.sampling import aliased
@@ -475,3 +476,40 @@ def test_fills_of_a_jpeg_that_are_all_but_pure_are_pure():
     levels = as_levels(as_picture(np.asarray(Image.open(buffer))).target())
     assert 0.0 < np.median(levels[30:60, 25:55, 0]) < 5.0
     assert {tuple(fill) for fill in restored(levels, condition_of(levels)).palette[:, [0, 3]]} == {(0, 255), (255, 255)}
+
+
+def inset(share: float, colours: list[tuple[int, int, int]], *, in_light: bool = False) -> np.ndarray:
+    """(96, 96, 4) levels of bands on a white page, each over all of the former, that begin `share` px from the left."""
+    out = np.full((96, 96, 4), 255.0)
+    for number, colour in enumerate(colours):
+        top = 16 * number
+        below, above = out[top : 96 - top, 0, :3], np.array(colour, dtype=float)
+        if in_light:
+            out[top : 96 - top, 0, :3] = levels_of((1.0 - share) * light_of(above) + share * light_of(below))
+        else:
+            out[top : 96 - top, 0, :3] = (1.0 - share) * above + share * below
+        out[top : 96 - top, 1:, :3] = above
+    return np.rint(out).astype(np.float32)
+
+
+@pytest.mark.parametrize("in_light", [False, True])
+@pytest.mark.parametrize("share", [0.08, 0.3])
+def test_a_drawing_within_its_border_is_continued_to_it(share, in_light):
+    levels = np.rot90(inset(share, [(55, 126, 63), (180, 10, 45)], in_light=in_light), 3).copy()
+    found = without_rim(levels, in_light=in_light)
+    assert (found[0] == levels[1]).all() and (found[1:] == levels[1:]).all()
+
+
+def test_what_the_border_of_a_picture_shows_alone_stays():
+    frame = inset(0.0, [(55, 126, 63), (180, 10, 45)])
+    frame[:, 0, :3] = 200.0
+    one = inset(0.2, [(55, 126, 63)])
+    clear = inset(0.2, [(55, 126, 63), (180, 10, 45)])
+    clear[..., 3] = 254.0
+    for levels in (frame, one, clear, inset(0.0, [(55, 126, 63), (180, 10, 45)])):
+        assert without_rim(levels, in_light=False) is levels
+
+
+def test_a_drawing_within_its_border_has_no_lines_along_it():
+    drawing = draw(inset(0.08, [(55, 126, 63), (255, 255, 255), (180, 10, 45)])[..., :3] / 255.0)
+    assert len(drawing.shapes) == 4  # green above and below

@@ -48,6 +48,12 @@ def light_of(values: np.ndarray) -> np.ndarray:
     return 255.0 * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
+def levels_of(light: np.ndarray) -> np.ndarray:
+    """The sRGB values of linear light, both in 0..255."""
+    v = np.clip(light / 255.0, 0.0, 1.0)
+    return 255.0 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1.0 / 2.4) - 0.055)
+
+
 def _blended_in_light(colours: np.ndarray) -> bool:
     """Whether the edges of a picture (H, W, 3) are straighter, and their colours nearer to blends, in linear light."""
     parts = [_steps(c) for c in (colours, colours.swapaxes(0, 1))]

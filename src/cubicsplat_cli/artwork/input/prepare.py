@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
+from cubicsplat_cli.artwork.input.rim import without_rim
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
@@ -66,8 +67,10 @@ def analysed(target: np.ndarray) -> PreparedInput:
     came = as_levels(target)
     whole = without_subpixels(came)
     levels = without_linear_light(whole)
+    of_light = levels is not whole
+    levels = without_rim(levels, in_light=of_light)
     prepared = _taken_in(reduced(levels, factor), factor, width, height)
-    return replace(prepared, of_lcd=whole is not came, of_light=levels is not whole)
+    return replace(prepared, of_lcd=whole is not came, of_light=of_light)
 
 
 def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> PreparedInput:
