@@ -106,3 +106,17 @@ def test_a_gap_in_a_line_is_closed_where_its_share_is_less_than_half():
     labels = np.zeros((40, 60), np.int32)
     labels[:20] = 1
     assert (with_lines(edge, palette, labels, 24.0, 0.3) == labels).all()
+
+
+def test_beads_of_six_px_with_black_outlines_have_their_own_colours():
+    fills = [(222, 32, 16), (33, 121, 0)]
+    beads = "".join(
+        f'<circle cx="{16 + 14 * k}" cy="{60 + 40 * row}" r="4" stroke="#000" stroke-width="2" fill="{hexed(fill)}"/>'
+        for row, fill in enumerate(fills)
+        for k in range(13)
+    )
+    disc = '<circle cx="100" cy="160" r="20" fill="#ffd200"/>'
+    palette = flat_picture(beads + disc, 80, (255, 255, 255)).palette[:, :3]
+    for fill in (*fills, (0, 0, 0), (255, 210, 0)):
+        assert np.abs(palette - fill).max(axis=1).min() <= 16.0, fill
+    assert len(palette) <= 6

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.regions.regions import has_square
 from cubicsplat_cli.raster import ndimage
 
 # Levels: what differs less is one fill, or times the noise.
@@ -19,8 +18,6 @@ NEAR, EDGE, FAR = 8, 24.0, 2.5
 # A fill colour is missing where the mean residual of WINDOW x WINDOW px is over UNLIKE in luma or chroma, about 3 to 4
 # in CIEDE2000, and makes up most of the squares: a thin line's does not. Px that show it.
 WINDOW, UNLIKE, EXPLAINED, LEAST_MISSING = 5, 6.0, 0.5, 60
-# Levels by which a line is no blend of its colour with the ground, and px that show another one.
-UNBLENDED, LEAST_OF_LINES = 32.0, 24
 # What a JPEG leaves of edges, as a share of the range of values in the block around, px: of luma, and of chroma of half
 # the size.
 RINGING, BLOCKS = 0.05, ((8, slice(0, 1)), (16, slice(1, 3)))
@@ -92,23 +89,6 @@ def missing_colours(
         np.median(levels[off][np.abs(values - place).max(axis=-1) <= SAME], axis=0)
         for place in modes(values, SAME, LEAST_MISSING, np.zeros((0, 4)))
     ]
-    return np.array(found, dtype=float).reshape(-1, 4)
-
-
-def colours_of_lines(levels: np.ndarray, palette: np.ndarray, before: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """(k, 4) colours in levels of lines two px wide that were drawn in a colour which does not blend to theirs.
-
-    before, labels: (H, W) the colours of a picture (H, W, 4) without those lines and with them. Of lines of one px a
-    JPEG's chroma tells nothing.
-    """
-    wide = has_square(np.where(labels != before, labels, -1))
-    value, ground = levels[wide], palette[before[wide]]
-    span = palette[labels[wide]] - ground
-    share = ((value - ground) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
-    unlike = np.abs(value - ground - np.clip(share, 0.0, 1.0)[:, None] * span).max(axis=1) > UNBLENDED
-    value = value[unlike]
-    places = modes(value, 2.0 * SAME, LEAST_OF_LINES, np.zeros((0, 4)))
-    found = [np.median(value[np.abs(value - place).max(axis=1) <= 2.0 * SAME], axis=0) for place in places]
     return np.array(found, dtype=float).reshape(-1, 4)
 
 

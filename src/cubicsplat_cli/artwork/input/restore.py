@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.input.chroma import Mixture, explained, missing_fills
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, colours_of_lines, missing_colours, noisy_fills
+from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, missing_colours, noisy_fills
 from cubicsplat_cli.artwork.input.squares import square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import REACH, solid_labels, with_lines
@@ -34,6 +35,9 @@ MOST_THICK = 24  # fills, beyond which those of thin lines are not sought
 # Times the misfit that the colour of a thin line is off all blends of two others; levels that are one colour, and px
 # that show it.
 STRANGE_FILL, ONE_COLOUR, FEWEST = 6.0, 16.0, 24
+# Px from edges at which pixels have their fill alone, and how many show it; rounds in which fills of small parts are
+# added.
+DEEP, FEWEST_DEEP, PROPOSALS = 4, 16, 4
 SNAP = 0.08  # shares this near to 0 or 1 are
 # Rounds in which a blurred picture is made sharp again, and levels by which it is off its fills then; standard
 # deviations beyond which nothing is left of a blur.
@@ -95,18 +99,47 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         hidden = hidden_fills(seen[far], palette @ space, STRANGE_FILL * sigma, ONE_COLOUR, FEWEST)
         palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
     labels = _labels(seen, palette @ space, sigma, thick)
-    palette = _settled_fills(levels, palette, labels)
     if condition.jpeg:
-        palette = _at_the_ends(palette)
+        palette, labels = _of_small_parts(levels, seen, palette, labels, sigma, thick)
+        near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
+        palette = _at_the_ends(_settled_fills(levels, palette, labels, near))
+    else:
+        palette = _settled_fills(levels, palette, labels, np.full(len(palette), np.inf))
     if lines:
-        lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-        new = colours_of_lines(levels, palette, labels, lined)
-        if len(new):
-            palette = np.vstack([palette, new])
-            lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-        labels = lined
+        labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
     out = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
     return FlatPicture(out, palette, labels)
+
+
+def _of_small_parts(
+    levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, labels: np.ndarray, sigma: float, thick: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them, and
+    with those that are missing; and the labels. Fills with which the picture is no better explained are not added.
+    """
+    space, colours = seen_as(Condition(jpeg=True)), (levels @ LUMA_CHROMA).astype(np.float32)
+    kept, best = (palette, labels), np.inf
+    for _ in range(PROPOSALS):
+        lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
+        mixture = _mixture(seen, palette @ space, lined, sigma, 0.0)
+        found = explained(colours, mixture, palette @ LUMA_CHROMA, ~_deep(labels, len(palette)), sigma)
+        if found.cost >= best:
+            break
+        palette = np.clip(found.fills @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0)
+        kept, best = (palette, labels), found.cost
+        new = missing_fills(found.missing @ np.linalg.inv(LUMA_CHROMA), palette)
+        if not len(new) or len(palette) > MOST_THICK:
+            break
+        palette = np.vstack([palette, new])
+        labels = _labels(seen, palette @ space, sigma, thick)
+    return kept
+
+
+def _deep(labels: np.ndarray, count: int) -> np.ndarray:
+    """(count,) bool: the fills of which enough pixels lie so far from edges that they show them."""
+    edge = (ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)).astype(np.uint8)
+    depth = ndimage.distance_transform_cdt(edge == 0, metric="chessboard")
+    return np.asarray(np.bincount(labels[depth >= DEEP], minlength=count) >= FEWEST_DEEP)
 
 
 def in_colours(levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, painted: np.ndarray) -> np.ndarray:
@@ -198,8 +231,10 @@ def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.
     return out
 
 
-def _settled_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """The palette by the median of the pixels of each fill, those farthest from edges."""
+def _settled_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """The palette by the median of the pixels of each fill that are off it by less than `near` (P,) levels, those
+    farthest from edges.
+    """
     edge = (ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)).astype(np.uint8)
     depth = ndimage.distance_transform_cdt(edge == 0, metric="chessboard")
     out = palette.copy()
@@ -207,6 +242,10 @@ def _settled_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) 
         if box is None:
             continue
         own = labels[box] == k
+        if near[k] < np.inf:
+            own &= np.abs(levels[box] - palette[k]).max(axis=-1) < near[k]
+            if not own.any():
+                continue
         deep = depth[box][own]
         far = deep >= max(1, min(8, np.quantile(deep, 0.75)))
         if deep.max() > 1:
@@ -233,11 +272,23 @@ def _with_shares(
 ) -> np.ndarray:
     """(H, W, 4) the picture of the labels, with the shares that edges had; blurred ones as they were before."""
     out = palette[labels].astype(np.float32)
+    mixture = _mixture(seen, fills, labels, sigma, blur, snap)
+    y, x = np.nonzero(mixture.share)
+    own, other = palette[labels[y, x]], palette[mixture.other[y, x]]
+    out[y, x] = own + mixture.share[y, x, None] * (other - own)
+    return out
+
+
+def _mixture(
+    seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = SNAP
+) -> Mixture:
+    """What the pixels of a picture (H, W, 4) are blends of: of labels' fills (P, 4), alike, with one beside them."""
+    mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
     reach = 1 if not blur else 2
     size = 2 * reach + 1
     y, x = np.nonzero(ndimage.maximum_filter(labels, size) != ndimage.minimum_filter(labels, size))
     if not len(y):
-        return out
+        return mixture
     own = labels[y, x]
     padded = np.pad(labels, reach, mode="edge")
     best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
@@ -256,6 +307,6 @@ def _with_shares(
 
         width = np.sqrt(blur**2 + 1.0 / 12.0)
         share = np.clip(0.5 + width * ndtri(np.clip(share, 1e-3, 1.0 - 1e-3)), 0.0, 1.0)
-    share = np.where(share < snap, 0.0, np.where(share > 1.0 - snap, 1.0, share))
-    out[y, x] = palette[own] + share[:, None] * (palette[other] - palette[own])
-    return out
+    mixture.other[y, x] = other
+    mixture.share[y, x] = np.where(share < snap, 0.0, np.where(share > 1.0 - snap, 1.0, share))
+    return mixture
