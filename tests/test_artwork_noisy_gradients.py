@@ -82,3 +82,16 @@ def test_a_drawing_of_a_jpeg_has_its_gradients_unless_the_fills_are_chosen():
     target = suffered(drawing(), "jpeg") / np.float32(255.0)
     assert len(draw(target).gradients) == 2
     assert draw(target, ArtworkSettings(colors=5)).gradients == ()
+
+
+def test_the_tips_of_a_gradient_are_its_own():
+    y, x = (np.mgrid[: SIDE * FINE, : SIDE * FINE] + 0.5) / FINE
+    # Thirteen rays, each 32 px long and ever thinner, around a disc.
+    angle, far = np.arctan2(y - 96, x - 96), np.hypot(y - 96, x - 96)
+    inside = far < 60.0 + 32.0 * np.abs(np.cos(6.5 * angle)) ** 3
+    image = np.where(inside[..., None], ramp((x - 10) / 172, RED, GOLD), 255.0)
+    share = inside.reshape(SIDE, FINE, SIDE, FINE).mean(axis=(1, 3))
+    found = flat(suffered(image.reshape(SIDE, FINE, SIDE, FINE, 3).mean(axis=(1, 3)), "jpeg"))
+    assert len(found.gradients) == 1
+    own = (found.levels == found.fills[0]).all(axis=-1)
+    assert own[share == 1.0].mean() > 0.9 and not own[share == 0.0].any()

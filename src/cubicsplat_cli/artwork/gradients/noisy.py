@@ -14,7 +14,8 @@ from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, Patch
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.palette import calm_pixels
+from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
+from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, LUMA_CHROMA, MISFIT, seen_as
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels
 
@@ -28,17 +29,20 @@ SHORTEST, MOST_CHANGE = 12.0, 0.5
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
 LEAST_RANGE, LEAST_AREA = 12.0, 400  # levels across a gradient, and px of windows that show it
 # Px by which windows stay away from edges, within which pixels are the gradient's that are off by so many times the
-# noise and levels; in a JPEG noise near edges is greater.
-GROWN, NEAR, NEAR_LEVELS, JPEG_NEAR = 5, 3.0, 2.0, 6.0
+# noise and levels; in a JPEG noise near edges is greater; and times what restoring it expects there.
+GROWN, NEAR, NEAR_LEVELS, JPEG_NEAR, RESTORED = 5, 3.0, 2.0, 6.0, 2.0
 # Px of a hole in a gradient that belongs to it, where no pixel is off by more levels: the tip of a radial one.
 LARGEST_HOLE, MOST_OFF = 150, 64.0
+MEAN = 5  # px each way, of whose mean chroma tells as much as luma
 LEAST_EVEN = 40  # px of what is even: less is the rest of a gradient at its rim
 
 
 def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, of a condition, without its gradients."""
-    areas = [_grown(levels, area, condition) for area in plane_areas(levels, condition)]
-    return without_areas(levels, _even(levels, condition.noise), areas)
+    areas, even = plane_areas(levels, condition), _even(levels, condition.noise)
+    if areas:
+        areas = _to_the_nearest(levels, [_grown(levels, area, condition, even) for area in areas], condition)
+    return without_areas(levels, even, areas)
 
 
 def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
@@ -97,15 +101,20 @@ def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
     return bool((change[length < shortest] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())
 
 
-def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition) -> ShadedArea:
-    """The area with the pixels around it that its gradient explains too."""
-    wide = area.patch.padded(GROWN, levels.shape)
-    near = beside(wide, ndimage.binary_dilation(wide.mask, SQUARE, iterations=GROWN))
-    off = off_extended(area.shade, levels, near)
-    mask = wide.mask.copy()
-    mask[near.mask] = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
-    labels, _ = ndimage.label(mask, PLUS)
-    mask = np.isin(labels, np.unique(labels[wide.mask]))
+def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, even: np.ndarray) -> ShadedArea:
+    """The area with the pixels around it that its gradient explains too; in a JPEG as far as these go on, but for large
+    parts of one colour. even: (H, W) int32 numbers from 1 on of what is of one colour, 0 elsewhere.
+    """
+    others = (even > 0) & (np.bincount(even.ravel()) >= LEAST_AREA)[even]
+    wide, size = area.patch, 0
+    while wide.size > size:
+        size = wide.size
+        wide = _wider(levels, area.shade, wide, condition, even)
+        if not condition.jpeg:
+            break
+        near = area.patch.grown(GROWN, levels.shape)
+        wide = replace(wide, mask=wide.mask & (~others[wide.window] | _at(near, wide)))
+    mask = wide.mask
     inner = Patch(wide.top, wide.left, ndimage.holes_of(mask))
     holes, count = ndimage.label(inner.mask, PLUS)
     worst = np.zeros(count + 1)
@@ -113,6 +122,64 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition) -> Shaded
     filled = (worst <= MOST_OFF) & (np.bincount(holes.ravel(), minlength=count + 1) <= LARGEST_HOLE)
     filled[0] = False
     return replace(area, patch=replace(wide, mask=mask | filled[holes]))
+
+
+def _wider(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
+    """The pixels of a patch, and those around it that a gradient explains and that hang together with them."""
+    wide = patch.padded(GROWN, levels.shape)
+    near = beside(wide, ndimage.binary_dilation(wide.mask, SQUARE, iterations=GROWN))
+    mask = wide.mask.copy()
+    off = off_extended(shade, levels, near)
+    known = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
+    if condition.jpeg:
+        known |= (even[near.places()] == 0) & _explained_at_edges(levels, shade, near, condition)
+    mask[near.mask] = known
+    labels, _ = ndimage.label(mask, PLUS)
+    return replace(wide, mask=np.isin(labels, np.unique(labels[wide.mask])))
+
+
+def _explained_at_edges(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition) -> np.ndarray:
+    """(n,) bool: the pixels near the edges of a JPEG that a gradient explains: chroma tells less of one of them, and as
+    much as luma of several.
+    """
+    rest = np.zeros((*patch.mask.shape, 4))
+    y, x = patch.places()
+    rest[patch.mask] = (levels[y, x] - shade.extended().at(x + 0.5, y + 0.5)) @ LUMA_CHROMA
+    known = patch.mask.copy()
+    known[patch.mask] = _unlike(levels, shade, patch, condition) <= RESTORED * (JPEG_TIMES * condition.noise + MISFIT)
+    share = np.maximum(ndimage.uniform_filter(known.astype(np.float64), MEAN), 1e-3)
+    sums = ndimage.uniform_filter(np.where(known[..., None], rest, 0.0), (MEAN, MEAN, 1))
+    return np.asarray((known & (np.abs(sums).max(axis=-1) <= UNLIKE * share))[patch.mask])
+
+
+def _unlike(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition) -> np.ndarray:
+    """(n,) levels by which pixels are off a gradient, carried on, as colours are told apart in a condition."""
+    y, x = patch.places()
+    return np.asarray(
+        np.linalg.norm((levels[y, x] - shade.extended().at(x + 0.5, y + 0.5)) @ seen_as(condition), axis=1)
+    )
+
+
+def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Condition) -> list[ShadedArea]:
+    """The areas with each pixel in that of the gradient that it is nearest to."""
+    least, owner = np.full(levels.shape[:2], np.inf), np.full(levels.shape[:2], -1)
+    for k, area in enumerate(areas):
+        y, x = area.patch.places()
+        off = _unlike(levels, area.shade, area.patch, condition)
+        nearer = off < least[y, x]
+        least[y[nearer], x[nearer]], owner[y[nearer], x[nearer]] = off[nearer], k
+    return [
+        replace(area, patch=replace(area.patch, mask=area.patch.mask & (owner[area.patch.window] == k)))
+        for k, area in enumerate(areas)
+    ]
+
+
+def _at(patch: Patch, box: Patch) -> np.ndarray:
+    """(h, w) bool: the pixels of a patch in the box of another one."""
+    out = np.zeros(box.mask.shape, dtype=bool)
+    y, x = np.nonzero(np.ones(box.mask.shape, dtype=bool))
+    out[y, x] = patch.at(y + box.top, x + box.left)
+    return out
 
 
 def beside(patch: Patch, mask: np.ndarray) -> Patch:
