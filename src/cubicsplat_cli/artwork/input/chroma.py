@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.input.mixture import Mixture
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.raster import ndimage
 
@@ -21,20 +22,6 @@ RESIDUAL, TIMES = 12.0, 5.0  # levels, and times the usual residual near edges, 
 LACKS = 0.4
 UNLIKE, ALIKE, FEWEST = 24.0, 20.0, 8  # levels off all blends, and of one colour; pixels of half the size that show it
 REWEIGHTED, PRIOR = 4, 2.0  # rounds of least squares, and px that each fill counts as before
-
-
-@dataclass(frozen=True, eq=False)
-class Mixture:
-    """What pixels are blends of. labels, other: (H, W) int32 two fills; share: (H, W) of the second one."""
-
-    labels: np.ndarray
-    other: np.ndarray
-    share: np.ndarray
-
-    def coverage(self, fill: int) -> np.ndarray:
-        """(H, W) the share of a fill."""
-        own = np.where(self.labels == fill, 1.0 - self.share, 0.0)
-        return own + np.where(self.other == fill, self.share, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.chroma import Mixture, explained, missing_fills
+from cubicsplat_cli.artwork.input.chroma import explained, missing_fills
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.mixture import mixture_of, with_shares
 from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, missing_colours, noisy_fills
 from cubicsplat_cli.artwork.input.squares import square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
@@ -38,7 +39,6 @@ STRANGE_FILL, ONE_COLOUR, FEWEST = 6.0, 16.0, 24
 # Px from edges at which pixels have their fill alone, and how many show it; rounds in which fills of small parts are
 # added.
 DEEP, FEWEST_DEEP, PROPOSALS = 4, 16, 4
-SNAP = 0.08  # shares this near to 0 or 1 are
 # Rounds in which a blurred picture is made sharp again, and levels by which it is off its fills then; standard
 # deviations beyond which nothing is left of a blur.
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
@@ -47,7 +47,6 @@ OFF, THIN = 4.0, 0.25
 # Times the error without a blur that the error with it may be, as enlarging blurs by no Gaussian: it is up to 1.3 times
 # in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
 CLEARER = 2.0
-LEAST_CONTRAST = 3.0  # times the misfit, for shares of two fills to be told
 # (4, 4) what rows of RGBA are multiplied by for luma, chroma and opacity.
 LUMA_CHROMA = np.array(
     [
@@ -107,7 +106,7 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         palette = _settled_fills(levels, palette, labels, np.full(len(palette), np.inf))
     if lines:
         labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-    out = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    out = with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
     return FlatPicture(out, palette, labels)
 
 
@@ -121,7 +120,7 @@ def _of_small_parts(
     kept, best = (palette, labels), np.inf
     for _ in range(PROPOSALS):
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-        mixture = _mixture(seen, palette @ space, lined, sigma, 0.0)
+        mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
         found = explained(colours, mixture, palette @ LUMA_CHROMA, ~_deep(labels, len(palette)), sigma)
         if found.cost >= best:
             break
@@ -147,7 +146,7 @@ def in_colours(levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, painte
 
     labels: (H, W) int, which of the colours (K, 4) each pixel has most of. painted: (K, 4) what becomes of these.
     """
-    return _with_shares(levels, fills, labels, MISFIT, 0.0, painted, snap=0.0)
+    return with_shares(levels, fills, labels, MISFIT, 0.0, painted, snap=0.0)
 
 
 def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
@@ -159,7 +158,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     palette = picture_fills(levels)
     thick = len(palette)
     labels = _labels(levels, palette, MISFIT, thick)
-    out = _with_shares(levels, palette, labels, MISFIT, blur, palette)
+    out = with_shares(levels, palette, labels, MISFIT, blur, palette)
     for number in range(SHARPER):
         again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
         sharp = np.clip(out + levels - again, 0.0, 255.0)
@@ -169,7 +168,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
             new = hidden_fills(sharp[far], palette, STRANGE_FILL * SHARP_MISFIT, ONE_COLOUR, FEWEST)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
         labels = _labels(sharp, palette, SHARP_MISFIT, thick)
-        out = _with_shares(sharp, palette, labels, MISFIT, 0.0, palette)
+        out = with_shares(sharp, palette, labels, MISFIT, 0.0, palette)
     return out
 
 
@@ -259,54 +258,3 @@ def _at_the_ends(palette: np.ndarray) -> np.ndarray:
     """
     low, high = palette <= ROUNDED, palette >= 255.0 - ROUNDED
     return np.where(low, 0.0, np.where(high, 255.0, palette))
-
-
-def _with_shares(
-    seen: np.ndarray,
-    fills: np.ndarray,
-    labels: np.ndarray,
-    sigma: float,
-    blur: float,
-    palette: np.ndarray,
-    snap: float = SNAP,
-) -> np.ndarray:
-    """(H, W, 4) the picture of the labels, with the shares that edges had; blurred ones as they were before."""
-    out = palette[labels].astype(np.float32)
-    mixture = _mixture(seen, fills, labels, sigma, blur, snap)
-    y, x = np.nonzero(mixture.share)
-    own, other = palette[labels[y, x]], palette[mixture.other[y, x]]
-    out[y, x] = own + mixture.share[y, x, None] * (other - own)
-    return out
-
-
-def _mixture(
-    seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = SNAP
-) -> Mixture:
-    """What the pixels of a picture (H, W, 4) are blends of: of labels' fills (P, 4), alike, with one beside them."""
-    mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
-    reach = 1 if not blur else 2
-    size = 2 * reach + 1
-    y, x = np.nonzero(ndimage.maximum_filter(labels, size) != ndimage.minimum_filter(labels, size))
-    if not len(y):
-        return mixture
-    own = labels[y, x]
-    padded = np.pad(labels, reach, mode="edge")
-    best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            beside = padded[y + reach + dy, x + reach + dx]
-            base, span = fills[own], fills[beside] - fills[own]
-            length = (span * span).sum(axis=1)
-            rest = seen[y, x] - base
-            t = np.clip((rest * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)
-            left = ((rest - t[:, None] * span) ** 2).sum(axis=1) + 1e-3 * (dy * dy + dx * dx)
-            better = (beside != own) & (length > (LEAST_CONTRAST * sigma) ** 2) & (left < best)
-            best[better], other[better], share[better] = left[better], beside[better], t[better]
-    if blur:
-        from scipy.special import ndtri  # takes a while to import, and few pictures are blurred
-
-        width = np.sqrt(blur**2 + 1.0 / 12.0)
-        share = np.clip(0.5 + width * ndtri(np.clip(share, 1e-3, 1.0 - 1e-3)), 0.0, 1.0)
-    mixture.other[y, x] = other
-    mixture.share[y, x] = np.where(share < snap, 0.0, np.where(share > 1.0 - snap, 1.0, share))
-    return mixture
