@@ -19,11 +19,13 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import FitSettings
 
-RATE, RATE_END = 0.3, 0.1  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
+RATE, RATE_END = 0.6, 0.2  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
 EXACT = 0.3  # of a frame's steps have exact coverage
 PROGRESS = 0.5  # of a fit, for penalties on shapes: what is followed is in the middle of one
 # A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes.
 IDLE = 1.0
+REPLACING = 0.3
+KM, KC, KS = 0.8, 0.999, 0.95
 MOST_REPLACED = 1 / 8  # of the curves, at one frame
 SHORTEST_LIFE = 6  # frames: for less a curve is not written
 
@@ -41,6 +43,7 @@ class Follower:
     scenes: list[Scene] = field(default_factory=list)
     ids: list[np.ndarray] = field(default_factory=list)
     born: dict[int, int] = field(default_factory=dict)
+    losses: list[float] = field(default_factory=list)
 
     def first(self) -> None:
         """Fits the first frame from the start, or from the curves of the group before."""
@@ -53,6 +56,7 @@ class Follower:
             # What there is by then is a frame, unless it is nothing but seeds.
             if loop.step:
                 self._keep(np.arange(loop.state.curves.curves))
+        loop.schedule.recipe = replace(loop.schedule.recipe, keep_mean=KM, keep_change=KC, keep_square=KS)
 
     def follow(self, picture: np.ndarray, steps: int, frames_left: int, seconds: float = math.inf) -> None:
         """Fits the next frame, in so many steps, or in none if it is the last one again. frames_left: with this one."""
@@ -63,10 +67,8 @@ class Follower:
             return
         self._carry(flow(loop.goal, picture))
         loop.goal[...] = picture
-        if frames_left >= SHORTEST_LIFE:
-            ids = self._replace(ids)
         loop.stepper.check_finite(loop.step)
-        began = time.perf_counter()
+        began, replacing = time.perf_counter(), int(REPLACING * steps)
         for step in range(steps):
             work().at()
             if time.perf_counter() - began > seconds:
@@ -76,7 +78,9 @@ class Follower:
             phase = Phase(
                 RATE * (1.0 - (1.0 - RATE_END) * along), 1.0 if exact else loop.settings.recipe.edge_end, exact
             )
-            loop.stepper.step(phase, PROGRESS, measured=False)
+            loss = loop.stepper.step(phase, PROGRESS, measured=step == replacing)
+            if step == replacing:
+                ids = self._replace(ids, float(loss), frames_left)
         loop.stepper.check_finite(loop.step)
         self._keep(ids)
 
@@ -85,18 +89,20 @@ class Follower:
         points = self.loop.state.curves.points
         points += sampled(shifts, points[..., 0] - 0.5, points[..., 1] - 0.5)
 
-    def _replace(self, ids: np.ndarray) -> np.ndarray:
+    def _replace(self, ids: np.ndarray, loss: float, frames_left: int) -> np.ndarray:
         """Replaces curves that this frame has no use for by new ones at its errors. Returns the numbers of all."""
         loop, frame = self.loop, len(self.scenes)
-        loss, found = loop.evaluator.importance(loop.state.curves)
-        importance, count = as_numpy(found).copy(), len(ids)
+        self.losses.append(loss)
+        if frames_left * loss < SHORTEST_LIFE * np.median(self.losses):
+            return ids
+        importance, count = as_numpy(loop.stepper.importance).copy(), len(ids)
         young = np.array([frame - self.born.get(number, -SHORTEST_LIFE) < SHORTEST_LIFE for number in ids.tolist()])
         importance[young] = np.inf
         idle = min(int((importance < IDLE * loss / count).sum()), int(MOST_REPLACED * count))
         if idle == 0:
             return ids
         kept = np.sort(np.argsort(importance, kind="stable")[idle:])
-        seeds = loop.seeder.seeds(idle, loop.evaluator.picture(loop.state.curves))
+        seeds = loop.seeder.seeds(idle, loop.stepper.image)
         loop.stepper.replace(loop.state.chosen(kept).with_seeds(seeds))
         fresh = max(max(each.max() for each in self.ids), -1) + 1 + np.arange(idle)[::-1]
         self.born |= dict.fromkeys(fresh.tolist(), frame)
