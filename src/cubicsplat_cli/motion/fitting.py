@@ -28,10 +28,10 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 16, 1 / 10
+FOLLOWING, EPOCHS = 1 / 16, 0.14
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
-EDGES, TOLERANCE = 12, 0.1  # of a cubic's polyline, and px; cairo draws with the same
+EDGES, TOLERANCE = 12, 0.05  # of a cubic's polyline, and px: with 0.1, a tenth of a dB is lost in finer renderers
 BEFORE_DEADLINE = 0.9  # of the time that is left
 FOLLOWING_SHARE = 0.3  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
@@ -39,7 +39,7 @@ EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the ch
 MEASURED_STEPS = 4
 OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
 # Step sizes of the joint fit: of control points, in length units, and of colours and opacities, in their range.
-RATE, PAINT_RATE = 0.025, 0.01
+RATE, PAINT_RATE = 0.05, 0.01
 SEEN = 0.004  # an opacity that 8-bit renderers show
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cubicsplat_cli.motion.flow import flow, sampled
+from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import Phase
@@ -19,15 +20,17 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import FitSettings
 
-RATE, RATE_END = 0.6, 0.2  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
+RATE, RATE_END = 0.4, 0.2  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
 EXACT = 0.3  # of a frame's steps have exact coverage
 PROGRESS = 0.5  # of a fit, for penalties on shapes: what is followed is in the middle of one
-# A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes.
-IDLE = 1.0
-REPLACING = 0.3
-KM, KC, KS = 0.8, 0.999, 0.95
+# Share of the way back to where the picture carried them that control points go in each step. What the picture does not
+# ask for would take knots (decoupled weight decay, Loshchilov and Hutter, 2019).
+DECAY = 0.03
+# A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes,
+# when this share of a frame's steps has brought the others into place.
+IDLE, REPLACING = 1.0, 0.3
 MOST_REPLACED = 1 / 8  # of the curves, at one frame
-SHORTEST_LIFE = 6  # frames: for less a curve is not written
+SHORTEST_LIFE = 6  # usual frames: what takes away less than so many shares of their loss is not worth its bytes
 
 
 @dataclass
@@ -56,7 +59,8 @@ class Follower:
             # What there is by then is a frame, unless it is nothing but seeds.
             if loop.step:
                 self._keep(np.arange(loop.state.curves.curves))
-        loop.schedule.recipe = replace(loop.schedule.recipe, keep_mean=KM, keep_change=KC, keep_square=KS)
+        # Longer memories than a frame's steps would follow the frames before.
+        loop.schedule.recipe = replace(loop.schedule.recipe, keep_mean=KEEP_MEAN, keep_square=KEEP_SQUARE)
 
     def follow(self, picture: np.ndarray, steps: int, frames_left: int, seconds: float = math.inf) -> None:
         """Fits the next frame, in so many steps, or in none if it is the last one again. frames_left: with this one."""
@@ -66,6 +70,7 @@ class Follower:
             self.ids.append(ids)
             return
         self._carry(flow(loop.goal, picture))
+        self.carried = loop.state.curves.points.copy()
         loop.goal[...] = picture
         loop.stepper.check_finite(loop.step)
         began, replacing = time.perf_counter(), int(REPLACING * steps)
@@ -79,6 +84,8 @@ class Follower:
                 RATE * (1.0 - (1.0 - RATE_END) * along), 1.0 if exact else loop.settings.recipe.edge_end, exact
             )
             loss = loop.stepper.step(phase, PROGRESS, measured=step == replacing)
+            points = loop.state.curves.points
+            points -= DECAY * (points - self.carried)
             if step == replacing:
                 ids = self._replace(ids, float(loss), frames_left)
         loop.stepper.check_finite(loop.step)
@@ -104,6 +111,7 @@ class Follower:
         kept = np.sort(np.argsort(importance, kind="stable")[idle:])
         seeds = loop.seeder.seeds(idle, loop.stepper.image)
         loop.stepper.replace(loop.state.chosen(kept).with_seeds(seeds))
+        self.carried = np.concatenate([loop.state.curves.points[:idle], self.carried[kept]])
         fresh = max(max(each.max() for each in self.ids), -1) + 1 + np.arange(idle)[::-1]
         self.born |= dict.fromkeys(fresh.tolist(), frame)
         return np.concatenate([fresh, ids[kept]])
