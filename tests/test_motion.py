@@ -155,6 +155,19 @@ def test_a_picture_that_moves_carries_the_curves_with_it() -> None:
     assert place(follower.scenes[1]) == pytest.approx((17.0, 20.0), abs=1.0)
 
 
+def test_what_comes_into_a_clip_near_its_end_gets_curves() -> None:
+    before = disc(8.0, 9.0, 48)
+    after = np.minimum(before, disc(38.0, 38.0, 48, 5.0))
+    settings = QUICK.with_(curves=16)
+    follower = Follower(FitLoop(before.copy(), settings, opened=lambda *_, **__: CpuEngine(1)))
+    follower.first()
+    for left in range(7, 0, -1):
+        picture = after if left <= 3 else before
+        follower.follow(picture * np.float32(1.0 - 1e-3 * left), steps=30, frames_left=left)
+    shown = render_scene(follower.rows()[-1], threads=1)
+    assert np.abs(shown - after)[34:42, 34:42].mean() < 0.05
+
+
 @pytest.mark.parametrize("channels", [3, 4])
 def test_flow_is_the_shift_of_each_place(channels: int) -> None:
     rows, columns = np.mgrid[:40, :61]

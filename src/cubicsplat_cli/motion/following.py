@@ -39,7 +39,8 @@ class Follower:
 
     Curves that are replaced keep their places in `rows`, and have no opacity from then on; new ones, before they are
     there, neither. rows: of each frame, the scene; ids: of each, the number of each curve in it. Numbers rise from back
-    to front but for those of the first frame, 0 to N - 1 from front to back.
+    to front but for those of the first frame, 0 to N - 1 from front to back. losses: of the frames.
+    carried: control points as the flow left them.
     """
 
     loop: FitLoop
@@ -47,6 +48,7 @@ class Follower:
     ids: list[np.ndarray] = field(default_factory=list)
     born: dict[int, int] = field(default_factory=dict)
     losses: list[float] = field(default_factory=list)
+    carried: np.ndarray = field(init=False)
 
     def first(self) -> None:
         """Fits the first frame from the start, or from the curves of the group before."""
@@ -59,6 +61,7 @@ class Follower:
             # What there is by then is a frame, unless it is nothing but seeds.
             if loop.step:
                 self._keep(np.arange(loop.state.curves.curves))
+        self.losses.append(float(loop.stepper.loss))
         # Longer memories than a frame's steps would follow the frames before.
         loop.schedule.recipe = replace(loop.schedule.recipe, keep_mean=KEEP_MEAN, keep_square=KEEP_SQUARE)
 

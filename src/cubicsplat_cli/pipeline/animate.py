@@ -140,7 +140,7 @@ def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
         if made is not None:
             level = _quality(made, task, task.held_frames())[0].psnr_db
             fitting.append((math.inf if level is None else level, made))
-        if size > FULL * most and made is not None or curves == dense or work.stopped:
+        if (size > FULL * most and made is not None) or curves == dense or work.stopped:
             break
         room *= AGAIN * most / size
     if fitting:
