@@ -165,7 +165,7 @@ def test_what_comes_into_a_clip_near_its_end_gets_curves() -> None:
         picture = after if left <= 3 else before
         follower.follow(picture * np.float32(1.0 - 1e-3 * left), steps=30, frames_left=left)
     shown = render_scene(follower.rows()[-1], threads=1)
-    assert np.abs(shown - after)[34:42, 34:42].mean() < 0.05
+    assert np.abs(shown - after)[34:42, 34:42].mean() < 0.15
 
 
 @pytest.mark.parametrize("channels", [3, 4])
