@@ -28,7 +28,7 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 16, 0.13
+FOLLOWING, EPOCHS = 1 / 16, 0.12
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 24, 0.07  # of a cubic's polyline, and px: with 0.1, a tenth of a dB is lost in finer renderers
