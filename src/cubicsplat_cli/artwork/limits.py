@@ -15,10 +15,11 @@ from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 MOST_PIXELS = 3_000_000
 # A map, a page of text or a tone of dots has very many regions: MOST_REGIONS are drawn, about a minute's work, the
 # larger beneath the smaller, each ending a little beneath its neighbours; beyond, the smallest join their neighbours.
-# What else lies above what, hidden parts and translucency take a tenth of a second a region, and are sought of so many.
-MOST_COMPLETED = 600
+# What else lies above what, hidden parts and translucency take some milliseconds a region, and are sought of so many.
+MOST_COMPLETED = 6000
 MOST_REGIONS = 20_000
-MOST_POLISHED = 800  # shapes, beyond which neither regularities are sought nor what hidden outlines do
+MOST_BLURRED = 600  # regions of what has to be blurred to have any: few say as much
+MOST_POLISHED = 8000  # shapes, beyond which neither regularities are sought nor what hidden outlines do
 
 _log = logging.getLogger("cubicsplat")
 
@@ -53,7 +54,7 @@ def bounded_regions(
     min_area: float,
     most: int | None = None,
     known: np.ndarray | None = None,
-    limit: int = MOST_COMPLETED,
+    limit: int = MOST_REGIONS,
 ) -> Regions:
     """The regions of a picture, by its `pixel_fills`; where there are more than `limit`, the smallest join their
     neighbours, which is logged.
