@@ -16,10 +16,10 @@ MOST_PIXELS = 3_000_000
 # A map, a page of text or a tone of dots has very many regions: MOST_REGIONS are drawn, about a minute's work, the
 # larger beneath the smaller, each ending a little beneath its neighbours; beyond, the smallest join their neighbours.
 # What else lies above what, hidden parts and translucency take some milliseconds a region, and are sought of so many.
-MOST_COMPLETED = 6000
+MOST_COMPLETED = 2000
 MOST_REGIONS = 20_000
 MOST_BLURRED = 600  # regions of what has to be blurred to have any: few say as much
-MOST_POLISHED = 8000  # shapes, beyond which neither regularities are sought nor what hidden outlines do
+MOST_POLISHED = 2000  # shapes, beyond which neither regularities are sought nor what hidden outlines do
 
 _log = logging.getLogger("cubicsplat")
 

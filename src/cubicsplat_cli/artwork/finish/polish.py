@@ -11,7 +11,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
-PASSES, CROWDED, FULL = 3, 400, 15_000
+PASSES, CROWDED, FULL = 3, 400, 4000
 TRIAL_ROUNDS = 6
 # Pieces beyond which they are settled in fewer rounds still, and not at all.
 MANY, FEWEST_ROUNDS, MOST = 20_000, 3, 100_000
