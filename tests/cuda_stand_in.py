@@ -16,7 +16,7 @@ from emulated import EmulatedDriver
 from cubicsplat_cli.raster.cuda import driver as cuda_driver
 from cubicsplat_cli.raster.cuda import libcuda, nvrtc
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.cuda.frame import Frame, StepValues
+from cubicsplat_cli.raster.cuda.frame import StepFrame, StepValues
 from cubicsplat_cli.settings import Mode
 
 CONTEXT = 77  # torch's
@@ -127,7 +127,7 @@ class FakeGpu:
 
     @staticmethod
     def _kinds(name: str) -> tuple:
-        return KINDS.get(name, (Frame,))
+        return KINDS.get(name, (StepFrame,))
 
     @staticmethod
     def run(launch: tuple) -> None:

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from cubicsplat_cli.raster.cuda.compile import KERNELS, Program, sources
 from cubicsplat_cli.raster.cuda.driver import Driver, LateCopy
-from cubicsplat_cli.raster.cuda.frame import Frame
+from cubicsplat_cli.raster.cuda.frame import StepFrame
 
 EMULATOR = Path(__file__).with_name("cuda_emulator")
 LIBRARIES = Path(__file__).parent.parent / "build" / "emulator"
@@ -70,7 +70,7 @@ class EmulatedKernels:
         self._library = library
         library.emulator_launch.restype = ctypes.c_char_p
         library.emulator_launch.argtypes = [
-            ctypes.c_char_p, *[ctypes.c_uint] * 3, ctypes.c_size_t, ctypes.POINTER(Frame), ctypes.c_uint,
+            ctypes.c_char_p, *[ctypes.c_uint] * 3, ctypes.c_size_t, ctypes.POINTER(StepFrame), ctypes.c_uint,
         ]  # fmt: skip
 
     def launch(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments) -> None:

@@ -23,7 +23,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.cuda.frame import MOST_LOOKS, Frame, sizes_of, workspace
+from cubicsplat_cli.raster.cuda.frame import MOST_LOOKS, StepFrame, sizes_of, workspace
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -224,7 +224,7 @@ def test_a_large_scene_fits_into_half_a_gigabyte():
     scene.width, scene.height = 2040, 1344
     scene.points = torch.empty(curves, points, 2, device="meta")
     for samples in (12, 24):
-        frame = Frame(**sizes_of(scene, RasterSettings("relaxed", 1.0, samples, 0.05)), backward=True)
+        frame = StepFrame(**sizes_of(scene, RasterSettings("relaxed", 1.0, samples, 0.05)), backward=True)
         buffers = workspace(frame, MOST_LOOKS, lambda _, count, dtype: torch.empty(count, dtype=dtype, device="meta"))
         taken = sum(t.numel() * t.element_size() for t in buffers.values())
         parameters = 4 * curves * (2 * points + 3 + 1 + 1 + 1)
@@ -245,7 +245,7 @@ def test_a_large_scene_fits_into_half_a_gigabyte():
 )
 def test_the_emulator_finds_misused_barriers(kernel, message):
     with pytest.raises(AssertionError, match=message):
-        EmulatedDriver().kernels(Program(Mode.CLOSED, 3)).launch(kernel, (1, 1), 64, 0, Frame())
+        EmulatedDriver().kernels(Program(Mode.CLOSED, 3)).launch(kernel, (1, 1), 64, 0, StepFrame())
 
 
 def test_the_order_of_threads_brings_out_a_missing_barrier():
@@ -253,7 +253,7 @@ def test_the_order_of_threads_brings_out_a_missing_barrier():
     for order in range(8):
         status = torch.zeros(32, dtype=torch.int32)
         kernels = EmulatedDriver(order=order).kernels(Program(Mode.CLOSED, 3))
-        kernels.launch("missing_barrier", (1, 1), 64, 4 * 64, Frame(status=status.data_ptr()))
+        kernels.launch("missing_barrier", (1, 1), 64, 4 * 64, StepFrame(status=status.data_ptr()))
         seen.add(tuple(status.tolist()))
     assert (-1,) * 32 in seen, "shared memory starts as NaN, all bits set"
     assert tuple(range(32, 64)) in seen
@@ -317,7 +317,7 @@ from scenes import PAPER, ragged_scene, random_scene, random_target
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.cuda.frame import Frame
+from cubicsplat_cli.raster.cuda.frame import StepFrame
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -341,7 +341,7 @@ for mode in Mode:
             engine.step(here, settings, Training(target, state_for(here), Rates(0.1, 0.1, 0.1, 0.1)))
 print("clean", flush=True)
 status = torch.zeros(2, dtype=torch.int32)
-driver.kernels(Program(Mode.CLOSED, 3)).launch("past_the_end", (1, 1), 32, 0, Frame(status=status.data_ptr()))
+driver.kernels(Program(Mode.CLOSED, 3)).launch("past_the_end", (1, 1), 32, 0, StepFrame(status=status.data_ptr()))
 print("not found")
 """
 

@@ -17,7 +17,7 @@ DEVICE = '#include <cstddef>\n#include "cuda_shim.h"\n#include "frame.cuh"\nusin
 CASES = [
     (HOST, {"CsScene": cpu._Scene, "CsSettings": cpu._Settings, "CsImages": cpu._Images}),
     (HOST, {"CsGradients": cpu._Gradients, "CsTraining": cpu._Training}),
-    (DEVICE, {"Frame": frame.Frame, "Step": frame.StepValues}),
+    (DEVICE, {"Frame": frame.StepFrame, "Step": frame.StepValues}),
 ]
 
 

@@ -15,7 +15,7 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.options import GzipBytes, parse_bytes
-from cubicsplat_cli.pipeline.tiny import Search
+from cubicsplat_cli.pipeline.tiny import TinySearch
 from cubicsplat_cli.pipeline.vectorize import dominant_colors
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
@@ -98,7 +98,7 @@ def test_the_search_gets_back_what_rounding_costs(hills):
     """Its loss and bytes, of which it only looks at parts, are those of the whole at its end."""
     polygons = random_polygons((48.0, 32.0))
     with closing(CpuEngine(1)) as engine:
-        search = Search(polygons, as_picture(hills), None, engine, FitSettings(threads=1))
+        search = TinySearch(polygons, as_picture(hills), None, engine, FitSettings(threads=1))
         before = search.loss
         search.run(10_000, np.inf)
         assert search.loss < 0.3 * before
@@ -109,7 +109,7 @@ def test_the_search_gets_back_what_rounding_costs(hills):
 
 def test_an_interrupted_search_still_fits(hills):
     with closing(CpuEngine(1)) as engine:
-        search = Search(random_polygons((48.0, 32.0), 20), as_picture(hills), None, engine, FitSettings(threads=1))
+        search = TinySearch(random_polygons((48.0, 32.0), 20), as_picture(hills), None, engine, FitSettings(threads=1))
 
         def interrupted(price: float, most: int) -> None:
             raise KeyboardInterrupt

@@ -109,14 +109,14 @@ def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> Exported:
     width, height = drawn.width * _POINTS, drawn.height * _POINTS
     ppi = min(_PPI, 72.0 * math.sqrt(MAX_RENDER_PIXELS / 4.0 / (width * height)))
 
-    class Page(getattr(surfaces, f"{form.upper()}Surface")):  # type: ignore[misc]
+    class Surface(getattr(surfaces, f"{form.upper()}Surface")):  # type: ignore[misc]
         def _create_surface(self, width: float, height: float) -> Any:
             made = super()._create_surface(width, height)
             made[0].set_fallback_resolution(ppi, ppi)
             return made
 
     with drawing_with(name, source):
-        data = Page.convert(svg, url_fetcher=embedded_only, output_width=drawn.width, output_height=drawn.height)
+        data = Surface.convert(svg, url_fetcher=embedded_only, output_width=drawn.width, output_height=drawn.height)
     if form == "eps":
         # cairo says what the drawing covers; whoever places the file wants the page, which ends at a whole point.
         right, top = math.ceil(width), math.ceil(height)

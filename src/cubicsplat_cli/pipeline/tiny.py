@@ -69,12 +69,12 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
     settings = settings.with_(curves=count, time_limit=half)
     fitted = fit(target.target(), settings, task.on_progress, task.recorder, FitInputs(weights))
     with closing(CpuEngine(settings.threads)) as engine:
-        search = Search(on_grid(fitted.scene, grid_size(width, height, units)), target, weights, engine, settings)
+        search = TinySearch(on_grid(fitted.scene, grid_size(width, height, units)), target, weights, engine, settings)
         interrupted = search.run(most, deadline)
     return search.polygons, replace(fitted, interrupted=fitted.interrupted or interrupted)
 
 
-class Search:
+class TinySearch:
     """Improves polygons towards a picture, and makes their file as small as is asked for.
 
     loss: of the engine's picture; bytes: of the compressed file; paths: the element of each polygon.
@@ -183,7 +183,7 @@ class Search:
 
     def _improve(self, index: int, steps: list[Step], price: float, most: int) -> None:
         """Takes the steps of a polygon that pay, looking at the part of the picture that they can change alone."""
-        polygons, window = self.polygons, _Window(self, index)
+        polygons, window = self.polygons, _SweptArea(self, index)
         loss = window.loss()
         for step in steps:
             kept = polygons.vertices[index], polygons.colours[index].copy(), self.paths[index]
@@ -243,7 +243,7 @@ class Search:
         """By how much the loss rises for each byte that is saved, a polygon, and the vertex without which; -1: all."""
         for index in range(len(self.paths)):
             window, (vertices, colour) = (
-                _Window(self, index),
+                _SweptArea(self, index),
                 (self.polygons.vertices[index], self.polygons.colours[index]),
             )
             before = window.loss()
@@ -254,10 +254,10 @@ class Search:
             yield (window.loss() - before) / (PATH_BYTES + len(vertices) * VERTEX_BYTES), index, -1
 
 
-class _Window:
+class _SweptArea:
     """The part of the picture in which a sweep's steps of one polygon show, and the polygons that reach into it."""
 
-    def __init__(self, search: Search, index: int) -> None:
+    def __init__(self, search: TinySearch, index: int) -> None:
         (lows, highs), size = search.boxes, np.array(search.goal.shape[1::-1])
         reach = 2.0 * search.scale + 1.0  # a coordinate moves by two units at most
         low = np.clip(np.floor(lows[index] - reach), 0, size - 1).astype(int)

@@ -14,7 +14,8 @@ from cubicsplat_cli.raster.cpu import doubles, native
 @dataclass(frozen=True)
 class FittedContour:
     """Outline fitted to a contour. form: CIRCLE, ELLIPSE or BOX of raster/outlines.py with its values (6,), or -1
-    for a ring: anchors (A, 2) px, controls (A, 2, 2) px, lines and smooth (A,) bool.
+    for a ring: anchors (A, 2) px, controls (A, 2, 2) px, lines and smooth (A,) bool. doubtful: whether a ring lies more
+    than a tenth of a px off its points in the mean, or crosses itself.
     """
 
     form: int
@@ -23,6 +24,7 @@ class FittedContour:
     controls: np.ndarray
     lines: np.ndarray
     smooth: np.ndarray
+    doubtful: bool
 
 
 def independent(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -56,14 +58,14 @@ def fitted_contours(
     room = 2 * (len(points) + loops)
     form, values, pieces = np.full(loops, -1, np.int32), np.zeros((loops, 6)), np.empty(loops, np.int64)
     anchors, controls = np.empty((room, 2)), np.empty((room, 2, 2))
-    lines, smooth = np.empty(room, bool), np.empty(room, bool)
+    lines, smooth, doubtful = np.empty(room, bool), np.empty(room, bool), np.zeros(loops, bool)
     given = ends, doubles(points), doubles(weights), np.ascontiguousarray(known, bool), doubles(prices)
-    out = form, values, pieces, anchors, controls, lines, smooth
+    out = form, values, pieces, anchors, controls, lines, smooth, doubtful
     bad = native("outlines", "cs_fit_contours", loops, *given, astray, work().threads, *out, result=c_int64)
     places = (2 * (np.concatenate([[0], ends])[:-1] + np.arange(loops))).tolist()
     found = []
     for k, (place, count) in enumerate(zip(places, np.maximum(pieces, 0).tolist(), strict=True)):
         own = slice(place, place + count)
-        parts = (each[own].copy() for each in (anchors, controls, lines, smooth))
-        found.append(FittedContour(int(form[k]), values[k], *parts))
+        path = anchors[own].copy(), controls[own].copy(), lines[own].copy(), smooth[own].copy()
+        found.append(FittedContour(int(form[k]), values[k], *path, bool(doubtful[k])))
     return found, int(bad)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, kept, settle
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.finish import ROUNDS, Layer, State, begin, drawn, kept, settle, with_outlines
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
-from cubicsplat_cli.artwork.finish.parameters import Constraints
+from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
+from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
@@ -42,6 +45,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
             if following is state:
                 break
             state = following
+        state = _tried(state, goal, *_otherwise(drawing, state, constraints), detail, error)
         state = settle(state, goal, min(TRIAL_ROUNDS, _rounds(pieces)))
         # What moves and better neighbours have made even.
         if pieces <= FULL:
@@ -65,9 +69,23 @@ def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, e
     return state
 
 
+def _otherwise(drawing: Drawing, state: State, constraints: Constraints) -> tuple[list[Layer], np.ndarray]:
+    """The layers with the closer rings of a drawing's outlines, and which have one (outlines,) bool."""
+    rings = [outline.otherwise if isinstance(outline, Ring) else None for s in drawing.shapes for outline in s.outlines]
+    found = [
+        own if ring is None else parametrised(ring, constraints)
+        for ring, own in zip(rings, state.outlines, strict=True)
+    ]
+    return with_outlines(state.layers, iter(found)), np.array([ring is not None for ring in rings])
+
+
 def _moved(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
     """The state after one pass of moves, the same where none paid."""
-    layers, changed = with_moves(state, constraints, detail, error)
+    return _tried(state, goal, *with_moves(state, constraints, detail, error), detail, error)
+
+
+def _tried(state: State, goal: Goal, layers: list[Layer], changed: np.ndarray, detail: float, error: float) -> State:
+    """The state with those of the changed outlines (outlines,) bool of some layers that pay once they are settled."""
     if not changed.any():
         return state
     trial = settle(state.with_layers(layers), goal, TRIAL_ROUNDS, changed=changed)

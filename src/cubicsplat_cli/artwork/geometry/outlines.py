@@ -30,13 +30,15 @@ class Ring:
 
     anchors: (A, 2) float64 px, A >= 1. controls: (A, 2, 2) float64, the two inner control points of piece i; of a line
     they lie at its thirds. lines: (A,) bool, which pieces are straight. smooth: (A,) bool, at which anchors the
-    tangent is continuous (G1).
+    tangent is continuous (G1). otherwise: a closer ring along the same points, of more pieces, where this one lies off
+    them or crosses itself.
     """
 
     anchors: np.ndarray
     controls: np.ndarray
     lines: np.ndarray
     smooth: np.ndarray
+    otherwise: Ring | None = None
 
     @property
     def pieces(self) -> int:

@@ -20,7 +20,9 @@ PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
 # leaves say which it was.
 NARROW, WIDE = np.array([1.0, 1.0, 1.0]) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 ROUNDING = 1.0  # levels, the root of the mean square, which 8-bit values are off at most
-EXPLAINED = 0.5  # share of the squares of a part's colour fringes that offset channels explain, in text
+# Share of the squares of a part's colour fringes that offset channels explain, in text for certain, and in a part in the
+# fill of such text.
+EXPLAINED, EXPLAINED_TOO = 0.5, 0.25
 # Px by which red and blue seem to be offset, since the difference of two pixels is less than the slope between them.
 LEAST_OFFSET, MOST_OFFSET = 1.0 / 6.0, 2.0 / 3.0
 ALIKE = 0.1  # share by which the contrast of two parts in one fill may differ
@@ -58,11 +60,12 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     if parts is None:
         return levels
     totals = np.stack([parts.sums(off) for off in parts.off.T], axis=1)
-    offset = _offset(parts, totals, colours.shape[:2])
-    order = np.sign(offset @ (totals**2).sum(axis=1) ** 0.5)
-    chosen = offset * order > 0.0
-    if not chosen.any():
+    offset, explained = _offset(parts, totals, colours.shape[:2])
+    sure = np.where(explained > EXPLAINED, offset, 0.0)
+    order = np.sign(sure @ (totals**2).sum(axis=1) ** 0.5)
+    if order == 0.0:
         return levels
+    chosen = (offset * order > 0.0) & (explained > EXPLAINED_TOO) & _in_fills_of(sure * order > 0.0, totals)
     text = parts.only(chosen)
     fills = _fills(text, totals, chosen)
     share = _shares(text, fills, order, colours.shape[:2])
@@ -93,9 +96,9 @@ def _parts(colours: np.ndarray) -> _Parts | None:
     return _Parts(at, own, colours.reshape(-1, 3)[at] - grounds[own], grounds) if len(at) else None
 
 
-def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(k,) px by which blue lies to the right of green in each part, and red to the left of it, if that explains the
-    colours of its edges; else 0.
+def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) px by which blue lies to the right of green in each part, and red to the left of it, 0 where that is not
+    likely; and (k,) the share of the squares of the colours of its edges that it explains.
 
     totals: (k, 3) the sums of what they are off, which is the contrast of their fill times what they cover.
     """
@@ -115,9 +118,19 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> np.ndar
     of_fringe = np.maximum(parts.sums((fringe**2).sum(axis=1)), least)
     offset = both / of_moved
     seen = of_fringe > 3.0 * ROUNDING**2 * parts.sums(np.ones(len(parts.at)))
-    explained = both**2 > EXPLAINED * of_moved * of_fringe
     likely = (np.abs(offset) > LEAST_OFFSET) & (np.abs(offset) < MOST_OFFSET)
-    return np.where(seen & explained & likely, offset, 0.0)
+    return np.where(seen & likely, offset, 0.0), both**2 / (of_moved * of_fringe)
+
+
+def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:
+    """(k,) bool: the parts with about the contrast of some of those that are sure (k,) bool. totals: (k, 3)."""
+    contrast = totals / np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
+    alike, left = sure.copy(), np.flatnonzero(sure)
+    while len(left):
+        same = np.abs(contrast - contrast[left[0]]).max(axis=1) <= ALIKE
+        alike |= same
+        left = left[~same[left]]
+    return alike
 
 
 def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:

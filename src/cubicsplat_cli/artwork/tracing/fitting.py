@@ -84,10 +84,11 @@ def _fitted(
     found, unfit = fitted_contours(ends, places, weights, known, prices, astray=astray)
     if unfit:
         raise InputError("an outline needs at least 3 different points")
-    return [_outline(each) for each in found]
+    return [_outline(each, points) for each, points in zip(found, loops, strict=True)]
 
 
-def _outline(found: FittedContour) -> Outline:
+def _outline(found: FittedContour, points: np.ndarray) -> Outline:
     if found.form >= 0:
         return primitive_of(found.form, found.values)
-    return Ring(found.anchors, found.controls, found.lines, found.smooth)
+    otherwise = few_lines(points) if found.doubtful else None
+    return Ring(found.anchors, found.controls, found.lines, found.smooth, otherwise)

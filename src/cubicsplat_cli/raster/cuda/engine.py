@@ -25,7 +25,7 @@ from cubicsplat_cli.raster.cuda.frame import (
     SMALL_THREADS,
     THREADS,
     WARP,
-    Frame,
+    StepFrame,
     StepValues,
     attach,
     blocks,
@@ -57,7 +57,7 @@ PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact fi
 class _Plan:
     """A step that has been prepared, and captured when it came a second time."""
 
-    frame: Frame
+    frame: StepFrame
     kernels: Kernels
     step: Tensor  # the device's StepValues
     kept: tuple[object, ...]  # whatever else the frame points to
@@ -188,7 +188,7 @@ class CudaEngine(Engine):
     def _set_step(self, kernels: Kernels, values: StepValues, step: Tensor) -> None:
         kernels.launch("set_step", (1, 1), WARP, 0, values, ctypes.c_void_p(step.data_ptr()))
 
-    def _launch(self, kernels: Kernels, frame: Frame) -> None:
+    def _launch(self, kernels: Kernels, frame: StepFrame) -> None:
         """Queues the kernels of one step, render or gradient."""
         per_block = SMALL_THREADS // WARP
         coverage = "exact" if frame.exact else "relaxed"
@@ -202,11 +202,11 @@ class CudaEngine(Engine):
         if frame.backward:
             kernels.launch("update", (1 + curves, 1), SMALL_THREADS, 0, frame)
 
-    def _frame(self, scene: EngineScene, settings: RasterSettings, *, backward: bool) -> Frame:
+    def _frame(self, scene: EngineScene, settings: RasterSettings, *, backward: bool) -> StepFrame:
         slots = slots_for(settings.coverage, self._driver.shared_per_block, self._driver.shared_per_sm)
         return make_frame(scene, settings, slots, self.device, backward=backward)
 
-    def _attach_workspace(self, frame: Frame) -> tuple[Tensor, dict[str, Tensor]]:
+    def _attach_workspace(self, frame: StepFrame) -> tuple[Tensor, dict[str, Tensor]]:
         """Gives a frame its buffers: the device's StepValues, and those between the kernels."""
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         buffers = workspace(frame, self.most_looks, self._allocate)
@@ -237,7 +237,7 @@ class CudaEngine(Engine):
             return None
         return self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
 
-    def _training_frame(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Frame:
+    def _training_frame(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepFrame:
         frame = self._frame(scene, settings, backward=True)
         pictures = {"target": training.target, "weights": training.weights}
         put(frame, scene.addresses(self._pointer, pictures | vars(training.state)))
@@ -256,7 +256,7 @@ class CudaEngine(Engine):
         put(values, scene.addresses(self._pointer, {name: getattr(training, name) for name in names}))
         return values
 
-    def _plan(self, frame: Frame, scene: EngineScene, kept: tuple[object, ...]) -> _Plan:
+    def _plan(self, frame: StepFrame, scene: EngineScene, kept: tuple[object, ...]) -> _Plan:
         """The prepared step for these tensors and settings; what differs from step to step is not part of a frame.
 
         A stream has plans of its own: their buffers are of its memory, which is given out again in its order.

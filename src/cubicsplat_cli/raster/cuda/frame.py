@@ -57,7 +57,7 @@ class StepValues(ctypes.Structure):
     ]  # fmt: skip
 
 
-class Frame(ctypes.Structure):
+class StepFrame(ctypes.Structure):
     """`Frame`: what stays the same while a captured step lives."""
 
     _fields_ = [
@@ -154,7 +154,9 @@ def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
     }  # fmt: skip
 
 
-def workspace(frame: Frame, most_looks: int, allocate: Callable[[str, int, torch.dtype], Tensor]) -> dict[str, Tensor]:
+def workspace(
+    frame: StepFrame, most_looks: int, allocate: Callable[[str, int, torch.dtype], Tensor]
+) -> dict[str, Tensor]:
     """The buffers between the kernels, by the names of their fields in `Frame`.
 
     most_looks: of tiles at curves; where there would be more, curves are sorted into super-tiles first.
@@ -177,7 +179,7 @@ def workspace(frame: Frame, most_looks: int, allocate: Callable[[str, int, torch
     return buffers
 
 
-def order_places(frame: Frame) -> int:
+def order_places(frame: StepFrame) -> int:
     """Numbers in the two lists of tiles by their time, which are zero before the first step (order.cuh); 0 for none."""
     tiles = frame.tiles_x * frame.tiles_y
     return 2 * COSTS * (1 + tiles) if tiles <= MOST_ORDERED else 0
@@ -185,24 +187,24 @@ def order_places(frame: Frame) -> int:
 
 def make_frame(
     scene: EngineScene, settings: RasterSettings, slots: int, device: torch.device, *, backward: bool
-) -> Frame:
+) -> StepFrame:
     """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors, and
     where this engine cannot draw the scene.
     """
-    return Frame(
+    return StepFrame(
         **sizes_of(scene, settings), rings=scene.most_rings,
         slots=slots, logits=scene.logits, backward=backward, exact=settings.coverage == "exact",
         most_stops=scene.most_stops, **scene.own_addresses(pointer_on(device)),
     )  # fmt: skip
 
 
-def put(structure: Frame | StepValues, addresses: dict[str, int | None]) -> None:
+def put(structure: StepFrame | StepValues, addresses: dict[str, int | None]) -> None:
     """Puts addresses into the fields of their names."""
     for name, address in addresses.items():
         setattr(structure, name, address)
 
 
-def attach(frame: Frame, tensors: dict[str, Tensor]) -> None:
+def attach(frame: StepFrame, tensors: dict[str, Tensor]) -> None:
     """Puts the addresses of tensors into the fields of their names."""
     put(frame, {name: tensor.data_ptr() for name, tensor in tensors.items()})
 

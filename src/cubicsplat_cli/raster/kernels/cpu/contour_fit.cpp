@@ -103,6 +103,7 @@ Outline fitted_between(const Contour& loop, const Corners& corners, double price
   Outline out = Outline::of(best);
   out.shorten(loop);
   out.uncross();
+  out.away = out.astray(contour, best);
   out.cost = 0.5 * best.chi + price * double(best.parameters());
   return out;
 }
@@ -142,14 +143,24 @@ Outline fitted(const Contour& contour, double price) {
   return primitive.form != kRing && primitive.cost <= ring.cost ? primitive : ring;
 }
 
-// Whether an outline encloses what a loop of points does, to a tenth of a px along them.
-bool sound(const std::vector<Point>& loop, const Outline& outline) {
-  double area = 0.0, length = 0.0;
+// How much an outline may enclose more or less than a loop of points, and lie off these, px^2: a tenth of a px along them.
+double allowed(const std::vector<Point>& loop) {
+  double length = 0.0;
   for (size_t i = 0; i < loop.size(); i++) {
     const Point a = loop[i], b = loop[(i + 1) % loop.size()];
-    area += 0.5 * (a.x * b.y - b.x * a.y), length += std::hypot(b.x - a.x, b.y - a.y);
+    length += std::hypot(b.x - a.x, b.y - a.y);
   }
-  return std::fabs(std::fabs(outline.area()) - std::fabs(area)) <= kStray * length + 1.0;
+  return kStray * length + 1.0;
+}
+
+// Whether an outline encloses what a loop of points does.
+bool sound(const std::vector<Point>& loop, const Outline& outline) {
+  double area = 0.0;
+  for (size_t i = 0; i < loop.size(); i++) {
+    const Point a = loop[i], b = loop[(i + 1) % loop.size()];
+    area += 0.5 * (a.x * b.y - b.x * a.y);
+  }
+  return std::fabs(std::fabs(outline.area()) - std::fabs(area)) <= allowed(loop);
 }
 
 }  // namespace
@@ -174,12 +185,12 @@ CS_EXPORT void cs_independent(int64_t count, const double* points, const double*
 // the points of each end; weights: 1/px^2; known: whether a hidden point is a corner; prices: loops, of a parameter, nats.
 // astray: whether loops are fitted ever closer to their points where their outline has gone astray. form: loops, of a
 // primitive, -1 for a ring; values: loops x 6; pieces: loops; anchors, controls, lines, smooth: of rings, room for 2 x
-// points + 2 pieces a loop. Returns the number of loops that have fewer than three different points; -1 where there is no
+// points + 2 pieces a loop; doubtful: loops, whether a ring lies off its points or crosses itself. Returns the number of loops that have fewer than three different points; -1 where there is no
 // memory.
 CS_EXPORT int64_t cs_fit_contours(int64_t loops, const int64_t* ends, const double* points, const double* weights,
                                   const uint8_t* known, const double* prices, int64_t astray, int64_t threads,
                                   int32_t* form, double* values, int64_t* pieces, double* anchors, double* controls,
-                                  uint8_t* lines, uint8_t* smooth) {
+                                  uint8_t* lines, uint8_t* smooth, uint8_t* doubtful) {
   using namespace cs;
   const auto first = [&](int64_t k) { return k > 0 ? ends[k - 1] : 0; };
   const auto fit = [&](int64_t k) {
@@ -199,6 +210,7 @@ CS_EXPORT int64_t cs_fit_contours(int64_t loops, const int64_t* ends, const doub
     for (int finer = 1; astray && finer <= 3 && !sound(all, found); finer++)
       found = finer < 3 ? fitted(contour, prices[k] / kFiner[finer]) : few_lines(all);
     form[k] = found.form, pieces[k] = int64_t(found.anchors.size());
+    doubtful[k] = found.form == kRing && (found.away > allowed(all) || found.crosses());
     std::copy(found.values.begin(), found.values.end(), values + 6 * k);
     const int64_t place = 2 * first(k) + 2 * k;
     for (int64_t i = 0; i < pieces[k]; i++) {

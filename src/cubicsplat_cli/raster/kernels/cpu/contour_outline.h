@@ -203,7 +203,7 @@ struct Outline {
   std::vector<Point> anchors;
   std::vector<std::array<Point, 2>> controls;
   std::vector<uint8_t> lines, smooth;
-  double cost = 0.0;
+  double cost = 0.0, away = 0.0;  // nats; px, the sum of the distances of its points
 
   static Outline polygon(const std::vector<Point>& at) {
     Outline out;
@@ -259,20 +259,12 @@ struct Outline {
   // since no small step frees them.
   void uncross() {
     const size_t n = anchors.size();
-    std::vector<std::array<Point, kSides + 1>> sides(n);
-    for (size_t i = 0; i < n; i++) sides[i] = flattened(i);
     std::vector<Crossing> first(n, Crossing{HUGE_VAL, {}}), last(n, Crossing{-1.0, {}});
     const auto note = [&](size_t i, double t, Point at) {
       if (t < first[i].t) first[i] = {t, at};
       if (t > last[i].t) last[i] = {t, at};
     };
-    for (const auto& [i, k] : overlapping(sides)) {
-      const bool onward = k == (i + 1) % n, backward = i == (k + 1) % n;
-      each_crossing(sides[i], sides[k], [&](double t, double u, Point at) {
-        const bool shared = (onward && t > 1.0 - kEnd && u < kEnd) || (backward && u > 1.0 - kEnd && t < kEnd);
-        if (!shared) note(i, t, at), note(k, u, at);
-      });
-    }
+    each_crossing([&](size_t i, double t, size_t k, double u, Point at) { note(i, t, at), note(k, u, at); });
     bool moved = false;
     for (size_t i = 0; i < n; i++) {
       // Of the side that comes in the first crossing, of that which goes out the last one: beyond lies the anchor.
@@ -288,6 +280,25 @@ struct Outline {
       moved = true;
     }
     if (moved) straighten();
+  }
+
+  // Whether the ring crosses itself.
+  bool crosses() const {
+    bool found = false;
+    each_crossing([&](size_t, double, size_t, double, Point) { found = true; });
+    return found;
+  }
+
+  // The sum of the distances of points from their feet, px.
+  double astray(const Contour& points, const Pieces& feet) const {
+    double out = 0.0;
+    for (size_t k = 0; k < points.at.size(); k++) {
+      const int64_t i = feet.piece[k];
+      const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
+      const Point foot = Place(&p[0].x, feet.u[k]).at;
+      out += std::hypot(points.at[k].x - foot.x, points.at[k].y - foot.y);
+    }
+    return out;
   }
 
   double area() const {
@@ -316,15 +327,33 @@ struct Outline {
     Point at;
   };
 
-  std::array<Point, kSides + 1> flattened(size_t i) const {
-    const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
-    std::array<Point, kSides + 1> out;
-    for (size_t k = 0; k <= kSides; k++) out[k] = Place(&p[0].x, double(k) / kSides).at;
+  using Side = std::array<Point, kSides + 1>;
+
+  std::vector<Side> flattened() const {
+    std::vector<Side> out(anchors.size());
+    for (size_t i = 0; i < anchors.size(); i++) {
+      const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
+      for (size_t k = 0; k <= kSides; k++) out[i][k] = Place(&p[0].x, double(k) / kSides).at;
+    }
     return out;
   }
 
+  // Tells two pieces and their parameters where they cross, and where that is; not where one goes on from the other.
+  template <class Tell>
+  void each_crossing(Tell tell) const {
+    const size_t n = anchors.size();
+    const std::vector<Side> sides = flattened();
+    for (const auto& [i, k] : overlapping(sides)) {
+      const bool onward = k == (i + 1) % n, backward = i == (k + 1) % n;
+      each_crossing(sides[i], sides[k], [&, i = i, k = k](double t, double u, Point at) {
+        const bool shared = (onward && t > 1.0 - kEnd && u < kEnd) || (backward && u > 1.0 - kEnd && t < kEnd);
+        if (!shared) tell(i, t, k, u, at);
+      });
+    }
+  }
+
   // The pairs of pieces whose boxes overlap.
-  static std::vector<std::pair<size_t, size_t>> overlapping(const std::vector<std::array<Point, kSides + 1>>& sides) {
+  static std::vector<std::pair<size_t, size_t>> overlapping(const std::vector<Side>& sides) {
     struct Box {
       double left, right, top, bottom;
       size_t piece;
@@ -349,7 +378,7 @@ struct Outline {
 
   // Tells the parameters of both pieces where their polylines cross, and where that is.
   template <class Tell>
-  static void each_crossing(const std::array<Point, kSides + 1>& a, const std::array<Point, kSides + 1>& b, Tell tell) {
+  static void each_crossing(const Side& a, const Side& b, Tell tell) {
     for (size_t i = 0; i < kSides; i++)
       for (size_t k = 0; k < kSides; k++) {
         const double ax = a[i + 1].x - a[i].x, ay = a[i + 1].y - a[i].y;
