@@ -20,8 +20,8 @@ PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
 # leaves say which it was.
 NARROW, WIDE = np.array([1.0, 1.0, 1.0]) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 ROUNDING = 1.0  # levels, the root of the mean square, which 8-bit values are off at most
-# Share of the squares of a part's colour fringes that offset channels explain, in text for certain, and in a part in the
-# fill of such text.
+# Share of the squares of a part's colour fringes that offset channels explain, in text for certain, and in a part in
+# the fill of such text.
 EXPLAINED, EXPLAINED_TOO = 0.5, 0.25
 # Px by which red and blue seem to be offset, since the difference of two pixels is less than the slope between them.
 LEAST_OFFSET, MOST_OFFSET = 1.0 / 6.0, 2.0 / 3.0
