@@ -59,6 +59,7 @@ def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, c
         monkeypatch.setattr(module, "MOST_COMPLETED", 20)
     for module in (limits, vectorize):
         monkeypatch.setattr(module, "MOST_POLISHED", 20)
+    monkeypatch.setattr(vectorize, "MOST_HIDDEN", 20)
     fits = []
     fit = completion.fit_outline
     monkeypatch.setattr(completion, "fit_outline", lambda *given: fits.append(1) or fit(*given))
