@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 
+from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
 from cubicsplat_cli.artwork.regions.regions import Regions, find_regions
@@ -154,3 +155,35 @@ def test_a_few_faint_or_blurred_dots_are_left_to_the_finished_drawing():
     levels[12, 12, :3] = 240.0
     levels[18:20, 18, :3] = 0.0
     assert find_regions(levels, np.array([[255.0] * 4, [0.0, 0.0, 0.0, 255.0], [240.0] * 3 + [255.0]])).count == 3
+
+
+def ring_without_anti_aliasing() -> np.ndarray:
+    """(90, 90, 4) levels: a black ring of a px across on white."""
+    at = np.arange(90) + 0.5
+    drawn = np.abs(np.hypot(at[:, None] - 45.3, at - 44.6) - 38.2) <= 0.5
+    return np.dstack([*[255.0 * ~drawn] * 3, np.full((90, 90), 255.0)]).astype(np.float32)
+
+
+def test_a_thin_ring_without_anti_aliasing_stays_in_one_piece():
+    levels = ring_without_anti_aliasing()
+    regions = find_regions(levels, np.array([[255.0, 255.0, 255.0, 255.0], [0.0, 0.0, 0.0, 255.0]]))
+    assert (regions.fills[:, 0] < 128.0).sum() == 1
+
+
+def test_a_line_of_half_a_px_is_joined_where_it_has_little_of_the_corner():
+    palette = np.array([[255.0, 255.0, 255.0, 255.0], [0.0, 0.0, 0.0, 255.0]])
+    share = np.zeros((9, 9))
+    share[np.arange(9), np.arange(9)] = 0.5
+    share[np.arange(8), np.arange(1, 9)] = 0.06
+    levels = np.dstack([*[255.0 * (1.0 - share)] * 3, np.full((9, 9), 255.0)])
+    fills = joined_at_corners((share >= 0.5).astype(np.int32), levels, palette)
+    assert (fills[np.arange(8), np.arange(1, 9)] == 1).all()
+    faint = np.where(share == 0.06, 0.02, share)[..., None] * [-255.0, -255.0, -255.0, 0.0] + 255.0
+    assert (joined_at_corners((share >= 0.5).astype(np.int32), faint, palette) == (share >= 0.5)).all()
+
+
+def test_squares_of_a_chess_board_stay_apart():
+    board = np.kron(np.indices((6, 6)).sum(axis=0) % 2, np.ones((8, 8)))
+    levels = np.dstack([*[255.0 * board] * 3, np.full(board.shape, 255.0)]).astype(np.float32)
+    regions = find_regions(levels, np.array([[0.0, 0.0, 0.0, 255.0], [255.0, 255.0, 255.0, 255.0]]))
+    assert regions.count == 36

@@ -353,16 +353,18 @@ def test_what_sharpening_makes_beside_an_edge_is_no_fill():
     assert not overshoots(np.array([190.0, 90.0, 49.0, 255.0]), palette)
 
 
-def _text(filtered: tuple[int, ...] | None, order: int, fill=(20, 60, 160), ground=(243, 243, 243)) -> np.ndarray:
-    """(40, 96, 4) levels: rings, bars and strokes of some px, smoothed by whole pixels, or for an LCD's subpixels by a
-    filter of some taps, of which red or blue is the first.
+def _text(
+    filtered: tuple[int, ...] | None, order: int, fill=(20, 60, 160), ground=(243, 243, 243), half=0.7
+) -> np.ndarray:
+    """(40, 96, 4) levels: rings and strokes, half of whose width is some px, smoothed by whole pixels, or for an LCD's
+    subpixels by a filter of some taps, of which red or blue is the first.
     """
     y, x = (np.mgrid[0 : 40 * 4, 0 : 96 * 12] + 0.5) / np.array([4.0, 12.0])[:, None, None]
     drawn = np.zeros(x.shape, dtype=bool)
     for k in range(7):
         middle = 9.3 + 12.37 * k
-        drawn |= np.abs(np.hypot(x - middle, y - 11.0) - 4.1) < 0.7
-        drawn |= (np.abs(x - middle - 0.3 * (y - 28.0)) < 0.8) & (np.abs(y - 28.0) < 5.2)
+        drawn |= np.abs(np.hypot(x - middle, y - 11.0) - 4.1) < half
+        drawn |= (np.abs(x - middle - 0.3 * (y - 28.0)) < half + 0.1) & (np.abs(y - 28.0) < 5.2)
     thirds = drawn.reshape(40, 4, 96 * 3, 4).mean(axis=(1, 3))
     if filtered is None:
         shares = np.repeat(thirds.reshape(40, 96, 3).mean(axis=2, keepdims=True), 3, axis=2)
@@ -383,6 +385,18 @@ def test_text_for_an_lcd_becomes_text_for_whole_pixels(taps, order):
     # All of its colours lie on the line between fill and ground.
     share = (243.0 - found[..., 0]) / (243.0 - 20.0)
     assert np.abs(found[..., :3] - (243.0 + share[..., None] * (np.array([20, 60, 160]) - 243.0))).max() <= 2.0
+
+
+def test_thin_words_go_with_those_that_are_text_for_an_lcd_for_certain():
+    """Of strokes below a px the slope of the coverage tells hardly half of the fringes."""
+    came = _text((1, 1, 1), 1, half=0.3)
+    found = without_subpixels(came)
+    share = (243.0 - found[..., 0]) / (243.0 - 20.0)
+    coloured = (
+        np.abs(found[..., :3] - (243.0 + share[..., None] * (np.array([20, 60, 160]) - 243.0))).max(axis=-1) > 4.0
+    )
+    fringes = np.abs(came - _text(None, 1, half=0.3)).max(axis=-1) > 4.0
+    assert coloured.sum() < 0.1 * fringes.sum()
 
 
 def test_a_picture_without_text_for_an_lcd_stays_as_it_is():

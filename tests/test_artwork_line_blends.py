@@ -45,3 +45,11 @@ def test_a_paler_fill_with_interiors_stays() -> None:
     levels = lines(1, 8)
     levels[20:40, 60:76] = HALF
     assert np.rint(HALF).tolist() in fills_of(levels)
+
+
+def test_lines_too_thin_to_be_pure_anywhere_leave_no_fill() -> None:
+    """Between two columns they leave half of each, and here and there more, but beside it nothing that is pure."""
+    levels = lines(3, 6)
+    for x in (4, 9, 14):
+        levels[7:45:5, x] = 0.8 * np.array(FILL)
+    assert fills_of(levels) == [[0.0, 0.0, 0.0, 0.0], FILL]

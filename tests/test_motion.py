@@ -16,7 +16,7 @@ from cubicsplat_cli.motion.fitting import ClipFit
 from cubicsplat_cli.motion.flow import flow, sampled
 from cubicsplat_cli.motion.following import Follower
 from cubicsplat_cli.motion.groups import FrameGroup, groups
-from cubicsplat_cli.motion.joint import JointFit, KnotRates
+from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRates
 from cubicsplat_cli.motion.knots import Choice, choose, sensitivity
 from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
 from cubicsplat_cli.photo.loop import FitLoop
@@ -150,9 +150,22 @@ def test_a_picture_that_moves_carries_the_curves_with_it() -> None:
     # No step of a fit would find a disc that lies beside the curves.
     follower = Follower(FitLoop(disc(12.0, 16.0, 48, 4.0), QUICK, opened=lambda *_, **__: CpuEngine(1)))
     follower.first()
-    follower.follow(disc(17.0, 20.0, 48, 4.0), steps=1, frames_left=1)
+    follower.follow(disc(17.0, 20.0, 48, 4.0), steps=0, frames_left=1)
     assert place(follower.scenes[0]) == pytest.approx((12.0, 16.0), abs=0.5)
     assert place(follower.scenes[1]) == pytest.approx((17.0, 20.0), abs=1.0)
+
+
+def test_what_comes_into_a_clip_near_its_end_gets_curves() -> None:
+    before = disc(8.0, 9.0, 48)
+    after = np.minimum(before, disc(38.0, 38.0, 48, 5.0))
+    settings = QUICK.with_(curves=16)
+    follower = Follower(FitLoop(before.copy(), settings, opened=lambda *_, **__: CpuEngine(1)))
+    follower.first()
+    for left in range(7, 0, -1):
+        picture = after if left <= 3 else before
+        follower.follow(picture * np.float32(1.0 - 1e-3 * left), steps=30, frames_left=left)
+    shown = render_scene(follower.rows()[-1], threads=1)
+    assert np.abs(shown - after)[34:42, 34:42].mean() < 0.15
 
 
 @pytest.mark.parametrize("channels", [3, 4])
@@ -260,19 +273,21 @@ def test_the_gradient_of_knots_is_that_of_all_frames_together(name: str) -> None
     tracks = random_tracks(generator)
     frames = [generator.random((20, 20, 3)).astype(np.float32) for _ in range(tracks.frames)]
     raster = RasterSettings("relaxed", 2.0, 16)
-    joint = JointFit(tracks, frames, CpuEngine(1), raster)
+    engine = CpuEngine(1)
 
     def loss() -> float:
-        return sum(joint.gradients(frame)[0] for frame in range(tracks.frames))
+        lines = tracks.lines()
+        return sum(engine.loss(tracks.at(frame, lines)[0], raster, frames[frame]) for frame in range(tracks.frames))
 
     track = tracks.by_name[name]
-    sums, touched = np.zeros_like(track.values), np.zeros(track.knots.size, bool)
+    sums, touched = np.zeros_like(track.values), np.zeros(track.knots.shape, bool)
     for frame in range(tracks.frames):
-        gradient, places = joint.gradients(frame)[1][name]
-        sums.reshape(len(touched), -1)[places] += gradient
-        touched[places] = True
-    touched = touched.reshape(*track.knots.shape, 1)
-    direction = (generator.standard_normal(track.values.shape) * touched).astype(np.float32)
+        joint = JointFit(tracks, frames, engine, raster)
+        joint.step(frame, KnotRates(0.0, 0.0))
+        means, _, ages = joint.moments[name]
+        sums += means / (1.0 - KEEP_MEAN)
+        touched |= ages > 0
+    direction = (generator.standard_normal(track.values.shape) * touched[..., None]).astype(np.float32)
     if name == "shapes":
         direction[..., -1] = 0.0  # closed curves have no width
     wanted, h, before = float((sums * direction).sum()), 2e-3, track.values.copy()
@@ -280,6 +295,25 @@ def test_the_gradient_of_knots_is_that_of_all_frames_together(name: str) -> None
     more = loss()
     track.values[...] = before - h * direction
     assert (more - loss()) / (2 * h) == pytest.approx(wanted, rel=0.03, abs=0.05)
+
+
+def test_steps_of_knots_are_those_of_adam() -> None:
+    generator, rate = np.random.default_rng(8), 0.03
+    tracks = random_tracks(generator, every=True)
+    track = tracks.by_name["opacities"]
+    track.values[2:, 1] = 0.0
+    joint = JointFit(tracks, [], CpuEngine(1), RasterSettings("exact", 1.0, 12))
+    lines, mean, square = joint.lines["opacities"], np.zeros(3), np.zeros(3)
+    wanted = track.values[3, :, 0].astype(float)
+    for age in (1, 2, 3):
+        gradient = generator.standard_normal((3, 1)).astype(np.float32)
+        joint.move("opacities", gradient, 3, np.arange(3), rate)
+        mean = KEEP_MEAN * mean + (1.0 - KEEP_MEAN) * gradient[:, 0]
+        square = KEEP_SQUARE * square + (1.0 - KEEP_SQUARE) * gradient[:, 0] ** 2
+        step = mean / (1.0 - KEEP_MEAN**age) / np.sqrt(square / (1.0 - KEEP_SQUARE**age))
+        wanted = np.where([True, False, True], (wanted - rate * step).clip(0.0, 1.0), 0.0)
+    assert lines.share[3].tolist() == [0.0, 0.0, 0.0]
+    assert track.values[3, :, 0] == pytest.approx(wanted, abs=1e-5)
 
 
 @pytest.mark.parametrize("price", [0.0, 0.02, 0.3, 50.0])

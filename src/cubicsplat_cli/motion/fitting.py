@@ -15,7 +15,7 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion.following import follow
 from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
-from cubicsplat_cli.motion.knots import choose, sensitivity, split_offsets
+from cubicsplat_cli.motion.knots import START_BYTES, choose, knot_bytes, sensitivity, split_offsets
 from cubicsplat_cli.motion.tracks import Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
@@ -28,10 +28,10 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 16, 1 / 10
+FOLLOWING, EPOCHS = 1 / 16, 0.12
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
-EDGES, TOLERANCE = 12, 0.1  # of a cubic's polyline, and px; cairo draws with the same
+EDGES, TOLERANCE = 24, 0.07  # of a cubic's polyline, and px: with 0.1, a tenth of a dB is lost in finer renderers
 BEFORE_DEADLINE = 0.9  # of the time that is left
 FOLLOWING_SHARE = 0.3  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
@@ -39,7 +39,8 @@ EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the ch
 MEASURED_STEPS = 4
 OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
 # Step sizes of the joint fit: of control points, in length units, and of colours and opacities, in their range.
-RATE, PAINT_RATE = 0.025, 0.01
+RATE, PAINT_RATE = 0.03, 0.01
+MOST_SHARE = 0.32  # of the bytes of pictures of the frames: for more, a clip is better shown as these
 SEEN = 0.004  # an opacity that 8-bit renderers show
 
 
@@ -190,7 +191,11 @@ class ClipFit:
         split_offsets(tracks, weights)
         there = tracks.by_name["opacities"].values[..., 0] > SEEN
         seconds = tracks.end - float(tracks.times[0])
-        return choose(tracks, weights, there, loss, self.bytes_per_second * seconds)
+        curve = sum(knot_bytes(name, track.values.shape[2]) for name, track in tracks.by_name.items())
+        apart = tracks.frames * self.settings.curves * curve  # what files of the frames would take
+        # In a short clip too every curve may move.
+        moving = max(MOST_SHARE * apart - there.shape[1] * curve, there.shape[1] * (START_BYTES + curve))
+        return choose(tracks, weights, there, loss, min(self.bytes_per_second * seconds, moving))
 
     def _effort(self, frames: int, *, fresh: bool) -> Effort:
         """Steps and epochs for a group; fewer where the deadline asks for it."""

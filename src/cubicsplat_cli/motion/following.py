@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cubicsplat_cli.motion.flow import flow, sampled
+from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import Phase
@@ -19,13 +20,17 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import FitSettings
 
-RATE, RATE_END = 0.3, 0.1  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
+RATE, RATE_END = 0.4, 0.2  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
 EXACT = 0.3  # of a frame's steps have exact coverage
 PROGRESS = 0.5  # of a fit, for penalties on shapes: what is followed is in the middle of one
-# A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes.
-IDLE = 1.0
+# Share of the way back to where the picture carried them that control points go in each step. What the picture does not
+# ask for would take knots (decoupled weight decay, Loshchilov and Hutter, 2019).
+DECAY = 0.03
+# A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes,
+# when this share of a frame's steps has brought the others into place.
+IDLE, REPLACING = 1.0, 0.3
 MOST_REPLACED = 1 / 8  # of the curves, at one frame
-SHORTEST_LIFE = 6  # frames: for less a curve is not written
+SHORTEST_LIFE = 6  # usual frames: what takes away less than so many shares of their loss is not worth its bytes
 
 
 @dataclass
@@ -34,13 +39,16 @@ class Follower:
 
     Curves that are replaced keep their places in `rows`, and have no opacity from then on; new ones, before they are
     there, neither. rows: of each frame, the scene; ids: of each, the number of each curve in it. Numbers rise from back
-    to front but for those of the first frame, 0 to N - 1 from front to back.
+    to front but for those of the first frame, 0 to N - 1 from front to back. losses: of the frames.
+    carried: control points as the flow left them.
     """
 
     loop: FitLoop
     scenes: list[Scene] = field(default_factory=list)
     ids: list[np.ndarray] = field(default_factory=list)
     born: dict[int, int] = field(default_factory=dict)
+    losses: list[float] = field(default_factory=list)
+    carried: np.ndarray = field(init=False)
 
     def first(self) -> None:
         """Fits the first frame from the start, or from the curves of the group before."""
@@ -53,6 +61,9 @@ class Follower:
             # What there is by then is a frame, unless it is nothing but seeds.
             if loop.step:
                 self._keep(np.arange(loop.state.curves.curves))
+        self.losses.append(float(loop.stepper.loss))
+        # Longer memories than a frame's steps would follow the frames before.
+        loop.schedule.recipe = replace(loop.schedule.recipe, keep_mean=KEEP_MEAN, keep_square=KEEP_SQUARE)
 
     def follow(self, picture: np.ndarray, steps: int, frames_left: int, seconds: float = math.inf) -> None:
         """Fits the next frame, in so many steps, or in none if it is the last one again. frames_left: with this one."""
@@ -62,11 +73,10 @@ class Follower:
             self.ids.append(ids)
             return
         self._carry(flow(loop.goal, picture))
+        self.carried = loop.state.curves.points.copy()
         loop.goal[...] = picture
-        if frames_left >= SHORTEST_LIFE:
-            ids = self._replace(ids)
         loop.stepper.check_finite(loop.step)
-        began = time.perf_counter()
+        began, replacing = time.perf_counter(), int(REPLACING * steps)
         for step in range(steps):
             work().at()
             if time.perf_counter() - began > seconds:
@@ -76,7 +86,11 @@ class Follower:
             phase = Phase(
                 RATE * (1.0 - (1.0 - RATE_END) * along), 1.0 if exact else loop.settings.recipe.edge_end, exact
             )
-            loop.stepper.step(phase, PROGRESS, measured=False)
+            loss = loop.stepper.step(phase, PROGRESS, measured=step == replacing)
+            points = loop.state.curves.points
+            points -= DECAY * (points - self.carried)
+            if step == replacing:
+                ids = self._replace(ids, float(loss), frames_left)
         loop.stepper.check_finite(loop.step)
         self._keep(ids)
 
@@ -85,19 +99,22 @@ class Follower:
         points = self.loop.state.curves.points
         points += sampled(shifts, points[..., 0] - 0.5, points[..., 1] - 0.5)
 
-    def _replace(self, ids: np.ndarray) -> np.ndarray:
+    def _replace(self, ids: np.ndarray, loss: float, frames_left: int) -> np.ndarray:
         """Replaces curves that this frame has no use for by new ones at its errors. Returns the numbers of all."""
         loop, frame = self.loop, len(self.scenes)
-        loss, found = loop.evaluator.importance(loop.state.curves)
-        importance, count = as_numpy(found).copy(), len(ids)
+        self.losses.append(loss)
+        if frames_left * loss < SHORTEST_LIFE * np.median(self.losses):
+            return ids
+        importance, count = as_numpy(loop.stepper.importance).copy(), len(ids)
         young = np.array([frame - self.born.get(number, -SHORTEST_LIFE) < SHORTEST_LIFE for number in ids.tolist()])
         importance[young] = np.inf
         idle = min(int((importance < IDLE * loss / count).sum()), int(MOST_REPLACED * count))
         if idle == 0:
             return ids
         kept = np.sort(np.argsort(importance, kind="stable")[idle:])
-        seeds = loop.seeder.seeds(idle, loop.evaluator.picture(loop.state.curves))
+        seeds = loop.seeder.seeds(idle, loop.stepper.image)
         loop.stepper.replace(loop.state.chosen(kept).with_seeds(seeds))
+        self.carried = np.concatenate([loop.state.curves.points[:idle], self.carried[kept]])
         fresh = max(max(each.max() for each in self.ids), -1) + 1 + np.arange(idle)[::-1]
         self.born |= dict.fromkeys(fresh.tolist(), frame)
         return np.concatenate([fresh, ids[kept]])

@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.motion.tracks import PAINTS, Tracks, gradients_of
 from cubicsplat_cli.progress import nothing, work
+from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
 
@@ -48,13 +49,12 @@ class JointFit:
     ) -> None:  # fmt: skip
         self.tracks, self.frames, self.engine, self.raster, self.grid = tracks, frames, engine, raster, grid
         self.lines = tracks.lines()
-        # Of each track, by the rows of its values as (F N, C): those, both means of Adam, and the number of steps.
-        rows = {name: track.values.reshape(-1, track.values.shape[2]) for name, track in tracks.by_name.items()}
-        self.state = {
-            name: (values, np.zeros_like(values), np.zeros_like(values), np.zeros(len(values), np.int32))
-            for name, values in rows.items()
+        # Of each track Adam's means and squares, of all values, and its number of steps, of each knot.
+        self.moments = {
+            name: (np.zeros_like(track.values), np.zeros_like(track.values), np.zeros(track.knots.shape, np.int32))
+            for name, track in tracks.by_name.items()
         }
-        self.gone = rows["opacities"] == 0.0
+        self.held = {"opacities": tracks.by_name["opacities"].values == 0.0}
 
     def run(
         self, epochs: int, rates: KnotRates, generator: np.random.Generator, on_epoch: Callable[[float], None] = nothing
@@ -74,26 +74,15 @@ class JointFit:
 
     def step(self, frame: int, rates: KnotRates) -> None:
         """One step by the gradient of a frame."""
-        for name, (gradient, places) in self.gradients(frame)[1].items():
-            self._move(name, gradient, places, rates.of(name))
-
-    def gradients(self, frame: int) -> tuple[float, dict[str, tuple[np.ndarray, np.ndarray]]]:
-        """The loss of a frame, and of each track its gradient by the values of knots, as `Lines.distributed`."""
         scene, seen = self.tracks.at(frame, self.lines, self.grid)
-        loss, found = self.engine.gradients(scene, self.raster, target=self.frames[frame])
-        return loss, {
-            name: self.lines[name].distributed(gradient, frame, seen) for name, gradient in gradients_of(found).items()
-        }
+        _, found = self.engine.gradients(scene, self.raster, target=self.frames[frame])
+        for name, gradient in gradients_of(found).items():
+            self.move(name, gradient, frame, seen, rates.of(name))
 
-    def _move(self, name: str, gradient: np.ndarray, places: np.ndarray, rate: float) -> None:
-        values, means, squares, ages = self.state[name]
-        ages[places] += 1
-        age = ages[places][:, None]
-        mean = KEEP_MEAN * means[places] + (1.0 - KEEP_MEAN) * gradient
-        square = KEEP_SQUARE * squares[places] + (1.0 - KEEP_SQUARE) * gradient * gradient
-        means[places], squares[places] = mean, square
-        scale = np.sqrt(square / (1.0 - KEEP_SQUARE**age)) + EPSILON
-        moved = values[places] - rate * (mean / (1.0 - KEEP_MEAN**age)) / scale
-        if name == "opacities":
-            moved[self.gone[places]] = 0.0
-        values[places] = moved.clip(0.0, 1.0) if name in PAINTS else moved
+    def move(self, name: str, gradient: np.ndarray, frame: int, curves: np.ndarray, rate: float) -> None:
+        """One step of the knots of a track by the gradient (n, C) of a frame's values of some curves (n,)."""
+        native(
+            "clip", "cs_step_knots", *gradient.shape, np.ascontiguousarray(gradient),
+            *self.lines[name].rows(frame, curves), self.held.get(name), name in PAINTS, rate, KEEP_MEAN, KEEP_SQUARE,
+            EPSILON, self.tracks.by_name[name].values, *self.moments[name], result=None,
+        )  # fmt: skip

@@ -26,7 +26,7 @@ LEAST_PRICE, MOST_PRICE = 1e-9, 1e3  # of a byte, in units of the loss: one pixe
 BISECTIONS = 24
 # The loss may rise by so many times itself when knots are left out, before the joint fit takes most of it back; but by
 # no more than this part of what all that moves is good for, unless that is next to nothing beside the loss.
-KNOT_LOSS, LEAST_KNOT_LOSS, MOTION_LOSS = 1.7, 0.1, 0.1
+KNOT_LOSS, LEAST_KNOT_LOSS, MOTION_LOSS = 0.8, 0.1, 0.1
 
 
 def sensitivity(
@@ -123,7 +123,9 @@ def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, lo
         return sum(error for _, error in at(price).values()) <= most_error
 
     def too_large(price: float) -> bool:
-        return sum(costs[name] * track.count for name, (track, _) in at(price).items()) > most_bytes
+        tracks = {name: track for name, (track, _) in at(price).items()}
+        started = sum(int((~track.still).sum()) for track in tracks.values())
+        return START_BYTES * started + sum(costs[name] * track.count for name, track in tracks.items()) > most_bytes
 
     chosen = _bisected(near)[0]
     if too_large(chosen):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.scene import MovingScene, Scene
 from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, TRACKS, lines_at
@@ -62,23 +63,17 @@ class Lines:
 
         steps: (C,), to whose multiples the values of knots are rounded first.
         """
-        before, after, share = self.before[frame, curves], self.after[frame, curves], self.share[frame, curves][:, None]
-        numbers = np.arange(values.shape[1])[curves]
-        first, last = values[before, numbers], values[after, numbers]
-        if steps is not None:
-            first, last = rounded(first, steps), rounded(last, steps)
-        return first + share * (last - first)
+        before, after, share = self.rows(frame, curves)
+        found = np.empty((len(before), values.shape[2]), np.float32)
+        native("clip", "cs_between_knots", *found.shape, values, before, after, share, steps, found, result=None)
+        return found
 
-    def distributed(self, gradient: np.ndarray, frame: int, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The transpose of `at`: the gradient (r, C) by the values of knots, and their places (r,) in (F N, C), each
-        once, from that (n, C) by a frame's values of some curves (n,).
-        """
-        share, count = self.share[frame, curves], self.before.shape[1]
-        between = share > 0.0
-        places = [self.before[frame, curves] * count + curves]
-        places.append((self.after[frame, curves] * count + curves)[between])
-        share = share[:, None]
-        return np.concatenate([(1.0 - share) * gradient, (share * gradient)[between]]), np.concatenate(places)
+    def rows(self, frame: int, curves: np.ndarray | slice = EVERY) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n,) of some curves the knots before and after a frame, by the rows of values (F N, C), and the share."""
+        count = self.before.shape[1]
+        numbers = np.arange(count)[curves]
+        before, after = (knots[frame, curves] * count + numbers for knots in (self.before, self.after))
+        return before, after, np.ascontiguousarray(self.share[frame, curves])
 
 
 @dataclass

@@ -36,10 +36,11 @@ if TYPE_CHECKING:
 TO_CHOOSE = 0.25  # of a time limit, to choose the style, at most
 # Of a budget of bytes: the fits that are made for it at most; the share of curves as they stand, where each takes so
 # many bytes with those that come and go for it; what gzip leaves of a file.
-FITS, STANDING, CURVE_BYTES, COMPRESSED = 3, 0.3, 280.0, 0.36
+FITS, STANDING, CURVE_BYTES, COMPRESSED = 4, 0.3, 280.0, 0.36
 # Steps of the grid by which paths may be off where knots are left out for it, and after the last fit; how often that is
-# bisected. A further fit aims at a little less. There are at most so many times the usual number of curves.
-MOST_OFF, LAST_OFF, LOOKS, AGAIN, DENSE = 2.0, 20.0, 6, 0.9, 4
+# bisected. A further fit aims at a little less. There are at most so many times the usual number of curves. A file that
+# takes this share of the bytes needs no further fit.
+MOST_OFF, LAST_OFF, LOOKS, AGAIN, DENSE, FULL = 2.0, 20.0, 6, 0.9, 4, 0.8
 
 
 def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -> Animation:
@@ -121,24 +122,31 @@ def _animation(clip: Clip, task: ClipTask, off: float = 0.5) -> CurvesAnimation:
 def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
     """The animation that fits into so many bytes of its format. Raises InputError where a few curves do not.
 
-    The first fit has as many curves as leave most of the bytes to their motion. What is still too large loses the knots
-    that matter least; where that would show, a further fit aims at less.
+    The first fit has as many curves as leave most of the bytes to their motion. What is too large loses the knots that
+    matter least. Where that would show, or where bytes are left, a further fit aims at less or more; of what fits the
+    nearest to the frames is taken.
     """
     seconds = deque(task.held_frames(), maxlen=1)[0].end
     room = most / (COMPRESSED if isinstance(most, GzipBytes) else 1.0)
     dense = DENSE * task.request.settings.for_size(task.source.width, task.source.height).curves
+    fitting: list[tuple[float, Animation]] = []
     for turn in range(FITS):
         curves = max(1, min(dense, round(STANDING * room / CURVE_BYTES)))
         moving = max(room - curves * CURVE_BYTES, 0.1 * room)
         clip = _fit(task, work, task.request.settings.with_(curves=curves), moving / seconds)
         animation = _animation(clip, task)
         size, last = _size(animation, task), turn == FITS - 1 or work.stopped
-        made = animation if size <= most else _thinned(most, clip, task, LAST_OFF if last else MOST_OFF)
+        made = animation if size <= most else _thinned(most, clip, task, LAST_OFF if last and not fitting else MOST_OFF)
         if made is not None:
-            return made
-        if work.stopped:
-            return replace(animation, notes=(f"stopped before it fitted into {most:d} bytes",))
+            level = _quality(made, task, task.held_frames())[0].psnr_db
+            fitting.append((math.inf if level is None else level, made))
+        if (size > FULL * most and made is not None) or curves == dense or work.stopped:
+            break
         room *= AGAIN * most / size
+    if fitting:
+        return max(fitting, key=lambda each: each[0])[1]
+    if work.stopped:
+        return replace(animation, notes=(f"stopped before it fitted into {most:d} bytes",))
     raise InputError(f"{counted(curves, 'curve')} need more than {most:d} bytes; allow more, or take fewer frames")
 
 

@@ -20,8 +20,8 @@ PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
 # leaves say which it was.
 NARROW, WIDE = np.array([1.0, 1.0, 1.0]) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 ROUNDING = 1.0  # levels, the root of the mean square, which 8-bit values are off at most
-# Share of the squares of a part's colour fringes that offset channels explain, in text for certain, and in a part in
-# the fill of such text.
+# Share of the squares of a part's colour fringes that offset channels explain, in text for certain, and in a part that
+# has the fill of such text.
 EXPLAINED, EXPLAINED_TOO = 0.5, 0.25
 # Px by which red and blue seem to be offset, since the difference of two pixels is less than the slope between them.
 LEAST_OFFSET, MOST_OFFSET = 1.0 / 6.0, 2.0 / 3.0
@@ -61,7 +61,8 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
         return levels
     totals = np.stack([parts.sums(off) for off in parts.off.T], axis=1)
     offset, explained = _offset(parts, totals, colours.shape[:2])
-    sure = np.where(explained > EXPLAINED, offset, 0.0)
+    likely = (np.abs(offset) > LEAST_OFFSET) & (np.abs(offset) < MOST_OFFSET)
+    sure = np.where(likely & (explained > EXPLAINED), offset, 0.0)
     order = np.sign(sure @ (totals**2).sum(axis=1) ** 0.5)
     if order == 0.0:
         return levels
@@ -97,8 +98,8 @@ def _parts(colours: np.ndarray) -> _Parts | None:
 
 
 def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) px by which blue lies to the right of green in each part, and red to the left of it, 0 where that is not
-    likely; and (k,) the share of the squares of the colours of its edges that it explains.
+    """(k,) px by which blue lies to the right of green in each part, and red to the left of it, 0 where its edges have
+    no colours; and (k,) the share of the squares of these that it explains.
 
     totals: (k, 3) the sums of what they are off, which is the contrast of their fill times what they cover.
     """
@@ -118,8 +119,7 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[n
     of_fringe = np.maximum(parts.sums((fringe**2).sum(axis=1)), least)
     offset = both / of_moved
     seen = of_fringe > 3.0 * ROUNDING**2 * parts.sums(np.ones(len(parts.at)))
-    likely = (np.abs(offset) > LEAST_OFFSET) & (np.abs(offset) < MOST_OFFSET)
-    return np.where(seen & likely, offset, 0.0), both**2 / (of_moved * of_fringe)
+    return np.where(seen, offset, 0.0), both**2 / (of_moved * of_fringe)
 
 
 def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST_SHARE = 0.15  # of the line's fill in the pixel that joins; a line of one px across has a quarter at the corners
+# Share of the line's fill in the pixel that joins, over those in the two that meet: a line of one px across has a
+# quarter at the corners, one half as wide a quarter of that.
+LEAST_SHARE = 0.15
+WHOLE = 0.98  # share from which a pixel is the line's alone
 REACH = 3  # px to each side of the pixel, in which a line has at most half of the pixels, and less than what it cuts
 PASSES = 3
 
@@ -23,15 +26,36 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
         y, x, own = _corners(fills)
         base = palette[fills[y, x]]
         span = palette[own][:, None] - base
-        share = ((levels[y, x] - base) * span).sum(axis=2) / np.maximum((span * span).sum(axis=2), 1e-9)
+        square = np.maximum((span * span).sum(axis=2), 1e-9)
+        share = ((levels[y, x] - base) * span).sum(axis=2) / square
+        meeting = [((levels[y[:, k], x[:, 1 - k]][:, None] - base) * span).sum(axis=2) / square for k in (0, 1)]
         at, best = np.arange(len(y)), share.argmax(axis=1)
+        whole = np.clip(meeting[0] * meeting[1], 0.0, 1.0)
+        good = (share >= LEAST_SHARE * whole)[at, best] | _unsmoothed(fills, y, x, whole.min(axis=1), share)
         y, x = y[at, best], x[at, best]
-        good = share[at, best] >= LEAST_SHARE
         good[good] = _thin(fills, own[good], y[good], x[good])
         if not good.any():
             break
         fills[y[good], x[good]] = own[good]
     return fills
+
+
+def _unsmoothed(fills: np.ndarray, y: np.ndarray, x: np.ndarray, whole: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(n,) bool: corners of lines without anti-aliasing, a px across, at which two pixels have all and the others
+    nothing of the line. share: (n, 2) of it in the others.
+    """
+    thick = [_in_square(fills, y[:, k], x[:, 1 - k]) for k in (0, 1)]
+    return (whole >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & ~thick[0] & ~thick[1]
+
+
+def _in_square(fills: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n,) bool: the pixels y, x belong to 2 x 2 px of one fill."""
+    padded = np.pad(fills, 1, constant_values=-1)
+
+    def same(dy: int, dx: int) -> np.ndarray:
+        return padded[y + 1 + dy, x + 1 + dx] == fills[y, x]
+
+    return np.any([same(dy, 0) & same(0, dx) & same(dy, dx) for dy in (-1, 1) for dx in (-1, 1)], axis=0)
 
 
 def _corners(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

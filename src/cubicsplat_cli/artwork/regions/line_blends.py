@@ -10,21 +10,22 @@ from itertools import permutations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.regions.hairlines import STRANGE
 from cubicsplat_cli.raster import ndimage
 
 BLEND_LEVELS, SHARES = 1.5, (0.1, 0.95)  # levels that a blend is off, and shares of the line's fill in it
 FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is one
-# Px within which line and ground show beside such a blend, the share of its pixels for which they do, and of the ground
-# alone.
-NEAR, BESIDE_BOTH, BESIDE_GROUND = 2, 0.25, 0.7
+# Px within which the ground and more of the line show beside such a blend, the share of its pixels for which they do,
+# and of the ground alone; share of the line that is more.
+NEAR, BESIDE_BOTH, BESIDE_GROUND, MORE = 2, 0.25, 0.7, 0.15
 
 
-def line_blends(palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """(P,) bool: the fills of a palette (P, 4) in levels that only show where lines of another fill and what they lie
-    on show as well, are a blend of the two, and have fewer pixels than there are thin ones of the line's.
+def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """(P,) bool: the fills of a palette (P, 4) in levels that only show where more of another fill's lines and what
+    these lie on show as well, are a blend of the two, and have fewer pixels than there are thin ones of the line's.
 
-    pure: (H, W) int, the fill of every pixel that is one, -1 of others; flat: (H, W) bool, those amid a square of one
-    colour.
+    levels: (H, W, 4) the picture; pure: (H, W) int, the fill of every pixel that is one, -1 of others; flat: (H, W)
+    bool, those amid a square of one colour.
     """
     fills = np.arange(len(palette))
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
@@ -36,17 +37,22 @@ def line_blends(palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.n
     for k in fills[doubtful & (counts > 0)]:
         own = pure == k
         for line, ground in permutations(fills[fills != k], 2):
-            if lines[line] <= counts[k] or not _blends(palette[k], palette[line], palette[ground]):
+            if out[k] or lines[line] <= counts[k]:
+                continue
+            (share,), (off,) = _shares(palette[k : k + 1], palette[line], palette[ground])
+            if not SHARES[0] <= share <= SHARES[1] or off > BLEND_LEVELS:
                 continue
             by_ground = beside[ground][own]
-            if by_ground.mean() >= BESIDE_GROUND and (by_ground & beside[line][own]).mean() >= BESIDE_BOTH:
-                out[k] = True
+            if by_ground.mean() < BESIDE_GROUND:
+                continue
+            all_shares, far = _shares(levels, palette[line], palette[ground])
+            more = ndimage.maximum_filter((all_shares > share + MORE) & (far <= STRANGE), 2 * NEAR + 1)
+            out[k] = (by_ground & more[own]).mean() >= BESIDE_BOTH
     return out
 
 
-def _blends(fill: np.ndarray, line: np.ndarray, ground: np.ndarray) -> bool:
-    """Whether a fill (4,) is a blend of two others."""
+def _shares(colours: np.ndarray, line: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The shares of a line's fill in blends (..., 4) of it and a ground, and by how many levels they are none."""
     span = line - ground
-    share = float((fill - ground) @ span / max(float(span @ span), 1e-9))
-    off = float(np.abs(fill - ground - share * span).max())
-    return SHARES[0] <= share <= SHARES[1] and off <= BLEND_LEVELS
+    share = (colours - ground) @ span / max(float(span @ span), 1e-9)
+    return share, np.abs(colours - ground - share[..., None] * span).max(axis=-1)

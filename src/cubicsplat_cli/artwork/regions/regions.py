@@ -118,7 +118,7 @@ def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | No
     palette, pure = _with_missing_fills(levels, palette, most)
     if len(palette) > MOST_SEEN:
         return palette, pure
-    false = line_blends(palette, pure, flat_pixels(levels, SAME))
+    false = line_blends(levels, palette, pure, flat_pixels(levels, SAME))
     return (palette[~false], _pure_fills(levels, palette[~false])) if false.any() else (palette, pure)
 
 

@@ -143,7 +143,7 @@ Outline fitted(const Contour& contour, double price) {
   return primitive.form != kRing && primitive.cost <= ring.cost ? primitive : ring;
 }
 
-// How much an outline may enclose more or less than a loop of points, and lie off these, px^2: a tenth of a px along them.
+// px^2 that an outline may enclose more or less than a loop of points, and lie off these: a tenth of a px along them.
 double allowed(const std::vector<Point>& loop) {
   double length = 0.0;
   for (size_t i = 0; i < loop.size(); i++) {
@@ -185,8 +185,8 @@ CS_EXPORT void cs_independent(int64_t count, const double* points, const double*
 // the points of each end; weights: 1/px^2; known: whether a hidden point is a corner; prices: loops, of a parameter, nats.
 // astray: whether loops are fitted ever closer to their points where their outline has gone astray. form: loops, of a
 // primitive, -1 for a ring; values: loops x 6; pieces: loops; anchors, controls, lines, smooth: of rings, room for 2 x
-// points + 2 pieces a loop; doubtful: loops, whether a ring lies off its points or crosses itself. Returns the number of loops that have fewer than three different points; -1 where there is no
-// memory.
+// points + 2 pieces a loop; doubtful: loops, whether a ring lies off its points or crosses itself. Returns the number of
+// loops that have fewer than three different points; -1 where there is no memory.
 CS_EXPORT int64_t cs_fit_contours(int64_t loops, const int64_t* ends, const double* points, const double* weights,
                                   const uint8_t* known, const double* prices, int64_t astray, int64_t threads,
                                   int32_t* form, double* values, int64_t* pieces, double* anchors, double* controls,
