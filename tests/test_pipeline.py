@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import math
 import time
 from dataclasses import replace
 from itertools import product
@@ -203,6 +204,15 @@ def test_where_the_style_is_doubtful_the_photo_may_end_above_what_an_early_look_
     monkeypatch.setattr(photo_style, "LOOKS", [(0.15, -40.0)])
     (only,) = candidates(task_of(as_picture(blotches()), Request(FitSettings(steps=200, threads=1)), StageTimer()))
     assert only.style.name == "photo"
+
+
+def test_a_photo_is_not_fitted_to_the_end_where_a_later_look_tells_that_the_drawing_is_nearer(monkeypatch):
+    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured", doubtful=True))
+    monkeypatch.setattr(choose, "FAR_DB", -100.0)
+    monkeypatch.setattr(choose, "ENOUGH_DB", math.inf)
+    monkeypatch.setattr(FitLoop, "finish", fails)
+    (only,) = candidates(task_of(as_picture(flat_picture()), Request(FitSettings(steps=40, threads=1)), StageTimer()))
+    assert only.style.name == "artwork" and any("a photo has only" in note for note in only.notes)
 
 
 def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():

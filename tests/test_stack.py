@@ -12,6 +12,7 @@ from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces, Unknowns
 
@@ -241,3 +242,66 @@ def test_arrays_of_the_wrong_kind_are_refused():
     stack = stack_of()
     with pytest.raises(EngineError, match="contiguous float64"):
         DrawnStack(replace(stack, cubics=stack.cubics.astype(np.float32)), goal_of())
+
+
+def _column(count, shift=0.0):
+    """Circles along a line, of which each hides a part of the one before."""
+    rings = [Circle(8.0 + 1.3 * k + shift, 9.0 + 0.9 * k, 5.0).ring() for k in range(count)]
+    cubics, lines = _joined(rings)
+    ends = np.cumsum([ring.pieces for ring in rings]).astype(np.int32)
+    return StackPieces(ends, cubics, lines, np.ones(len(lines)), FILLS[np.arange(count) % 3])
+
+
+def _chosen(pieces, layers):
+    """Some layers of a stack, each of four pieces."""
+    own = np.concatenate([np.arange(4 * k, 4 * k + 4) for k in layers])
+    ends = 4 * np.arange(1, len(layers) + 1, dtype=np.int32)
+    return StackPieces(ends, pieces.cubics[own], pieces.lines[own], pieces.signs[own], pieces.fills[layers])
+
+
+@pytest.mark.parametrize("taps", [np.ones(1), np.array([0.6, 0.2])])
+def test_shapes_over_a_stack_that_stays_are_drawn_and_moved_as_among_its_own(taps):
+    goal = replace(goal_of(), taps=taps)
+    whole, moved, new = _column(9), _column(9, 0.4), [0, 3, 4, 8]
+    rest = [k for k in range(9) if k not in new]
+    base = DrawnStack(_chosen(whole, rest), goal)
+    over = base, np.array([sum(k < each for k in rest) - 1 for each in new], dtype=np.int32)
+    first = DrawnStack(_chosen(whole, new), goal, over=over)
+    after = DrawnStack(_chosen(moved, new), goal, first, over)
+    mixed = [moved if k in new else whole for k in range(9)]
+    expected = replace(whole, cubics=np.concatenate([each.cubics[4 * k : 4 * k + 4] for k, each in enumerate(mixed)]))
+    among = DrawnStack(expected, goal)
+    assert np.array_equal(first.picture[0], image_of(whole, goal))
+    assert np.array_equal(after.picture[0], among.picture[0]) and after.cost == among.cost
+    own = np.isin(among.crossings.piece // 4, new)
+    assert np.array_equal(after.crossings.slope, among.crossings.slope[own])
+    groups, others = np.arange(16) // 4, np.full(36, -1)
+    others[np.concatenate([np.arange(4 * k, 4 * k + 4) for k in new])] = groups
+    grown = DrawnStack(whole, goal).growth(among, others, others, 4)
+    assert first.growth(after, groups, groups, 4) == pytest.approx(grown)
+
+
+def test_a_stack_is_the_same_for_any_number_of_threads():
+    count, rng = 400, np.random.default_rng(3)
+    places, sizes = rng.uniform(20.0, 380.0, (count, 2)), rng.uniform(3.0, 30.0, count)
+    rings = [Circle(x, y, r).ring() for (x, y), r in zip(places, sizes, strict=True)]
+    cubics, lines = _joined(rings)
+    ends = 4 * np.arange(1, count + 1, dtype=np.int32)
+    pieces = StackPieces(ends, cubics, lines, np.ones(4 * count), rng.uniform(0.0, 1.0, (count, 4)))
+    moved = replace(pieces, cubics=cubics + np.repeat(rng.normal(0.0, 0.2, (count, 1, 2)), 4, axis=0))
+    one = np.tile(np.eye(2), (16, 1))
+    rows = SparseRows.of(*np.nonzero(one), one[np.nonzero(one)], one.shape)
+    firsts = np.arange(0, 4 * count, 4)
+    unknowns = Unknowns(firsts, np.full(count, 4), firsts // 2, [rows] * count, np.full(2 * count, 1e-3), 1e-3)
+
+    def results(threads):
+        goal = Goal(np.zeros((400, 400, 4)), (1.0, 1.0, 1.0, 1.5), 0.15)
+        with under_way(Work(threads=threads)):
+            before = DrawnStack(pieces, goal)
+            after = DrawnStack(moved, goal, before)
+            groups = np.repeat(np.arange(count), 4)
+            step = after.step(unknowns)
+            return *after.picture, before.growth(after, groups, groups, count), step.values, step.gradient
+
+    for alone, shared in zip(results(1), results(3), strict=True):
+        assert np.array_equal(alone, shared)

@@ -15,10 +15,12 @@ from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 MOST_PIXELS = 3_000_000
 # A map, a page of text or a tone of dots has very many regions: MOST_REGIONS are drawn, about a minute's work, the
 # larger beneath the smaller, each ending a little beneath its neighbours; beyond, the smallest join their neighbours.
-# What else lies above what, hidden parts and translucency take a tenth of a second a region, and are sought of so many.
-MOST_COMPLETED = 600
+# What else lies above what, hidden parts and translucency take some milliseconds a region, and are sought of so many.
+MOST_COMPLETED = 2000
 MOST_REGIONS = 20_000
-MOST_POLISHED = 800  # shapes, beyond which neither regularities are sought nor what hidden outlines do
+MOST_BLURRED = 600  # regions of what has to be blurred to have any: few say as much
+MOST_HIDDEN = 2000  # shapes, beyond which outlines end a little beneath what hides them
+MOST_POLISHED = 800  # shapes, beyond which no regularities are sought: of 1,900 letters they take 20 s
 
 _log = logging.getLogger("cubicsplat")
 
@@ -53,7 +55,7 @@ def bounded_regions(
     min_area: float,
     most: int | None = None,
     known: np.ndarray | None = None,
-    limit: int = MOST_COMPLETED,
+    limit: int = MOST_REGIONS,
 ) -> Regions:
     """The regions of a picture, by its `pixel_fills`; where there are more than `limit`, the smallest join their
     neighbours, which is logged.
@@ -81,8 +83,7 @@ def few_enough(drawing: Drawing) -> bool:
     few = len(drawing.shapes) <= MOST_POLISHED
     if not few:
         _log.warning(
-            "%d shapes are many: hidden parts, symmetries and copies are not sought; "
-            "--min-area and --colors leave fewer shapes",
+            "%d shapes are many: symmetries and copies are not sought; --min-area and --colors leave fewer shapes",
             len(drawing.shapes),
         )
     return few

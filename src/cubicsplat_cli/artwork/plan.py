@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
-from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
+from cubicsplat_cli.artwork.limits import MOST_BLURRED, MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
@@ -21,6 +22,9 @@ from cubicsplat_cli.raster import ndimage
 # BLURS, px.
 FEW, LEAST_AREA = 16, 10
 BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
+SMALL = 600  # px of a picture that may be all edges
+
+_log = logging.getLogger("cubicsplat")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,8 @@ def planned(
         if placeholders is not None:
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
         whole = regions.count <= MOST_COMPLETED
+        if not whole:
+            _log.warning("%d regions are many: what lies above what, and translucency, is not sought", regions.count)
         parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
             return Plan(soft, regions, found, parts)
@@ -78,11 +84,11 @@ def _regions(
         work().at()
         if blur:
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
-        elif levels.shape[0] * levels.shape[1] > MOST_COMPLETED and flat_pixels(levels).mean() < LEAST_FLAT:
+        elif levels.shape[0] * levels.shape[1] > SMALL and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
         palette = picture_fills(soft) if fills is None else fills
         most, known = None if fills is None else len(fills), None if blur else picture.labels
-        regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else limit)
+        regions = bounded_regions(soft, palette, min_area, most, known, MOST_BLURRED if blur else limit)
         if regions.count <= many:
             break
     return soft, regions

@@ -137,7 +137,8 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
 
 def _photo_or_drawing(task: Task, style: Style) -> Made:
     """The photo of a picture; or its drawing, where the style is doubtful or an early look at the fit tells that it
-    will end far from the picture, and the drawing is nearer by more than a look may err.
+    will end far from the picture, and the drawing is nearer by more than a look may err. Later looks end the fit where
+    it will not come as near.
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
@@ -151,6 +152,10 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     enough = level + rise + MARGIN_DB if level + rise < FAR_DB else ENOUGH_DB
     if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, enough)):
         return _instead(drawing, level + rise)
+    if isinstance(drawing, Made) and (own := level_db(task, drawing.scene, drawing.samples, drawing.blur)) is not None:
+        most = fit.most(own)
+        if most is not None:
+            return _instead(drawing, most)
     return _nearer_of(task, replace(fit.finished(), style=style), drawing)
 
 

@@ -21,6 +21,7 @@ from cubicsplat_cli.pipeline.budget import (
     within_bytes,
     within_level,
 )
+from cubicsplat_cli.pipeline.likeness import level_db
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
@@ -50,6 +51,7 @@ class PhotoFit:
     """The fit of a photo that no bytes or level bound, which can be looked at early on."""
 
     def __init__(self, task: Task) -> None:
+        self._task = task
         self._photo, settings = _prepared(task)
         self._fitting = self._photo.begin(settings)
 
@@ -59,6 +61,18 @@ class PhotoFit:
         """
         share, rise = LOOKS[0]
         return (self._fitting.scene(), rise) if self._fitting.relax(share) else None
+
+    def most(self, least: float) -> float | None:
+        """The level that the fit has at most at its end, dB, as soon as that is known to be `least` or less; else None,
+        with most of what goes before the exact finish done.
+        """
+        for share, rise in QUICK_LOOKS[1:-1]:
+            if not self._fitting.relax(share):
+                return None
+            level = level_db(self._task, self._fitting.scene(), self._task.request.settings.finish_samples)
+            if level is not None and level + rise <= least:
+                return level + rise
+        return None
 
     def finished(self) -> Made:
         """The result of the whole fit."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ctypes import byref, c_double, c_int64
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -139,25 +139,29 @@ class Joints:
     level: np.ndarray
     tied: np.ndarray
 
+    @cached_property
     def _given(self) -> list[Any]:
         flags = [np.ascontiguousarray(array, bool) for array in (self.lines, self.smooth, self.level)]
         return [len(self.smooth), len(self.lines), *flags, np.ascontiguousarray(self.tied, np.int64)]
 
+    @cached_property
     def variables(self) -> int:
         """The number of variables that move the outline. Raises EngineError where the library or the memory is
         missing."""
-        return int(_native("cs_count_variables", *self._given(), result=c_int64))
+        return int(_native("cs_count_variables", *self._given, result=c_int64))
 
 
-def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> Outline:
-    """An outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian each.
+def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> tuple[Outline, np.ndarray]:
+    """An outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian each, and
+    its control points, as `outline_cubics` gives them.
 
     outline: anchors, and handles before and after them, relative to them, (A, 2) px each. Raises EngineError where the
     library or the memory is missing.
     """
     parts = [np.array(part, dtype=np.float64, order="C") for part in outline]
-    _native("cs_move_outline", *joints._given(), doubles(step), *parts)
-    return parts[0], parts[1], parts[2]
+    cubics = np.empty((len(joints.lines), 4, 2))
+    _native("cs_move_outline", *joints._given, doubles(step), *parts, cubics)
+    return (parts[0], parts[1], parts[2]), cubics
 
 
 def outline_cubics(lines: np.ndarray, outline: Outline) -> np.ndarray:
@@ -177,7 +181,7 @@ def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.n
     """
     rows = 8 * len(joints.lines)
     values, columns, starts = np.empty(8 * rows), np.empty(8 * rows, np.int32), np.empty(rows + 1, np.int32)
-    given = *joints._given(), *map(doubles, outline)
+    given = *joints._given, *map(doubles, outline)
     count = _native("cs_outline_jacobian", *given, starts, columns, values, result=c_int64)
     return values[:count].copy(), columns[:count].copy(), starts
 
@@ -200,5 +204,5 @@ def refined(
     parts = tuple(np.array(part, dtype=np.float64, order="C") for part in outline)
     piece, u = np.array(feet[0], dtype=np.int64), np.array(feet[1], dtype=np.float64)
     places = len(u), doubles(points), doubles(weights), piece, u
-    chi = _native("cs_refine", *joints._given(), *parts, *places, rounds, result=c_double)
+    chi = _native("cs_refine", *joints._given, *parts, *places, rounds, result=c_double)
     return (parts[0], parts[1], parts[2]), (piece, u), float(chi)

@@ -140,6 +140,16 @@ def holes_of(mask: np.ndarray) -> np.ndarray:
     return holes
 
 
+def reached(shown: np.ndarray, above: np.ndarray, hull: np.ndarray | None, steps: int) -> np.ndarray:
+    """(H, W) bool: a mask, what of another one lies within so many steps along rows and columns of it or in a third
+    one, None for none, and holes in all this that are of the other one alone; each (H, W) bool. None of scipy's.
+    """
+    masks = [None if mask is None else np.ascontiguousarray(mask, bool) for mask in (shown, above, hull)]
+    out = np.empty(shown.shape, bool)
+    _native("cs_reach", *shown.shape, *masks, steps, out)
+    return out
+
+
 def distance_transform_edt(pixels: np.ndarray) -> np.ndarray:
     """(H, W) px: the distance of each pixel to the nearest that is 0; inf where none is."""
     mask = _mask(pixels)

@@ -33,6 +33,54 @@ def traced(mask: np.ndarray) -> list[np.ndarray]:
         room = count.value
 
 
+# Where borders run across the cracks of a picture of H x W px, and the standard errors, px: of horizontal cracks
+# (H + 1, W) each, of vertical ones (H, W + 1) each, C-contiguous; and px within the canvas's border in which an edge
+# may run and not show.
+Positions = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
+
+
+def loop_points(cracks: np.ndarray, found: Positions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sub-pixel points along a closed loop of cracks (n, 3) int64, as those of `traced`: (m, 2) px, their standard
+    errors (m,), and the index (m,) of each one's crack.
+
+    Where the border runs rather level its points come from the horizontal cracks, else from the vertical ones, so that
+    there is one point a column or a row. Raises EngineError where the library or the memory is missing.
+    """
+    count = len(cracks)
+    out = np.empty((count, 2)), np.empty(count), np.empty(count, np.int64)
+    given = count, np.ascontiguousarray(cracks, np.int64), *_size(found), *found
+    points = _native("cs_loop_points", *given, *out, result=c_int64)
+    return out[0][:points], out[1][:points], out[2][:points]
+
+
+def contours_of(
+    part: np.ndarray, shown: np.ndarray, corner: tuple[int, int], found: Positions
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """The loops around a part of a window (h, w) bool, with its top and left at a corner, px, those that enclose most
+    first: points (n, 2) px and their standard errors (n,), as of `loop_points`, and the px^2 that each encloses, below
+    0 for a hole. Where the pixel within the part is not one of those `shown` (h, w) bool, the points are middles of
+    cracks, and the errors inf. Raises EngineError where the library or the memory is missing.
+    """
+    masks = [np.ascontiguousarray(mask, bool) for mask in (part, shown)]
+    room, count = 4 * sum(part.shape) + _ROOM, c_int64(0)
+    while True:
+        points, sigma, ends, told = np.empty((room, 2)), np.empty(room), np.empty(room, np.int64), np.empty((room, 2))
+        given = *masks, *part.shape, *corner, *_size(found), *found, room
+        loops = _native("cs_contours", *given, points, sigma, ends, told, byref(count), result=c_int64)
+        if max(count.value, loops) <= room:
+            break
+        room = max(count.value, loops)
+    starts = [0, *ends[:loops].tolist()]
+    order = sorted(range(loops), key=lambda k: (-told[k, 0], -told[k, 1]))
+    parts = [(slice(starts[k], starts[k + 1]), float(told[k, 0])) for k in order]
+    return [(points[own].copy(), sigma[own].copy(), area) for own, area in parts]
+
+
+def _size(found: Positions) -> tuple[int, int]:
+    """The height and width of a picture, px."""
+    return found[2].shape[0], found[0].shape[1]
+
+
 def fewer_points(points: np.ndarray, tolerance: float) -> np.ndarray:
     """Those of the points (n, 2) of a chain, n >= 1, the first and the last among them, between which no other is more
     than `tolerance` off the straight line; (k, 2), in their order (Ramer 1972; Douglas and Peucker 1973). Raises

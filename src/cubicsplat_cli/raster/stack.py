@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.cpu import address_of, library
 from cubicsplat_cli.raster.sparse import SparseRows
 
@@ -22,16 +23,16 @@ _OPAQUE = 254.5 / 255.0
 
 class _Goal(ctypes.Structure):
     _fields_ = [
-        ("width", c_int32), ("height", c_int32), ("grid", c_int32), ("reach", c_int32), ("target", c_void_p),
-        ("taps", c_void_p), ("opaque", c_void_p), ("channels", c_double * 4), ("bound", c_double),
-        ("leak_weight", c_double),
+        ("width", c_int32), ("height", c_int32), ("grid", c_int32), ("reach", c_int32), ("threads", c_int32),
+        ("target", c_void_p), ("taps", c_void_p), ("opaque", c_void_p), ("channels", c_double * 4),
+        ("bound", c_double), ("leak_weight", c_double),
     ]  # fmt: skip
 
 
 class _Stack(ctypes.Structure):
     _fields_ = [
         ("layers", c_int32), ("ends", c_void_p), ("cubics", c_void_p), ("lines", c_void_p), ("signs", c_void_p),
-        ("fills", c_void_p),
+        ("fills", c_void_p), ("base", c_void_p), ("beneath", c_void_p),
     ]  # fmt: skip
 
 
@@ -79,7 +80,7 @@ class Goal:
     def _pointers(self) -> _Goal:
         height, width, _ = self.target.shape
         return _Goal(
-            width, height, self.grid, self.reach, _at(self.target, np.float64, self.target.shape),
+            width, height, self.grid, self.reach, work().threads, _at(self.target, np.float64, self.target.shape),
             _at(self.taps, np.float64, self.taps.shape), None if self.reach else address_of(self.inside),
             (c_double * 4)(*self.channels), self.bound, self.leak_weight,
         )  # fmt: skip
@@ -140,17 +141,26 @@ class Step:
 class DrawnStack:
     """A stack as it is drawn for a goal: the exact coverages of its shapes, composited, and compared with the target.
 
-    previous: a stack drawn for the same goal, or None; only the tiles are drawn in which something differs from that.
-    Raises EngineError where the library or the memory is missing.
+    previous: a stack drawn for the same goal and over the same base, or None; only the tiles are drawn in which
+    something differs from that. over: a stack drawn for the same goal, the base, whose layers are in this one too, and
+    (L,) int32 the layer of that right above which each lies, ascending, -1 for none; only the pieces of the L count.
+    The same for any number of threads. Raises EngineError where the library or the memory is missing.
     """
 
-    def __init__(self, pieces: StackPieces, goal: Goal, previous: DrawnStack | None = None) -> None:
-        self.goal, self.count = goal, len(pieces.cubics)
-        lib, layers = _library(), len(pieces.ends)
+    def __init__(
+        self,
+        pieces: StackPieces,
+        goal: Goal,
+        previous: DrawnStack | None = None,
+        over: tuple[DrawnStack, np.ndarray] | None = None,
+    ) -> None:
+        self.goal, self._over = goal, over  # a base lives as long as what is drawn over it
+        lib, layers, count = _library(), len(pieces.ends), len(pieces.cubics)
         stack = _Stack(
-            layers, _at(pieces.ends, np.int32, (layers,)), _at(pieces.cubics, np.float64, (self.count, 4, 2)),
-            _at(pieces.lines, np.bool_, (self.count,)), _at(pieces.signs, np.float64, (self.count,)),
+            layers, _at(pieces.ends, np.int32, (layers,)), _at(pieces.cubics, np.float64, (count, 4, 2)),
+            _at(pieces.lines, np.bool_, (count,)), _at(pieces.signs, np.float64, (count,)),
             _at(pieces.fills, np.float64, (layers, 4)),
+            None if over is None else over[0]._handle, None if over is None else _at(over[1], np.int32, (layers,)),
         )  # fmt: skip
         old: int | None = previous._handle if previous is not None and previous.goal is goal else None
         self._handle: int | None = lib.cs_stack_draw(goal._pointers(), stack, old)

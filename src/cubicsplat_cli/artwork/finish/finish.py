@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain, islice
+from operator import is_
 
 import numpy as np
 
@@ -60,30 +62,32 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A drawing against its picture. layers: back to front; goal: what they are fitted to; stack: they, as drawn."""
+    """A drawing against its picture. layers: back to front; goal: what they are fitted to; stack: they, as drawn.
+    over: where they lie among the layers of another state, which stay as they are; see `DrawnStack`.
+    """
 
     layers: list[Layer]
     goal: Goal
     stack: DrawnStack
+    over: tuple[DrawnStack, np.ndarray] | None = None
 
     @classmethod
     def of(cls, layers: list[Layer], goal: Goal, previous: State | None = None) -> State:
         """That of some layers. previous: one of the same goal, of which what lies the same is not drawn again."""
-        outlines = [o for layer in layers for o in layer.outlines]
-        sizes = [len(o.lines) for o in outlines]
-        ends = np.cumsum([0, *sizes])[np.cumsum([len(layer.outlines) for layer in layers])]
-        pieces = StackPieces(
-            ends.astype(np.int32),
-            np.concatenate([o.cubics for o in outlines]),
-            np.concatenate([o.lines for o in outlines]),
-            np.repeat([sign for layer in layers for sign in layer.signs], sizes),
-            np.array([layer.fill for layer in layers]),
-        )
-        return cls(layers, goal, DrawnStack(pieces, goal, previous.stack if previous else None))
+        stack = DrawnStack(_pieces_of(layers), goal, previous.stack if previous else None)
+        return cls(layers, goal, stack)
+
+    def beside(self, layers: list[Layer], beneath: list[int]) -> State:
+        """The state of further layers alone, each drawn right above that one of this state's, which stay as they are.
+        beneath: ascending numbers, -1 for what lies below all.
+        """
+        over = self.stack, np.array(beneath, np.int32)
+        return State(layers, self.goal, DrawnStack(_pieces_of(layers), self.goal, None, over), over)
 
     def with_layers(self, layers: list[Layer]) -> State:
         """The state of other layers, of which only what differs is drawn."""
-        return State.of(layers, self.goal, self)
+        stack = DrawnStack(_pieces_of(layers), self.goal, self.stack, self.over)
+        return State(layers, self.goal, stack, self.over)
 
     @cached_property
     def outlines(self) -> list[Parameters]:
@@ -145,6 +149,21 @@ class State:
         (outlines,) bool cross before or after, and those around that a blur adds; 0 for the others."""
         before, later = (np.where(wanted[each], each, -1) for each in (self.owners, after.owners))
         return self.stack.growth(after.stack, before, later, len(wanted), self.spread, leaks)
+
+
+def _pieces_of(layers: list[Layer]) -> StackPieces:
+    """The pieces of all layers."""
+    outlines = list(chain.from_iterable(layer.outlines for layer in layers))
+    lines = [o.lines for o in outlines]
+    sizes = list(map(len, lines))
+    ends = np.cumsum([0, *sizes])[np.cumsum([len(layer.outlines) for layer in layers])]
+    return StackPieces(
+        ends.astype(np.int32),
+        np.concatenate([o.cubics for o in outlines]),
+        np.concatenate(lines),
+        np.repeat(list(chain.from_iterable(layer.signs for layer in layers)), sizes),
+        np.concatenate([layer.fill for layer in layers]).reshape(-1, 4),
+    )
 
 
 def goal_of(
@@ -233,7 +252,7 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
 def trimmed(state: State, moved: np.ndarray) -> State:
     """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
     outlines = [o.trimmed() if moves else o for o, moves in zip(state.outlines, moved.tolist(), strict=True)]
-    if all(a is b for a, b in zip(state.outlines, outlines, strict=True)):
+    if all(map(is_, state.outlines, outlines)):
         return state
     return state.with_layers(with_outlines(state.layers, iter(outlines)))
 
@@ -242,8 +261,8 @@ def with_outlines(layers: list[Layer], outlines: Iterator[Parameters]) -> list[L
     """The layers with other outlines; those that have the same stay the same objects."""
     out = []
     for layer in layers:
-        own = [next(outlines) for _ in layer.outlines]
-        same = all(a is b for a, b in zip(own, layer.outlines, strict=True))
+        own = list(islice(outlines, len(layer.outlines)))
+        same = all(map(is_, own, layer.outlines))
         out.append(layer if same else Layer(layer.shape, layer.fill, own, layer.signs))
     return out
 
@@ -252,8 +271,8 @@ def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     """The new layers, with the old outlines where the new ones are worse."""
     if not worse.any():
         return new
-    pairs = ((x, y) for a, b in zip(old, new, strict=True) for x, y in zip(a.outlines, b.outlines, strict=True))
-    return with_outlines(new, (x if refused else y for (x, y), refused in zip(pairs, worse.tolist(), strict=True)))
+    before, after = (chain.from_iterable(layer.outlines for layer in layers) for layers in (old, new))
+    return with_outlines(new, (x if w else y for x, y, w in zip(before, after, worse.tolist(), strict=True)))
 
 
 def _layer(shape: Shape, constraints: Constraints, space: np.ndarray) -> Layer:

@@ -14,11 +14,11 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
-PASSES, CROWDED, FULL = 3, 400, 1500
+PASSES, CROWDED, FULL = 3, 400, 4000
 TRIAL_ROUNDS = 6
 # Pieces beyond which they are settled in fewer rounds still, and not at all.
 MANY, FEWEST_ROUNDS, MOST = 20_000, 3, 100_000
-MERGES = 3  # passes at most
+MERGES, SEVERAL = 3, 1500  # passes at most; one where there are more than SEVERAL pieces
 
 
 def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0) -> Drawing:
@@ -49,7 +49,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
         state = settle(state, goal, min(TRIAL_ROUNDS, _rounds(pieces)))
         # What moves and better neighbours have made even.
         if pieces <= FULL:
-            state = _merged(state, goal, constraints, detail, error, MERGES)
+            state = _merged(state, goal, constraints, detail, error, MERGES if pieces <= SEVERAL else 1)
     return drawn(drawing, state)
 
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.stacking import Stack
-from cubicsplat_cli.artwork.regions.cracks import CrackLoop, trace
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import hull_mask
+from cubicsplat_cli.raster.outlines import contours_of, hull_mask
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
@@ -94,44 +93,13 @@ def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
 
 
 def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
-    grown = shown | (_dilated(shown, UNDERLAP) & above)
-    if joined:
-        grown |= hull_mask(shown) & above
-    holes, count = ndimage.label(~grown)
-    if count:
-        covered = np.bincount(holes[~above], minlength=count + 1) == 0
-        covered[np.concatenate([[0], holes[0], holes[-1], holes[:, 0], holes[:, -1]])] = False
-        grown |= covered[holes]
-    return grown
-
-
-def _dilated(mask: np.ndarray, times: int) -> np.ndarray:
-    """(h, w) bool: a mask with all within so many steps along rows and columns; many times as fast as by structure."""
-    out = mask.copy()
-    for _ in range(times):
-        before = out.copy()
-        out[1:] |= before[:-1]
-        out[:-1] |= before[1:]
-        out[:, 1:] |= before[:, :-1]
-        out[:, :-1] |= before[:, 1:]
-    return out
+    """(h, w) bool: what shows, and what lies above it near by, within its hull where it is joined, or in its holes."""
+    return ndimage.reached(shown, above, hull_mask(shown) if joined else None, UNDERLAP)
 
 
 def _extent(
     place: int, top: int, left: int, part: np.ndarray, shown: np.ndarray, above: np.ndarray, found: EdgePositions
 ) -> Extent:
-    contours = []
-    for loop in sorted(trace(part), key=lambda loop: -loop.area):
-        contours.append(_contour(loop, shown, top, left, found))
-    return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), tuple(contours))
-
-
-def _contour(loop: CrackLoop, shown: np.ndarray, top: int, left: int, found: EdgePositions) -> Contour:
-    row, column = loop.inside
-    visible = shown[row, column]
-    placed = CrackLoop(loop.x + left, loop.y + top, loop.direction)
-    points, sigma, index = loop_points(placed, found)
-    hidden = ~visible[index]
-    points[hidden] = placed.middles[index[hidden]]
-    sigma[hidden] = np.inf
-    return Contour(points, sigma, loop.area < 0.0)
+    loops = contours_of(part, shown, (top, left), found.native)
+    contours = tuple(Contour(points, sigma, area < 0.0) for points, sigma, area in loops)
+    return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), contours)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
-from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, Turn, Walk, evenly, turned_onto
+from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, NEAR, STEPS, Turn, Walk, evenly, turned_onto
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
@@ -42,31 +41,39 @@ def found_copies(
     walks = {k: Walk.of(track) for k, track in tracks.items()}
     pairs = 0.5 * len(tracks) ** 2
     # Most pairs are of other sizes.
-    place = {k: i for i, k in enumerate(tracks)}
+    names = list(tracks)
     spans = np.array([track.extent[1] - track.extent[0] for track in tracks.values()]).reshape(-1, 2)
     areas = np.array([walk.area for walk in walks.values()])
+    lengths = np.array([walk.length for walk in walks.values()])
+    # Root mean squares of their points from the middle, along the axes and in all: no farther apart than the points.
+    steps = np.array([walk.steps for walk in walks.values()]).reshape(-1, STEPS)
+    widths = np.sqrt(np.array([steps.real**2, steps.imag**2]).mean(axis=2))
+    radii = np.hypot(*widths)
     whole = np.array([track.whole for track in tracks.values()], dtype=bool)
     level: dict[int, Copy] = {}
     turns: dict[int, dict[int, Turn]] = {}  # by model
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
-    first: list[int] = []
-    for k, track in tracks.items():
-        sized = (np.abs(spans - spans[place[k]]) <= SIZE_OFF).all(axis=1)
-        full = np.abs(areas - areas[place[k]]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
+    first, models = (np.zeros(len(names), dtype=bool) for _ in range(2))
+    for i, (k, track) in enumerate(tracks.items()):
+        sized = (
+            first & (np.abs(spans[:, 0] - spans[i, 0]) <= SIZE_OFF) & (np.abs(spans[:, 1] - spans[i, 1]) <= SIZE_OFF)
+        )
+        full = np.abs(areas - areas[i]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
         sized &= full | ~(whole & track.whole)
-        able = islice((m for m in first if sized[place[m]]), MOST_MODELS)
+        able = [names[j] for j in np.flatnonzero(sized)[:MOST_MODELS].tolist()]
         transforms = ((m, _transform(tracks[m], track, step, mirrors)) for m in able)
         found = next(((m, each) for m, each in transforms if each is not None), None)
         if found is not None:
             level[k] = Copy(*found)
             continue
-        first.append(k)
-        able = islice((m for m in turns if abs(walks[m].length - walks[k].length) <= LENGTH_OFF), MOST_MODELS)
+        first[i] = True
+        long = models & (np.abs(lengths - lengths[i]) <= LENGTH_OFF) & (np.abs(radii - radii[i]) <= NEAR)
+        able = [names[j] for j in np.flatnonzero(long)[:MOST_MODELS].tolist()]
         told = walks[k].is_certain(numbers[k], pairs)
         turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in (able if told else ()))
         rotated = next(((m, turn) for m, turn in turned if turn is not None), None)
         if rotated is None:
-            turns[k] = {}
+            turns[k], models[i] = {}, True
         else:
             turns[rotated[0]][k] = rotated[1]
     copies: dict[int, Copy] = {}

@@ -158,7 +158,8 @@ def _tied(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: floa
     these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
-    trial = settle(_with(state, tied), goal, ROUNDS, trim=False)
+    # The others rest where they are settled already, until the picture beneath them changes.
+    trial = settle(_with(state, tied), goal, ROUNDS, trim=False, changed=np.isin(range(len(state.outlines)), [*tied]))
     # What has been a copy before stays one of whatever its model becomes.
     new = [isinstance(tied.get(k), CopyParameters) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
     copies = np.array(new)

@@ -97,6 +97,7 @@ class _Trials:
         self.still = [known.get(id(shape)) or self._still(shape) for shape in drawing.shapes]
         self.before = State.of(self.still, goal, previous.before if previous is not None else None)
         self.size = self.before.image.shape[:2]
+        self.fills = {shape.fill for shape in drawing.shapes}
         self.painted = self.before.image @ _back(goal)
         self.found = areas(picture, self.painted)
 
@@ -113,8 +114,7 @@ class _Trials:
             new = [each for each, change in zip(new, changes, strict=True) if self._net(change, change.floor) > 0.0]
         if not new:
             return self.drawing
-        layers = _stacked(self.still, [self._still(each.shape) for each in new], new)
-        return replace(self.drawing, shapes=tuple(layer.shape for layer in layers))
+        return replace(self.drawing, shapes=_stacked(self.drawing.shapes, new))
 
     def _explanations(self, found: list[Area]) -> list[list[_Explanation]]:
         """The ways to explain each area, the first ones of all areas tried together, and so on."""
@@ -130,8 +130,7 @@ class _Trials:
             if not some:
                 continue
             new, changes, falls = self._tried([each for _, each in some], ROUNDS)
-            for k in sorted({k for k, _ in some}):
-                own = [i for i, (area, _) in enumerate(some) if area == k]
+            for k, own in _by_area(some).items():
                 around = ndimage.binary_dilation(found[k].where, SQUARE, MARGIN)
                 fall = float(falls[found[k].rows, found[k].columns][around].sum())
                 out[k].append(_Explanation([new[i] for i in own], [changes[i] for i in own], fall))
@@ -149,8 +148,7 @@ class _Trials:
         falls /= np.maximum(sharing, 1.0)
         changes = [self._change(each.shape, falls, *where) for (_, each), where in zip(some, changed, strict=True)]
         out = []
-        for area in sorted({area for area, _ in some}):
-            those = [k for k, (each, _) in enumerate(some) if each == area]
+        for area, those in _by_area(some).items():
             floor = _floor_of(known[area]) if known[area] else _floor([changes[k] for k in those])
             good = [k for k in those if self._net(changes[k], floor) > 0.0]
             most = max((self._gain(way, floor)[0] for way in known[area]), default=0.0)
@@ -166,7 +164,7 @@ class _Trials:
         if rounds:
             free = replace(self.drawing, shapes=tuple(each.shape for each in new))
             layers = layers_of(free, self.goal)
-        after = settle(self.before.with_layers(_stacked(self.still, layers, new)), self.goal, rounds)
+        after = settle(self.before.beside(layers, [each.beneath for each in new]), self.goal, rounds)
         new = _outlined(new, after)
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
         changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]
@@ -197,7 +195,7 @@ class _Trials:
     def _gain(self, way: _Explanation, floor: float) -> tuple[float, list[Placed]]:
         """Nats by which a way shortens the description, and its shapes that do."""
         good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
-        new = {way.shapes[k].shape.fill for k in good} - {shape.fill for shape in self.drawing.shapes}
+        new = {way.shapes[k].shape.fill for k in good} - self.fills
         price = sum(way.changes[k].price for k in good) + PRICE * FILL_PARAMETERS * len(new)
         # What two of its shapes change is theirs once.
         fall = min(way.fall, sum(way.changes[k].fall for k in good))
@@ -207,6 +205,14 @@ class _Trials:
         """The layer of a shape that stays as it is."""
         fill = premultiplied(shape.fill) @ self.goal.space
         return layer_of(shape, fill, [Still(outline) for outline in shape.outlines])
+
+
+def _by_area(some: list[tuple[int, Placed]]) -> dict[int, list[int]]:
+    """The indices of new shapes by the numbers of their areas, ascending."""
+    out: dict[int, list[int]] = {area: [] for area in sorted({area for area, _ in some})}
+    for k, (area, _) in enumerate(some):
+        out[area].append(k)
+    return out
 
 
 def _back(goal: Goal) -> np.ndarray:
@@ -227,24 +233,22 @@ def _floor_of(ways: list[_Explanation]) -> float:
 
 def _outlined(new: list[Placed], state: State) -> list[Placed]:
     """The new shapes with the outlines that they have in a state."""
-    own = {id(each.shape) for each in new}
-    layers = [layer for layer in state.layers if id(layer.shape) in own]
     return [
         replace(each, shape=replace(each.shape, outlines=tuple(o.outline() for o in layer.outlines)))
-        for each, layer in zip(new, layers, strict=True)
+        for each, layer in zip(new, state.layers, strict=True)
     ]
 
 
-def _stacked(still: list[Layer], free: list[Layer], new: list[Placed]) -> list[Layer]:
-    """The layers with each new one, back to front, right above the one that it lies on."""
-    out, following = [], 0
-    for number in range(-1, len(still)):
+def _stacked(shapes: tuple[Shape, ...], new: list[Placed]) -> tuple[Shape, ...]:
+    """The shapes with each new one, back to front, right above the one that it lies on."""
+    out, following = list[Shape](), 0
+    for number in range(-1, len(shapes)):
         if number >= 0:
-            out.append(still[number])
+            out.append(shapes[number])
         while following < len(new) and new[following].beneath == number:
-            out.append(free[following])
+            out.append(new[following].shape)
             following += 1
-    return out
+    return tuple(out)
 
 
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +18,16 @@ from cubicsplat_cli.raster.stack import Goal
 FIRST_ROUNDS, LAST_ROUNDS = 24, 6
 MOST_PIECES = 600  # of centre lines; more take minutes
 
+_log = logging.getLogger("cubicsplat")
+
 
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
     strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
-    if not strokes or sum(stroke.path.pieces for stroke in strokes) > MOST_PIECES:
+    pieces = sum(stroke.path.pieces for stroke in strokes)
+    if pieces > MOST_PIECES:
+        _log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
+    if not strokes or pieces > MOST_PIECES:
         return drawing
     state = settle(_state(drawing, goal, fixed=False), goal, FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))

@@ -8,6 +8,7 @@ whatever its slope, because a pixel's share is an area. That is taken as a point
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from cubicsplat_cli.artwork.regions.cracks import CrackLoop
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.regions.thin import thin_edges
+from cubicsplat_cli.raster.cpu import doubles
+from cubicsplat_cli.raster.outlines import Positions
+from cubicsplat_cli.raster.outlines import loop_points as native_points
 
 # So many pixels to either side of a crack may belong to the border's blend.
 WALK = 3
@@ -28,9 +32,7 @@ THIN = 0.1  # of an edge of a line without a pure pixel
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 # Of what ends with the canvas; and levels by which a pixel there must differ from its fill for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
-# Px; the first row of a picture that is not clean is one fill or the other. Times that, where what touches the border,
-# and does not cross it, still is not far away; 4 for circles.
-RIM, TANGENT = 1.0, 6.0
+RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,14 @@ class EdgePositions:
     column_sigma: np.ndarray
     rim: float = 0.0
 
+    @cached_property
+    def native(self) -> Positions:
+        """The same for the native library."""
+        rows, row_sigma, columns, column_sigma = map(
+            doubles, (self.rows, self.row_sigma, self.columns, self.column_sigma)
+        )
+        return rows, row_sigma, columns, column_sigma, float(self.rim)
+
 
 def edge_positions(
     levels: np.ndarray, regions: Regions, error: float = ROUNDING, share_error: float = FEW_SAMPLES
@@ -59,7 +69,8 @@ def edge_positions(
     rows, row_sigma = _level(levels, regions, error, share_error)
     turned = Regions(regions.labels.T, regions.fills, regions.fill_of)
     columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error, share_error)
-    return EdgePositions(rows, row_sigma, columns.T, column_sigma.T, RIM if error > ROUNDING else 0.0)
+    columns, column_sigma = (np.ascontiguousarray(each.T) for each in (columns, column_sigma))
+    return EdgePositions(rows, row_sigma, columns, column_sigma, RIM if error > ROUNDING else 0.0)
 
 
 def _level(levels: np.ndarray, regions: Regions, error: float, share_error: float) -> tuple[np.ndarray, np.ndarray]:
@@ -171,58 +182,5 @@ def _third_beside(
 
 
 def loop_points(loop: CrackLoop, found: EdgePositions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sub-pixel points along a loop: (m, 2) px, their standard errors (m,), and the index (m,) of each one's crack.
-
-    Where the border runs rather level its points come from the horizontal cracks, else from the vertical ones, so that
-    there is one point a column or a row.
-    """
-    level = loop.direction % 2 == 0
-    step = np.where(level, 1.0, 0.0)
-    mostly_level = _smoothed(step, 4) >= 0.5
-    keep = level == mostly_level
-    if keep.sum() < 4:
-        keep = np.ones(len(level), dtype=bool)
-    index = np.nonzero(keep)[0]
-    points = loop.middles[index].astype(float)
-    sigma = np.empty(len(index))
-    flat = level[index]
-    x, y, direction = loop.x[index], loop.y[index], loop.direction[index]
-    column = np.where(direction == 2, x - 1, x)
-    row = np.where(direction == 3, y - 1, y)
-    points[flat, 1] = found.rows[y[flat], column[flat]]
-    sigma[flat] = found.row_sigma[y[flat], column[flat]]
-    points[~flat, 0] = found.columns[row[~flat], x[~flat]]
-    sigma[~flat] = found.column_sigma[row[~flat], x[~flat]]
-    if found.rim:
-        sigma = np.where(_leaving(loop, found)[index], np.maximum(sigma, 0.5 * found.rim), sigma)
-    return points, sigma, index
-
-
-def _leaving(loop: CrackLoop, found: EdgePositions) -> np.ndarray:
-    """(n,) which cracks on the canvas's border lie where the loop seems to leave it like something round, though it may
-    never have reached it: a circle of radius r that touches the border is within the rim of it for the root of 2 r rim
-    to either side, and after twice that four times as far away.
-    """
-    height, width = found.rows.shape[0] - 1, found.columns.shape[1] - 1
-    x, y = loop.middles.T
-    depth = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
-    on, count = depth == 0.0, len(depth)
-    off = np.flatnonzero(~on)
-    if not len(off):
-        return ~on
-    reach = int(np.sqrt(min(np.ptp(loop.x), np.ptp(loop.y)) * found.rim))
-    every = np.arange(count)
-    place = np.searchsorted(off, every)
-    after, before = off[place % len(off)], off[place - 1]
-    shallow = depth <= TANGENT * found.rim
-    onward = ((after - every) % count <= reach) & shallow[(after + reach) % count]
-    back = ((every - before) % count <= reach) & shallow[(before - reach) % count]
-    return on & (onward | back)
-
-
-def _smoothed(values: np.ndarray, reach: int) -> np.ndarray:
-    """The mean over `reach` neighbours to either side of a closed loop."""
-    reach = min(reach, (len(values) - 1) // 2)
-    padded = np.concatenate([values[len(values) - reach :], values, values[:reach]])
-    sums = np.concatenate([[0.0], np.cumsum(padded)])
-    return (sums[2 * reach + 1 :] - sums[: -(2 * reach + 1)]) / (2 * reach + 1)
+    """Sub-pixel points along a loop: see `raster.outlines.loop_points`."""
+    return native_points(np.stack([loop.x, loop.y, loop.direction], axis=1), found.native)

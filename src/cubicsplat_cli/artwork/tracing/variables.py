@@ -44,7 +44,7 @@ class Pieces:
         """(S,) the anchor at which each piece ends."""
         return (np.arange(len(self.lines)) + 1) % len(self.anchors)
 
-    @property
+    @cached_property
     def joints(self) -> Joints:
         """Joints of pieces that move."""
         return Joints(self.lines, self.smooth, self.level, self.tied)
@@ -54,6 +54,16 @@ class Pieces:
         """(S, 4, 2) control points, not to be written to; those of a line lie at its thirds."""
         found = outline_cubics(self.lines, (self.anchors, self.incoming, self.outgoing))
         found.flags.writeable = False
+        return found
+
+    def moved(self, step: np.ndarray) -> Pieces:
+        """The pieces after a step of their variables, with joints that are known."""
+        (anchors, incoming, outgoing), cubics = moved_outline(
+            self.joints, (self.anchors, self.incoming, self.outgoing), step
+        )
+        cubics.flags.writeable = False
+        found = Pieces(anchors, incoming, outgoing, self.lines, self.smooth, self.level, self.tied)
+        vars(found).update(joints=self.joints, cubics=cubics)
         return found
 
 
@@ -102,10 +112,10 @@ class Variables:
         """The numbers of the variables."""
         return Numbering(self.pieces)
 
-    @cached_property
+    @property
     def total(self) -> int:
         """The number of variables."""
-        return self.pieces.joints.variables()
+        return self.pieces.joints.variables
 
     @cached_property
     def direction(self) -> np.ndarray:
@@ -127,9 +137,7 @@ class Variables:
 
     def moved(self, step: np.ndarray) -> Pieces:
         """The pieces after a step of the variables (one 0 appended, for the fixed ones at index -1)."""
-        p = self.pieces
-        anchors, incoming, outgoing = moved_outline(p.joints, (p.anchors, p.incoming, p.outgoing), step)
-        return Pieces(anchors, incoming, outgoing, p.lines, p.smooth, p.level, p.tied)
+        return self.pieces.moved(step)
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:

@@ -210,21 +210,6 @@ CS_EXPORT int64_t cs_count_variables(int64_t anchors, int64_t pieces, const uint
   }
 }
 
-// Moves an outline, as in `cs_refine`, by a step of its variables. 1 where there is no memory, else 0.
-CS_EXPORT int32_t cs_move_outline(int64_t anchors, int64_t pieces, const uint8_t* lines, const uint8_t* smooth,
-                                  const uint8_t* level, const int64_t* tied, const double* step, double* at,
-                                  double* incoming, double* outgoing) {
-  using namespace cs;
-  try {
-    const Joints joints(anchors, pieces, lines, smooth, level, tied);
-    const Outline outline(anchors, at, incoming, outgoing);
-    outline.moved(joints, {step, step + joints.total}).write(at, incoming, outgoing);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
-}
-
 // The control points, pieces x 8, of an outline of handles relative to its anchors; those of a line lie at its thirds.
 CS_EXPORT void cs_outline_cubics(int64_t anchors, int64_t pieces, const uint8_t* lines, const double* at,
                                  const double* incoming, const double* outgoing, double* cubics) {
@@ -237,6 +222,23 @@ CS_EXPORT void cs_outline_cubics(int64_t anchors, int64_t pieces, const uint8_t*
       out[4] = b + (lines[i] ? -third : incoming[end + c]), out[6] = b;
     }
   }
+}
+
+// Moves an outline, as in `cs_refine`, by a step of its variables; cubics: of where it comes to lie, as
+// `cs_outline_cubics` gives them. 1 where there is no memory, else 0.
+CS_EXPORT int32_t cs_move_outline(int64_t anchors, int64_t pieces, const uint8_t* lines, const uint8_t* smooth,
+                                  const uint8_t* level, const int64_t* tied, const double* step, double* at,
+                                  double* incoming, double* outgoing, double* cubics) {
+  using namespace cs;
+  try {
+    const Joints joints(anchors, pieces, lines, smooth, level, tied);
+    const Outline outline(anchors, at, incoming, outgoing);
+    outline.moved(joints, {step, step + joints.total}).write(at, incoming, outgoing);
+    cs_outline_cubics(anchors, pieces, lines, at, incoming, outgoing, cubics);
+  } catch (const std::exception&) {
+    return 1;
+  }
+  return 0;
 }
 
 // How the control points of an outline move with its variables, as a sparse matrix by rows, 8 to a piece. starts: 8 x

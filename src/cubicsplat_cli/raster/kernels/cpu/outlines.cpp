@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <exception>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -26,6 +27,122 @@ struct Mask {
   }
 };
 
+struct Crack {
+  int64_t x, y;
+  int d;
+  double middle(int axis) const { return double(axis == 0 ? x : y) + 0.5 * kStep[d][axis]; }
+};
+
+// The loops of cracks around a mask, one after the other.
+struct Loops {
+  std::vector<Crack> cracks;
+  std::vector<int64_t> ends;
+
+  int64_t count() const { return int64_t(ends.size()); }
+
+  explicit Loops(const Mask& mask) {
+    // Every loop has a crack that runs east.
+    std::vector<uint8_t> seen(mask.height * mask.width, 0);
+    for (int64_t top = 0; top < mask.height; top++)
+      for (int64_t left = 0; left < mask.width; left++) {
+        if (!mask.at(left, top) || mask.at(left, top - 1) || seen[top * mask.width + left]) continue;
+        int64_t x = left, y = top;
+        int d = 0;
+        do {
+          if (d == 0) seen[y * mask.width + x] = 1;
+          cracks.push_back({x, y, d});
+          x += kStep[d][0], y += kStep[d][1];
+          // Right where the mask ends ahead, else straight, else left.
+          if (!mask.at(x + kRight[d][0], y + kRight[d][1]))
+            d = (d + 1) % 4;
+          else if (mask.at(x + kLeft[d][0], y + kLeft[d][1]))
+            d = (d + 3) % 4;
+        } while (x != left || y != top || d != 0);
+        ends.push_back(int64_t(cracks.size()));
+      }
+  }
+};
+
+// Where borders run across the cracks of a picture: `EdgePositions` in artwork/tracing/contours.py.
+struct Positions {
+  const double *rows, *row_sigma, *columns, *column_sigma;
+  int64_t height, width;
+  double rim;
+};
+
+struct EdgePoint {
+  double x, y, sigma;
+  int64_t crack;
+};
+
+constexpr int64_t kSmooth = 4;    // cracks to either side by which a border runs rather level or rather steep
+constexpr int64_t kFewest = 4;    // points of a loop, below which each of its cracks is one
+constexpr double kTangent = 6.0;  // rims: what touches the border, and does not cross it, still is not far away
+
+// Which cracks on the canvas's border lie where the loop seems to leave it like something round, though it may never have
+// reached it: a circle of radius r that touches the border is within the rim of it for the root of 2 r rim to either side,
+// and after twice that four times as far away.
+std::vector<uint8_t> leaving(const Crack* loop, int64_t count, const Positions& at) {
+  std::vector<double> depth(count);
+  std::vector<int64_t> before(count), after(count);
+  int64_t low[2] = {loop->x, loop->y}, high[2] = {loop->x, loop->y}, first = -1, last = -1;
+  for (int64_t n = 0; n < count; n++) {
+    const double x = loop[n].middle(0), y = loop[n].middle(1);
+    depth[n] = std::min(std::min(x, double(at.width) - x), std::min(y, double(at.height) - y));
+    low[0] = std::min(low[0], loop[n].x), high[0] = std::max(high[0], loop[n].x);
+    low[1] = std::min(low[1], loop[n].y), high[1] = std::max(high[1], loop[n].y);
+    if (depth[n] != 0.0) first = first < 0 ? n : first, last = n;
+  }
+  std::vector<uint8_t> out(count, 0);
+  if (first < 0) return out;
+  // The cracks off the border before and after each, as far along the loop as they are.
+  for (int64_t n = 0, off = last - count; n < count; n++) {
+    before[n] = off;
+    if (depth[n] != 0.0) off = n;
+  }
+  for (int64_t n = count, off = first + count; n-- > 0;) {
+    if (depth[n] != 0.0) off = n;
+    after[n] = off;
+  }
+  const auto reach = int64_t(std::sqrt(double(std::min(high[0] - low[0], high[1] - low[1])) * at.rim));
+  const auto shallow = [&](int64_t n) { return depth[((n % count) + count) % count] <= kTangent * at.rim; };
+  for (int64_t n = 0; n < count; n++)
+    out[n] = depth[n] == 0.0 && ((after[n] - n <= reach && shallow(after[n] + reach)) ||
+                                 (n - before[n] <= reach && shallow(before[n] - reach)));
+  return out;
+}
+
+// Adds the points along a closed loop.
+void add_points(const Crack* loop, int64_t count, const Positions& at, std::vector<EdgePoint>& out) {
+  const int64_t reach = std::min(kSmooth, (count - 1) / 2), window = 2 * reach + 1;
+  const auto is_level = [&](int64_t n) { return loop[((n % count) + count) % count].d % 2 == 0; };
+  std::vector<uint8_t> kept(count);
+  int64_t level = 0, many = 0;
+  for (int64_t n = -reach; n < reach; n++) level += is_level(n);
+  for (int64_t n = 0; n < count; n++) {
+    level += is_level(n + reach);
+    kept[n] = is_level(n) == (2 * level >= window);
+    many += kept[n];
+    level -= is_level(n - reach);
+  }
+  if (many < kFewest) std::fill(kept.begin(), kept.end(), 1);
+  const std::vector<uint8_t> leaves = at.rim > 0.0 ? leaving(loop, count, at) : std::vector<uint8_t>(count, 0);
+  for (int64_t n = 0; n < count; n++) {
+    if (!kept[n]) continue;
+    const Crack& c = loop[n];
+    EdgePoint point{c.middle(0), c.middle(1), 0.0, n};
+    if (c.d % 2 == 0) {
+      const int64_t place = c.y * at.width + c.x - (c.d == 2);
+      point.y = at.rows[place], point.sigma = at.row_sigma[place];
+    } else {
+      const int64_t place = (c.y - (c.d == 3)) * (at.width + 1) + c.x;
+      point.x = at.columns[place], point.sigma = at.column_sigma[place];
+    }
+    if (leaves[n]) point.sigma = std::max(point.sigma, 0.5 * at.rim);
+    out.push_back(point);
+  }
+}
+
 }  // namespace
 }  // namespace cs
 
@@ -47,38 +164,79 @@ CS_EXPORT void cs_parabolas(int64_t count, const double* points, const double* w
 CS_EXPORT int64_t cs_trace(const uint8_t* pixels, int64_t height, int64_t width, int64_t room, int64_t* cracks,
                            int64_t* ends, int64_t* count) {
   using namespace cs;
-  const Mask mask{pixels, height, width};
-  int64_t loops = 0;
-  *count = 0;
   try {
-    // Every loop has a crack that runs east.
-    std::vector<uint8_t> seen(height * width, 0);
-    for (int64_t top = 0; top < height; top++)
-      for (int64_t left = 0; left < width; left++) {
-        if (!mask.at(left, top) || mask.at(left, top - 1) || seen[top * width + left]) continue;
-        int64_t x = left, y = top;
-        int d = 0;
-        do {
-          if (d == 0) seen[y * width + x] = 1;
-          if (*count < room) {
-            int64_t* out = cracks + 3 * *count;
-            out[0] = x, out[1] = y, out[2] = d;
-          }
-          ++*count;
-          x += kStep[d][0], y += kStep[d][1];
-          // Right where the mask ends ahead, else straight, else left.
-          if (!mask.at(x + kRight[d][0], y + kRight[d][1]))
-            d = (d + 1) % 4;
-          else if (mask.at(x + kLeft[d][0], y + kLeft[d][1]))
-            d = (d + 3) % 4;
-        } while (x != left || y != top || d != 0);
-        if (loops < room) ends[loops] = *count;
-        loops++;
-      }
+    const Loops loops({pixels, height, width});
+    *count = int64_t(loops.cracks.size());
+    for (int64_t n = 0; n < std::min(room, *count); n++)
+      cracks[3 * n] = loops.cracks[n].x, cracks[3 * n + 1] = loops.cracks[n].y, cracks[3 * n + 2] = loops.cracks[n].d;
+    for (int64_t n = 0; n < std::min(room, loops.count()); n++) ends[n] = loops.ends[n];
+    return loops.count();
   } catch (const std::exception&) {
     return -1;
   }
-  return loops;
+}
+
+// The points along a closed loop of cracks (x 3, x, y and direction): see `loop_points` in raster/outlines.py. points:
+// x 2; sigma, crack: of each, room for `count`. Returns their number, -1 where there is no memory.
+CS_EXPORT int64_t cs_loop_points(int64_t count, const int64_t* cracks, int64_t height, int64_t width,
+                                 const double* rows, const double* row_sigma, const double* columns,
+                                 const double* column_sigma, double rim, double* points, double* sigma,
+                                 int64_t* crack) {
+  using namespace cs;
+  try {
+    std::vector<Crack> loop(count);
+    for (int64_t n = 0; n < count; n++) loop[n] = {cracks[3 * n], cracks[3 * n + 1], int(cracks[3 * n + 2])};
+    std::vector<EdgePoint> found;
+    add_points(loop.data(), count, {rows, row_sigma, columns, column_sigma, height, width, rim}, found);
+    for (size_t n = 0; n < found.size(); n++) {
+      points[2 * n] = found[n].x, points[2 * n + 1] = found[n].y;
+      sigma[n] = found[n].sigma, crack[n] = found[n].crack;
+    }
+    return int64_t(found.size());
+  } catch (const std::exception&) {
+    return -1;
+  }
+}
+
+// The contours of a part (high x wide bytes) with its corner at (left, top): see `contours_of` in raster/outlines.py.
+// told: x 2 of each loop, the px^2 that it encloses, below 0 for a hole, and how many cracks it has; points: room x 2.
+// Returns the number of loops; *count: of the points, of which those beyond the room are missing. -1 where there is no
+// memory.
+CS_EXPORT int64_t cs_contours(const uint8_t* part, const uint8_t* shown, int64_t high, int64_t wide, int64_t top,
+                              int64_t left, int64_t height, int64_t width, const double* rows, const double* row_sigma,
+                              const double* columns, const double* column_sigma, double rim, int64_t room,
+                              double* points, double* sigma, int64_t* ends, double* told, int64_t* count) {
+  using namespace cs;
+  try {
+    Loops loops({part, high, wide});
+    std::vector<uint8_t> seen;
+    for (const Crack& c : loops.cracks) seen.push_back(shown[(c.y + kRight[c.d][1]) * wide + c.x + kRight[c.d][0]]);
+    for (Crack& c : loops.cracks) c.x += left, c.y += top;
+    std::vector<EdgePoint> found;
+    *count = 0;
+    for (int64_t k = 0, first = 0; k < loops.count(); first = loops.ends[k++]) {
+      const Crack* loop = &loops.cracks[first];
+      found.clear();
+      add_points(loop, loops.ends[k] - first, {rows, row_sigma, columns, column_sigma, height, width, rim}, found);
+      for (const EdgePoint& point : found) {
+        if (*count < room) {
+          const Crack& c = loop[point.crack];
+          const bool visible = seen[first + point.crack] != 0;
+          points[2 * *count] = visible ? point.x : c.middle(0),
+                     points[2 * *count + 1] = visible ? point.y : c.middle(1);
+          sigma[*count] = visible ? point.sigma : std::numeric_limits<double>::infinity();
+        }
+        ++*count;
+      }
+      double twice = 0.0;
+      for (const Crack* c = loop; c < &loops.cracks[0] + loops.ends[k]; c++)
+        twice += double(c->x * kStep[c->d][1] - c->y * kStep[c->d][0]);
+      if (k < room) ends[k] = *count, told[2 * k] = 0.5 * twice, told[2 * k + 1] = double(loops.ends[k] - first);
+    }
+    return loops.count();
+  } catch (const std::exception&) {
+    return -1;
+  }
 }
 
 // The method of Ramer, Douglas and Peucker: kept (count) is set at the first and last point of a chain (x 2), and where

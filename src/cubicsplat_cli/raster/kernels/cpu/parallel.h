@@ -13,6 +13,11 @@
 namespace cs {
 namespace {
 
+// How many of the threads are worth starting for so many turns, each of which does at least `least`.
+inline int64_t worth_starting(int64_t threads, int64_t turns, int64_t least) {
+  return std::clamp<int64_t>(turns / least, 1, std::max<int64_t>(threads, 1));
+}
+
 // Calls body(index) once for every index below count, on up to so many threads, this one among them. Which thread takes
 // which is left to chance, so a body writes only what is its index's own. Rethrows the first exception of a body.
 template <class Body>

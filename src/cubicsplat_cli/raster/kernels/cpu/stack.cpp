@@ -7,6 +7,7 @@
 #include <exception>
 #include <vector>
 
+#include "parallel.h"
 #include "stack_picture.h"
 
 namespace cs::stack {
@@ -76,6 +77,8 @@ class Growth {
 
 extern "C" {
 
+constexpr int64_t kLeastPieces = 512;  // whose pixels are compared in about a millisecond, which a thread is worth
+
 void cs_stack_picture(const CsPicture* picture, double* image, double* misfit) {
   for (int y = 0; y < picture->goal.height; y++)
     for (int x = 0; x < picture->goal.width; x++) {
@@ -112,12 +115,14 @@ double cs_stack_cost(const CsPicture* picture) {
 
 int64_t cs_stack_crossings(const CsPicture* picture, const CsCrossings* out) {
   int64_t count = 0;
-  for (const auto& layer : picture->layers) count += int64_t(layer->pixel.size());
+  for (const int32_t k : picture->own) count += int64_t(picture->layers[k]->pixel.size());
   if (out == nullptr) return count;
   try {
-    const auto slopes = cs::stack::slopes(*picture, std::vector<uint8_t>(picture->layers.size(), 1));
+    std::vector<uint8_t> wanted(picture->layers.size(), 0);
+    for (const int32_t k : picture->own) wanted[k] = 1;
+    const auto slopes = cs::stack::slopes(*picture, wanted);
     int64_t first = 0;
-    for (size_t k = 0; k < slopes.size(); k++) {
+    for (const int32_t k : picture->own) {
       const cs::stack::Trace& trace = *picture->layers[k];
       for (int64_t p = 0; p < trace.pieces(); p++)
         std::fill(out->piece + first + trace.starts[p], out->piece + first + trace.starts[p + 1],
@@ -139,14 +144,17 @@ int32_t cs_stack_growth(const CsPicture* before, const CsPicture* after, const i
   try {
     const cs::stack::Groups old(group_before, before->starts.back(), groups),
         fresh(group_after, after->starts.back(), groups);
-    cs::stack::Growth pixels(*before, *after, spread, leaks != 0);
-    for (int64_t k = 0; k < groups; k++) {
-      growth[k] = 0.0;
-      for (int64_t n = old.starts[k]; n < old.starts[k + 1]; n++)
-        pixels.add(*before, old.pieces[n], int32_t(k), growth[k]);
-      for (int64_t n = fresh.starts[k]; n < fresh.starts[k + 1]; n++)
-        pixels.add(*after, fresh.pieces[n], int32_t(k), growth[k]);
-    }
+    const int64_t parts = cs::worth_starting(before->goal.threads, int64_t(old.pieces.size()), kLeastPieces);
+    cs::each_index(parts, parts, [&](int64_t part) {
+      cs::stack::Growth pixels(*before, *after, spread, leaks != 0);
+      for (int64_t k = part * groups / parts; k < (part + 1) * groups / parts; k++) {
+        growth[k] = 0.0;
+        for (int64_t n = old.starts[k]; n < old.starts[k + 1]; n++)
+          pixels.add(*before, old.pieces[n], int32_t(k), growth[k]);
+        for (int64_t n = fresh.starts[k]; n < fresh.starts[k + 1]; n++)
+          pixels.add(*after, fresh.pieces[n], int32_t(k), growth[k]);
+      }
+    });
   } catch (const std::exception&) {
     return 1;
   }

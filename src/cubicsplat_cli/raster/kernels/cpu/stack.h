@@ -10,6 +10,7 @@ struct CsGoal {
   int32_t width, height;
   int32_t grid;           // 0: exact areas; g: g x g samples a pixel
   int32_t reach;          // px, of the blur that the picture of the stack goes through first, 0 for none
+  int32_t threads;        // that may work on it: the same picture for any number
   const double* target;   // H x W x 4, premultiplied
   const double* taps;     // reach + 1: its weights along a row or column, from the middle on
   const uint8_t* opaque;  // H x W: where the background may not show, or null
@@ -17,6 +18,8 @@ struct CsGoal {
   double bound;           // of a pixel's residual, beyond which it counts linearly
   double leak_weight;     // of the squared share of the background that shows where it may not
 };
+
+struct CsPicture;  // a stack as it is drawn
 
 // Opaque or translucent shapes back to front, each of one or more closed outlines.
 struct CsStack {
@@ -26,6 +29,9 @@ struct CsStack {
   const uint8_t* lines;  // pieces
   const double* signs;   // pieces: 1, or -1 where an outline runs the wrong way round
   const double* fills;   // layers x 4, premultiplied
+  // A picture of the same goal, or null: its layers, whose pieces get no numbers, are in the stack too.
+  const CsPicture* base;
+  const int32_t* beneath;  // layers: the layer of the base right above which each lies, ascending; -1 for none
 };
 
 // For each pixel that a piece crosses (twice where it comes back to one), in the order of the pieces.
@@ -51,10 +57,8 @@ struct CsUnknowns {
   double keep;            // and what is added besides
 };
 
-struct CsPicture;  // a stack as it is drawn
-
-// The picture of a stack, to be freed; null where there is no memory. previous: of the same goal, or null; what lies
-// the same as in that one is not drawn again.
+// The picture of a stack, to be freed; null where there is no memory. previous: of the same goal and base, or null;
+// what lies the same as in that one is not drawn again. A base must outlive its pictures.
 CS_EXPORT CsPicture* cs_stack_draw(const CsGoal*, const CsStack*, const CsPicture* previous);
 CS_EXPORT void cs_stack_free(CsPicture*);
 

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "parallel.h"
 #include "sparse_cholesky.h"
 #include "stack_picture.h"
 
@@ -18,6 +19,7 @@ namespace cs::stack {
 namespace {
 
 constexpr int32_t kMostAtOnce = 4000;  // variables: beyond, a factor of all takes longer than a dozen of its parts
+constexpr size_t kAtOnce = 20000;      // crossings that a thread takes, some milliseconds' work
 constexpr double kEnough = 1e-3;       // of the residual of a step, which is right to first order at best
 
 using Block = std::array<double, 64>;
@@ -238,11 +240,29 @@ class Equations {
   // The Gram matrix of the variables, each entry in one of the triangles: piece by piece, so that the few blocks of one
   // stay near.
   std::vector<sparse::Entry> multiplied() const {
-    std::vector<sparse::Entry> out;
     const Near near(crossings_, goal_, int(overlap_.size()) - 1);
+    // Parts of the crossings, each of whole pieces.
+    std::vector<size_t> ends;
+    for (size_t n = 0; n < crossings_.size(); n++)
+      if (const bool last = n + 1 == crossings_.size(); last || crossings_[n + 1].piece != crossings_[n].piece)
+        if (last || n + 1 - (ends.empty() ? 0 : ends.back()) >= kAtOnce) ends.push_back(n + 1);
+    std::vector<std::vector<sparse::Entry>> parts(ends.size());
+    each_index(int64_t(ends.size()), goal_.threads,
+               [&](int64_t part) { multiply(near, part > 0 ? ends[part - 1] : 0, ends[part], parts[part]); });
+    if (parts.size() == 1) return std::move(parts[0]);
+    std::vector<sparse::Entry> out;
+    size_t count = 0;
+    for (const auto& part : parts) count += part.size();
+    out.reserve(count + size_t(unknowns_.variables));
+    for (auto& part : parts) out.insert(out.end(), part.begin(), part.end()), part = {};
+    return out;
+  }
+
+  // Adds the entries of the pieces of some crossings.
+  void multiply(const Near& near, size_t n, size_t last, std::vector<sparse::Entry>& out) const {
     std::vector<int32_t> place(pieces_.size(), -1), others;
     std::vector<Block> blocks;  // of the piece and each of the others
-    for (size_t n = 0; n < crossings_.size();) {
+    while (n < last) {
       const int32_t piece = crossings_[n].piece;
       for (; n < crossings_.size() && crossings_[n].piece == piece; n++) {
         const Crossing& a = crossings_[n];
@@ -262,7 +282,6 @@ class Equations {
       for (size_t k = 0; k < others.size(); k++) project(piece, others[k], blocks[k], out), place[others[k]] = -1;
       others.clear(), blocks.clear();
     }
-    return out;
   }
 
   void pull() {

@@ -15,6 +15,17 @@ namespace {
 
 using Mask = std::vector<uint8_t>;  // of tiles
 
+// Whether a layer of a stack, whose pieces begin with the `first`, is the same as one of an earlier picture.
+inline bool same(const CsStack& stack, int layer, int first, const CsPicture& old, int other) {
+  const Trace& trace = *old.layers[other];
+  const int64_t count = stack.ends[layer] - first;
+  return trace.pieces() == count &&
+         std::equal(stack.fills + 4 * layer, stack.fills + 4 * layer + 4, &old.fills[4 * other]) &&
+         std::equal(stack.lines + first, stack.lines + first + count, trace.lines.begin()) &&
+         std::equal(stack.signs + first, stack.signs + first + count, trace.signs.begin()) &&
+         std::equal(trace.cubics.begin(), trace.cubics.end(), stack.cubics + 8 * int64_t(first));
+}
+
 // The layers of an earlier picture that lie the same in a stack: of each layer the number there, or -1; they ascend.
 class Matches {
  public:
@@ -30,7 +41,7 @@ class Matches {
       const auto found = known.find(
           hash(stack.cubics + 8 * int64_t(first), stack.ends[i] - first, &stack.fills[4 * i]));
       for (size_t n = 0; found != known.end() && n < found->second.size() && match < 0; n++)
-        if (found->second[n] >= next && same(i, first, found->second[n])) match = found->second[n];
+        if (found->second[n] >= next && same(stack_, i, first, old_, found->second[n])) match = found->second[n];
       if (match >= 0) next = match + 1;
       of.push_back(match);
     }
@@ -54,16 +65,6 @@ class Matches {
     };
     take(cubics, 8 * pieces), take(fill, 4);
     return sum;
-  }
-
-  bool same(int layer, int first, int other) const {
-    const Trace& trace = *old_.layers[other];
-    const int64_t count = stack_.ends[layer] - first;
-    return trace.pieces() == count &&
-           std::equal(stack_.fills + 4 * layer, stack_.fills + 4 * layer + 4, &old_.fills[4 * other]) &&
-           std::equal(stack_.lines + first, stack_.lines + first + count, trace.lines.begin()) &&
-           std::equal(stack_.signs + first, stack_.signs + first + count, trace.signs.begin()) &&
-           std::equal(trace.cubics.begin(), trace.cubics.end(), stack_.cubics + 8 * int64_t(first));
   }
 };
 

@@ -6,10 +6,14 @@
 #include <cmath>
 #include <new>
 
+#include "parallel.h"
 #include "stack_matches.h"
 
 namespace cs::stack {
 namespace {
+
+constexpr int64_t kLeastPieces = 64,
+                  kLeastTiles = 24;  // traced and drawn in about half a millisecond, which a thread is worth
 
 // The part of the canvas that pieces may reach.
 Window window_of(const CsGoal& goal, const std::vector<double>& cubics) {
@@ -61,18 +65,50 @@ std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const
   return trace;
 }
 
+// Traces the layers of a stack that are not known from an earlier picture.
+void trace(CsPicture& picture, const CsStack& stack) {
+  std::vector<int> fresh;
+  int64_t pieces = 0;
+  const auto first = [&](int layer) { return layer > 0 ? stack.ends[layer - 1] : 0; };
+  for (int i = 0; i < stack.layers; i++)
+    if (!picture.layers[picture.own[i]]) fresh.push_back(i), pieces += stack.ends[i] - first(i);
+  each_index(int64_t(fresh.size()), worth_starting(picture.goal.threads, pieces, kLeastPieces), [&](int64_t n) {
+    const int i = fresh[n];
+    picture.layers[picture.own[i]] = traced(stack, first(i), stack.ends[i], picture);
+  });
+}
+
+// The tiles in which a picture differs from its base, or an earlier one over the same base.
+Mask adopt_over(CsPicture& picture, const CsStack& stack, const CsPicture& old) {
+  Mask dirty(old.tiles.size(), 0);
+  const bool paired = old.base == stack.base && old.own == picture.own;
+  std::vector<uint8_t> known(stack.layers, 0);
+  for (int i = 0, first = 0; paired && i < stack.layers; first = stack.ends[i++])
+    if (same(stack, i, first, old, old.own[i])) known[i] = 1, picture.layers[old.own[i]] = old.layers[old.own[i]];
+  trace(picture, stack);
+  Differences differences(picture, dirty);
+  for (int i = 0; i < stack.layers; i++) {
+    const int k = picture.own[i];
+    if (known[i]) continue;
+    if (paired && std::equal(stack.fills + 4 * i, stack.fills + 4 * i + 4, &old.fills[4 * k]))
+      differences.mark(*picture.layers[k], *old.layers[k]);
+    else
+      differences.mark(*picture.layers[k]), paired ? differences.mark(*old.layers[k]) : void();
+  }
+  return dirty;
+}
+
 // The tiles in which a picture differs from an earlier one, whose layers that lie the same it takes over.
 Mask adopt(CsPicture& picture, const CsStack& stack, const CsPicture& old) {
   const Matches matches(stack, old);
+  for (int i = 0; i < stack.layers; i++)
+    if (matches.of[i] >= 0) picture.layers[i] = old.layers[matches.of[i]];
+  trace(picture, stack);
   Mask dirty(old.tiles.size(), 0);
   Differences differences(picture, dirty);
   int first = 0, begin = 0;  // layers here and there from which on nothing has been compared
   for (int i = 0; i <= stack.layers; i++) {
     const int match = i < stack.layers ? matches.of[i] : int(old.layers.size());
-    if (i < stack.layers) {
-      const int start = picture.starts[i];
-      picture.layers.push_back(match < 0 ? traced(stack, start, stack.ends[i], picture) : old.layers[match]);
-    }
     if (match < 0) continue;
     const bool paired = i - first == match - begin;
     for (int n = 0; n < i - first; n++) {
@@ -174,12 +210,21 @@ void compare(const CsPicture& picture, int number, Tile& tile) {
     }
 }
 
+// Calls `call(tile)` for the tiles that are wanted, on several threads.
+template <class Call>
+void each_wanted(const CsPicture& picture, const Mask& wanted, Call call) {
+  std::vector<int> numbers;
+  for (int n = 0; n < int(wanted.size()); n++)
+    if (wanted[n]) numbers.push_back(n);
+  const int64_t count = int64_t(numbers.size());
+  each_index(count, worth_starting(picture.goal.threads, count, kLeastTiles), [&](int64_t n) { call(numbers[n]); });
+}
+
 void paint(CsPicture& picture, const Mask& dirty) {
   const std::vector<std::vector<int>> layers = covering(picture, dirty);
   const int across = picture.across();
   Mask stale = dirty;
-  for (int n = 0; n < int(dirty.size()); n++) {
-    if (!dirty[n]) continue;
+  each_wanted(picture, dirty, [&](int n) {
     auto colours = std::make_shared<Colours>();
     colours->fill(0.0);
     for (const int k : layers[n])
@@ -188,7 +233,7 @@ void paint(CsPicture& picture, const Mask& dirty) {
     tile->sharp = tile->seen = colours;
     if (picture.goal.reach == 0) compare(picture, n, *tile);
     picture.tiles[n] = tile;
-  }
+  });
   if (picture.goal.reach == 0) return;
   const int reach = (picture.goal.reach + kTile - 1) / kTile;
   for (int n = 0; n < int(dirty.size()); n++)
@@ -197,28 +242,46 @@ void paint(CsPicture& picture, const Mask& dirty) {
         const int x = n % across + i, y = n / across + j;
         if (x >= 0 && y >= 0 && x < across && y < picture.down()) stale[y * across + x] = 1;
       }
-  for (int n = 0; n < int(dirty.size()); n++) {
-    if (!stale[n]) continue;
+  std::vector<std::shared_ptr<const Tile>> seen(picture.tiles);
+  each_wanted(picture, stale, [&](int n) {
     auto tile = std::make_shared<Tile>();
     tile->sharp = picture.tiles[n]->sharp, tile->seen = blurred(picture, n);
     compare(picture, n, *tile);
-    picture.tiles[n] = tile;
+    seen[n] = tile;
+  });
+  picture.tiles = std::move(seen);
+}
+
+// The layers of a stack, among those of its base; those of its own are still to be traced.
+void arrange(CsPicture& picture, const CsStack& stack) {
+  picture.starts.assign(1, 0);
+  picture.base = stack.base;
+  const int below = stack.base != nullptr ? int(stack.base->layers.size()) : 0;
+  const auto add = [&](std::shared_ptr<const Trace> trace, const double* fill, int32_t end) {
+    picture.layers.push_back(std::move(trace));
+    picture.fills.insert(picture.fills.end(), fill, fill + 4), picture.starts.push_back(end);
+  };
+  int next = 0;  // layer of the base
+  for (int i = 0; i < stack.layers; i++) {
+    for (; stack.base != nullptr && next <= stack.beneath[i]; next++)
+      add(stack.base->layers[next], &stack.base->fills[4 * next], picture.starts.back());
+    picture.own.push_back(int32_t(picture.layers.size()));
+    add(nullptr, stack.fills + 4 * i, stack.ends[i]);
   }
+  for (; next < below; next++) add(stack.base->layers[next], &stack.base->fills[4 * next], picture.starts.back());
 }
 
 CsPicture* drawn(const CsGoal& goal, const CsStack& stack, const CsPicture* previous) {
   auto picture = std::make_unique<CsPicture>();
   picture->goal = goal;
-  picture->fills.assign(stack.fills, stack.fills + 4 * int64_t(stack.layers));
-  picture->starts.assign(1, 0);
-  picture->starts.insert(picture->starts.end(), stack.ends, stack.ends + stack.layers);
+  arrange(*picture, stack);
+  if (previous == nullptr) previous = stack.base;
   Mask dirty(size_t(picture->across()) * picture->down(), 1);
   if (previous != nullptr) {
-    dirty = adopt(*picture, stack, *previous);
+    dirty = stack.base != nullptr ? adopt_over(*picture, stack, *previous) : adopt(*picture, stack, *previous);
     picture->tiles = previous->tiles;
   } else {
-    for (int k = 0; k < stack.layers; k++)
-      picture->layers.push_back(traced(stack, picture->starts[k], stack.ends[k], *picture));
+    trace(*picture, stack);
     picture->tiles.resize(dirty.size());
   }
   paint(*picture, dirty);
@@ -236,10 +299,9 @@ std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vec
     for (const int32_t tile : picture.layers[k]->tiles) tiles[tile] = 1;
   }
   const std::vector<std::vector<int>> layers = covering(picture, tiles);
-  Colours colours;
-  std::array<float, kTile * kTile> open;
-  for (int n = 0; n < int(tiles.size()); n++) {
-    if (!tiles[n]) continue;
+  each_wanted(picture, tiles, [&](int n) {
+    Colours colours;
+    std::array<float, kTile * kTile> open;
     const int left = n % picture.across() * kTile, top = n / picture.across() * kTile;
     const auto crossings = [&](int layer, auto call) {
       const Trace& trace = *picture.layers[layer];
@@ -267,7 +329,7 @@ std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vec
         for (int p = place; p < place + count; p++) open[p] *= 1.0f - opacity * covered;
       });
     }
-  }
+  });
   return out;
 }
 

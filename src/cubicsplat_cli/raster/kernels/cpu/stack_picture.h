@@ -46,7 +46,9 @@ inline double leak(const CsGoal& goal, const double* colour, int64_t pixel) {
 struct CsPicture {
   CsGoal goal;
   std::vector<double> fills;    // layers x 4
-  std::vector<int32_t> starts;  // layers + 1: the first piece of each
+  std::vector<int32_t> starts;  // layers + 1: the first piece of each; those of a base have none
+  std::vector<int32_t> own;     // the layers that are not the base's
+  const CsPicture* base;
   std::vector<std::shared_ptr<const cs::stack::Trace>> layers;
   std::vector<std::shared_ptr<const cs::stack::Tile>> tiles;
 
