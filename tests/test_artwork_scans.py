@@ -64,6 +64,11 @@ def test_what_is_no_scan_stays_as_it_is():
     assert scan_of(seethrough) is None
 
 
+def test_dark_spots_on_a_dark_ground_are_not_ink_on_paper():
+    grey = data.microaneurysms()
+    assert scan_of(as_levels(target_of(np.repeat(grey[..., None], 3, axis=2)))) is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("grey", [False, True])
 def test_a_scan_is_artwork(grey):

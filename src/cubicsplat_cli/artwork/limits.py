@@ -19,7 +19,6 @@ MOST_PIXELS = 3_000_000
 MOST_COMPLETED = 2000
 MOST_REGIONS = 20_000
 MOST_BLURRED = 600  # regions of what has to be blurred to have any: few say as much
-MOST_HIDDEN = 2000  # shapes, beyond which outlines end a little beneath what hides them
 MOST_POLISHED = 800  # shapes, beyond which no regularities are sought: of 1,900 letters they take 20 s
 
 _log = logging.getLogger("cubicsplat")

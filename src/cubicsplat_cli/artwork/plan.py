@@ -63,7 +63,9 @@ def planned(
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
         whole = regions.count <= MOST_COMPLETED
         if not whole:
-            _log.warning("%d regions are many: what lies above what, and translucency, is not sought", regions.count)
+            _log.warning(
+                "%d regions are many: what lies above what, hidden parts and translucency are not sought", regions.count
+            )
         parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
             return Plan(soft, regions, found, parts)

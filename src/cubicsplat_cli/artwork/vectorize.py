@@ -23,7 +23,7 @@ from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
-from cubicsplat_cli.artwork.limits import MOST_HIDDEN, MOST_POLISHED, blocks_of, enlarged, few_enough
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_POLISHED, blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
@@ -239,7 +239,7 @@ def _traced(
     parts: list[TranslucentPart], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
     """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
-    completed, sought = settings.completion == ON, len(parts) <= MOST_HIDDEN
+    completed, sought = settings.completion == ON, len(parts) <= MOST_COMPLETED
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
         work().at("fitting outlines", 0.25)

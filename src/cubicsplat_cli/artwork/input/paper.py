@@ -21,8 +21,9 @@ TUKEY = 4.685  # standard deviations from which a cell does not count
 NEAR = 3.0  # standard deviations of the grain within which pixels are paper
 FINE = 4.0  # px, the standard deviation of the window to whose mean pixels of paper are compared
 SMOOTH, PRIOR = 2.0, 0.05  # cells, and of a cell's pixels that the polynomial counts as
-# What a scan is. Levels of grain; of the paper at its lightest, and its darkest over that; by which it changes.
-GRAIN, LIGHTEST, DARKEST, UNEVEN = (0.6, 14.0), 110.0, 0.3, 6.0
+# What a scan is. Levels of grain; of the paper at its lightest, not below the middle tone; its darkest over that; by
+# which it changes.
+GRAIN, LIGHTEST, DARKEST, UNEVEN = (0.6, 14.0), 128.0, 0.3, 6.0
 # Shares of the pixels: paper, lighter than paper, and ink; and levels by which those are off the paper.
 PAPER, GLARE, FILL, OFF = 0.6, 0.004, 0.0005, 24.0
 FAINT, BESIDE = 4.0, 3  # standard deviations of smoothed grain that count as ink, and px around it that stay
