@@ -16,10 +16,11 @@ REACH = 3  # px to each side of the pixel, in which a line has at most half of t
 PASSES = 3
 
 
-def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
+def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray, *, whole: bool = False) -> np.ndarray:
     """(H, W) the fills of the pixels of a picture (H, W, 4), levels, with the diagonals of thin lines joined.
 
-    fills: (H, W) indices into the palette (P, 4), levels.
+    fills: (H, W) indices into the palette (P, 4), levels. whole: of lines a px across with anti-aliasing
+    alone, not of what may be a seam between shapes.
     """
     fills = fills.copy()
     for _ in range(PASSES):
@@ -30,8 +31,10 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
         share = ((levels[y, x] - base) * span).sum(axis=2) / square
         meeting = [((levels[y[:, k], x[:, 1 - k]][:, None] - base) * span).sum(axis=2) / square for k in (0, 1)]
         at, best = np.arange(len(y)), share.argmax(axis=1)
-        whole = np.clip(meeting[0] * meeting[1], 0.0, 1.0)
-        good = (share >= LEAST_SHARE * whole)[at, best] | _unsmoothed(fills, y, x, whole.min(axis=1), share)
+        both = np.ones(share.shape) if whole else np.clip(meeting[0] * meeting[1], 0.0, 1.0)
+        good = (share >= LEAST_SHARE * both)[at, best]
+        if not whole:
+            good |= _unsmoothed(fills, y, x, both.min(axis=1), share)
         y, x = y[at, best], x[at, best]
         good[good] = _thin(fills, own[good], y[good], x[good])
         if not good.any():
@@ -40,12 +43,12 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
     return fills
 
 
-def _unsmoothed(fills: np.ndarray, y: np.ndarray, x: np.ndarray, whole: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _unsmoothed(fills: np.ndarray, y: np.ndarray, x: np.ndarray, both: np.ndarray, share: np.ndarray) -> np.ndarray:
     """(n,) bool: corners of lines without anti-aliasing, a px across, at which two pixels have all and the others
-    nothing of the line. share: (n, 2) of it in the others.
+    nothing of the line. both, share: (n,) and (n, 2) of it in the two and in the others.
     """
     thick = [_in_square(fills, y[:, k], x[:, 1 - k]) for k in (0, 1)]
-    return (whole >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & ~thick[0] & ~thick[1]
+    return (both >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & ~thick[0] & ~thick[1]
 
 
 def _in_square(fills: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -119,8 +119,8 @@ def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
     """
     most = ndimage.maximum_filter(share, 3 + 2 * math.ceil(blur))
     cover = (share >= HALF) | ((share >= np.maximum(LESS, HALF * most)) & where)
-    levels = np.repeat(share[..., None], 4, axis=2)
-    return joined_at_corners(cover.astype(np.int32), levels, np.array([_EMPTY, _FULL]) / 255.0) > 0
+    levels, palette = np.repeat(share[..., None], 4, axis=2), np.array([_EMPTY, _FULL]) / 255.0
+    return joined_at_corners(cover.astype(np.int32), levels, palette, whole=True) > 0
 
 
 @dataclass(frozen=True, eq=False)
