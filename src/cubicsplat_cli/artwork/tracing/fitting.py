@@ -84,11 +84,15 @@ def _fitted(
     found, unfit = fitted_contours(ends, places, weights, known, prices, astray=astray)
     if unfit:
         raise InputError("an outline needs at least 3 different points")
-    return [_outline(each, points) for each, points in zip(found, loops, strict=True)]
+    # Where a part is hidden its points do not tell where the outline ought to run.
+    seen = [astray and bool((errors < HIDDEN_SIGMA).all()) for errors in sigmas]
+    return [
+        _outline(each, points if all_seen else None) for each, points, all_seen in zip(found, loops, seen, strict=True)
+    ]
 
 
-def _outline(found: FittedContour, points: np.ndarray) -> Outline:
+def _outline(found: FittedContour, points: np.ndarray | None) -> Outline:
     if found.form >= 0:
         return primitive_of(found.form, found.values)
-    otherwise = few_lines(points) if found.doubtful else None
+    otherwise = few_lines(points) if found.doubtful and points is not None else None
     return Ring(found.anchors, found.controls, found.lines, found.smooth, otherwise)
