@@ -1,4 +1,4 @@
-"""Pictures' channels, the last axis of their arrays."""
+"""Pictures' channels, the last axis of their arrays, and what light their values stand for."""
 
 from __future__ import annotations
 
@@ -10,3 +10,13 @@ import numpy as np
 def largest(values: np.ndarray) -> np.ndarray:
     """(...) the largest of the channels of (..., C): numpy's own, of an axis so short, takes ten times as long."""
     return np.asarray(reduce(np.maximum, np.moveaxis(values, -1, 0)))
+
+
+def light_of_srgb(values: np.ndarray) -> np.ndarray:
+    """The linear light of sRGB values, both in [0, 1] (IEC 61966-2-1)."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_of_light(light: np.ndarray) -> np.ndarray:
+    """The sRGB values of linear light, both in [0, 1]: the inverse of `light_of_srgb`."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)

@@ -72,22 +72,26 @@ class State:
     over: tuple[DrawnStack, np.ndarray] | None = None
 
     @classmethod
-    def of(cls, layers: list[Layer], goal: Goal, previous: State | None = None) -> State:
+    def of(
+        cls,
+        layers: list[Layer],
+        goal: Goal,
+        previous: State | None = None,
+        over: tuple[DrawnStack, np.ndarray] | None = None,
+    ) -> State:
         """That of some layers. previous: one of the same goal, of which what lies the same is not drawn again."""
-        stack = DrawnStack(_pieces_of(layers), goal, previous.stack if previous else None)
-        return cls(layers, goal, stack)
+        stack = DrawnStack(_pieces_of(layers), goal, previous.stack if previous else None, over)
+        return cls(layers, goal, stack, over)
 
     def beside(self, layers: list[Layer], beneath: list[int]) -> State:
         """The state of further layers alone, each drawn right above that one of this state's, which stay as they are.
         beneath: ascending numbers, -1 for what lies below all.
         """
-        over = self.stack, np.array(beneath, np.int32)
-        return State(layers, self.goal, DrawnStack(_pieces_of(layers), self.goal, None, over), over)
+        return State.of(layers, self.goal, over=(self.stack, np.array(beneath, np.int32)))
 
     def with_layers(self, layers: list[Layer]) -> State:
         """The state of other layers, of which only what differs is drawn."""
-        stack = DrawnStack(_pieces_of(layers), self.goal, self.stack, self.over)
-        return State(layers, self.goal, stack, self.over)
+        return State.of(layers, self.goal, self, self.over)
 
     @cached_property
     def outlines(self) -> list[Parameters]:

@@ -105,15 +105,7 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, even: np.
     """The area with the pixels around it that its gradient explains too; in a JPEG as far as these go on, but for large
     parts of one colour. even: (H, W) int32 numbers from 1 on of what is of one colour, 0 elsewhere.
     """
-    others = (even > 0) & (np.bincount(even.ravel()) >= LEAST_AREA)[even]
-    wide, size = area.patch, 0
-    while wide.size > size:
-        size = wide.size
-        wide = _wider(levels, area.shade, wide, condition, even)
-        if not condition.jpeg:
-            break
-        near = area.patch.grown(GROWN, levels.shape)
-        wide = replace(wide, mask=wide.mask & (~others[wide.window] | _at(near, wide)))
+    wide = (_widest if condition.jpeg else _wider)(levels, area.shade, area.patch, condition, even)
     mask = wide.mask
     inner = Patch(wide.top, wide.left, ndimage.holes_of(mask))
     holes, count = ndimage.label(inner.mask, PLUS)
@@ -122,6 +114,20 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, even: np.
     filled = (worst <= MOST_OFF) & (np.bincount(holes.ravel(), minlength=count + 1) <= LARGEST_HOLE)
     filled[0] = False
     return replace(area, patch=replace(wide, mask=mask | filled[holes]))
+
+
+def _widest(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
+    """The patch made wider until it grows no more; in large parts of one colour no further than GROWN px."""
+    sizes, near = np.bincount(even.ravel()), patch.grown(GROWN, levels.shape)
+    wide, size = patch, 0
+    while wide.size > size:
+        size = wide.size
+        wide = _wider(levels, shade, wide, condition, even)
+        y, x = wide.places()
+        part, mask = even[y, x], wide.mask.copy()
+        mask[wide.mask] = (part == 0) | (sizes[part] < LEAST_AREA) | near.at(y, x)
+        wide = replace(wide, mask=mask)
+    return wide
 
 
 def _wider(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
@@ -172,14 +178,6 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
         replace(area, patch=replace(area.patch, mask=area.patch.mask & (owner[area.patch.window] == k)))
         for k, area in enumerate(areas)
     ]
-
-
-def _at(patch: Patch, box: Patch) -> np.ndarray:
-    """(h, w) bool: the pixels of a patch in the box of another one."""
-    out = np.zeros(box.mask.shape, dtype=bool)
-    y, x = np.nonzero(np.ones(box.mask.shape, dtype=bool))
-    out[y, x] = patch.at(y + box.top, x + box.left)
-    return out
 
 
 def beside(patch: Patch, mask: np.ndarray) -> Patch:

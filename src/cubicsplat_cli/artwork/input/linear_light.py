@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import largest, light_of_srgb, srgb_of_light
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import SLOTS
 
@@ -43,15 +43,13 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
 
 
 def light_of(values: np.ndarray) -> np.ndarray:
-    """The linear light of sRGB values, both in 0..255 (IEC 61966-2-1)."""
-    v = np.asarray(values, np.float64) / 255.0
-    return 255.0 * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+    """The linear light of sRGB values, both in 0..255."""
+    return 255.0 * light_of_srgb(np.asarray(values, np.float64) / 255.0)
 
 
 def levels_of(light: np.ndarray) -> np.ndarray:
     """The sRGB values of linear light, both in 0..255."""
-    v = np.clip(light / 255.0, 0.0, 1.0)
-    return 255.0 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1.0 / 2.4) - 0.055)
+    return 255.0 * srgb_of_light(np.clip(light / 255.0, 0.0, 1.0))
 
 
 def _blended_in_light(colours: np.ndarray) -> bool:

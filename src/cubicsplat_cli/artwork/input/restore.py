@@ -136,9 +136,13 @@ def _of_small_parts(
 
 def _deep(labels: np.ndarray, count: int) -> np.ndarray:
     """(count,) bool: the fills of which enough pixels lie so far from edges that they show them."""
-    edge = (ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)).astype(np.uint8)
-    depth = ndimage.distance_transform_cdt(edge == 0, metric="chessboard")
-    return np.asarray(np.bincount(labels[depth >= DEEP], minlength=count) >= FEWEST_DEEP)
+    return np.asarray(np.bincount(labels[_depth(labels) >= DEEP], minlength=count) >= FEWEST_DEEP)
+
+
+def _depth(labels: np.ndarray) -> np.ndarray:
+    """(H, W) px from the edges between labels (H, W)."""
+    edge = ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)
+    return ndimage.distance_transform_cdt(~edge, metric="chessboard")
 
 
 def in_colours(levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, painted: np.ndarray) -> np.ndarray:
@@ -234,8 +238,7 @@ def _settled_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, 
     """The palette by the median of the pixels of each fill that are off it by less than `near` (P,) levels, those
     farthest from edges.
     """
-    edge = (ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)).astype(np.uint8)
-    depth = ndimage.distance_transform_cdt(edge == 0, metric="chessboard")
+    depth = _depth(labels)
     out = palette.copy()
     for k, box in enumerate(ndimage.find_objects(labels + 1, len(palette))):
         if box is None:

@@ -40,11 +40,6 @@ class CrackLoop:
         return self.y + offset[:, 1], self.x + offset[:, 0]
 
     @property
-    def middles(self) -> np.ndarray:
-        """(n, 2) midpoints of the cracks, x and y."""
-        return np.stack([self.x, self.y], axis=1) + 0.5 * STEP[self.direction]
-
-    @property
     def area(self) -> float:
         """Enclosed px^2, negative for a hole."""
         ends = np.stack([self.x, self.y], axis=1) + STEP[self.direction]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.regions.fills import has_square
+
 # Share of the line's fill in the pixel that joins, over those in the two that meet: a line of one px across has a
 # quarter at the corners, one half as wide a quarter of that.
 LEAST_SHARE = 0.15
@@ -34,7 +36,7 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
         both = np.ones(share.shape) if whole else np.clip(meeting[0] * meeting[1], 0.0, 1.0)
         good = (share >= LEAST_SHARE * both)[at, best]
         if not whole:
-            good |= _unsmoothed(fills, y, x, both.min(axis=1), share)
+            good |= _unsmoothed(has_square(fills), y, x, both.min(axis=1), share)
         y, x = y[at, best], x[at, best]
         good[good] = _thin(fills, own[good], y[good], x[good])
         if not good.any():
@@ -43,22 +45,13 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
     return fills
 
 
-def _unsmoothed(fills: np.ndarray, y: np.ndarray, x: np.ndarray, both: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _unsmoothed(thick: np.ndarray, y: np.ndarray, x: np.ndarray, both: np.ndarray, share: np.ndarray) -> np.ndarray:
     """(n,) bool: corners of lines without anti-aliasing, a px across, at which two pixels have all and the others
-    nothing of the line. both, share: (n,) and (n, 2) of it in the two and in the others.
+    nothing of the line. thick: (H, W) bool, what lines a px across are not; both, share: (n,) and (n, 2) of the line in
+    the two and in the others.
     """
-    thick = [_in_square(fills, y[:, k], x[:, 1 - k]) for k in (0, 1)]
-    return (both >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & ~thick[0] & ~thick[1]
-
-
-def _in_square(fills: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n,) bool: the pixels y, x belong to 2 x 2 px of one fill."""
-    padded = np.pad(fills, 1, constant_values=-1)
-
-    def same(dy: int, dx: int) -> np.ndarray:
-        return padded[y + 1 + dy, x + 1 + dx] == fills[y, x]
-
-    return np.any([same(dy, 0) & same(0, dx) & same(dy, dx) for dy in (-1, 1) for dx in (-1, 1)], axis=0)
+    thin = ~thick[y[:, 0], x[:, 1]] & ~thick[y[:, 1], x[:, 0]]
+    return (both >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & thin
 
 
 def _corners(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

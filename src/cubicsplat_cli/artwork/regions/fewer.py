@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import light_of_srgb
 from cubicsplat_cli.scene.paint import Rgba
 
 # More colours are gathered in bins before they are compared in pairs.
@@ -92,8 +93,7 @@ def to_lab(colours: np.ndarray) -> np.ndarray:
     """(K, 4) what is seen of colours (K, 4), premultiplied RGBA in levels: CIELAB, and opacity from 0 to 100."""
     opacity = colours[:, 3:] / 255.0
     straight = np.clip(colours[:, :3] / np.maximum(colours[:, 3:], 1e-6), 0.0, 1.0)
-    linear = np.where(straight <= 0.04045, straight / 12.92, ((straight + 0.055) / 1.055) ** 2.4)
-    xyz = linear @ _TO_XYZ.T / _WHITE
+    xyz = light_of_srgb(straight) @ _TO_XYZ.T / _WHITE
     f = np.where(xyz > 216.0 / 24389.0, np.cbrt(xyz), (24389.0 / 27.0 * xyz + 16.0) / 116.0)
     lab = np.stack([116.0 * f[:, 1] - 16.0, 500.0 * (f[:, 0] - f[:, 1]), 200.0 * (f[:, 1] - f[:, 2])], axis=1)
     return np.concatenate([lab, 100.0 * opacity], axis=1)

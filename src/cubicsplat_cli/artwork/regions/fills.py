@@ -31,6 +31,16 @@ def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
     return spread(levels, 3, 3) <= limit
 
 
+def has_square(pure: np.ndarray) -> np.ndarray:
+    """(H, W) bool: belongs to a 2x2 square of one fill."""
+    same = (pure[:-1, :-1] == pure[1:, :-1]) & (pure[:-1, :-1] == pure[:-1, 1:]) & (pure[:-1, :-1] == pure[1:, 1:])
+    out = np.zeros(pure.shape, dtype=bool)
+    for dy in (0, 1):
+        for dx in (0, 1):
+            out[dy : dy + same.shape[0], dx : dx + same.shape[1]] |= same
+    return out & (pure >= 0)
+
+
 def picture_fills(levels: np.ndarray) -> np.ndarray:
     """(P, 4) float64 the fills of the flat interiors in levels, the commonest first.
 

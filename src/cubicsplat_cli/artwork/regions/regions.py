@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.fills import SAME, flat_pixels
+from cubicsplat_cli.artwork.regions.fills import SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
     REACH,
@@ -171,16 +171,6 @@ def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, go
     kept = residual > 12.0
     out[y[kept], x[kept]] = pure[y[kept], x[kept]]
     return out
-
-
-def has_square(pure: np.ndarray) -> np.ndarray:
-    """(H, W) bool: belongs to a 2x2 square of one fill."""
-    same = (pure[:-1, :-1] == pure[1:, :-1]) & (pure[:-1, :-1] == pure[:-1, 1:]) & (pure[:-1, :-1] == pure[1:, 1:])
-    out = np.zeros(pure.shape, dtype=bool)
-    for dy in (0, 1):
-        for dx in (0, 1):
-            out[dy : dy + same.shape[0], dx : dx + same.shape[1]] |= same
-    return out & (pure >= 0)
 
 
 def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:

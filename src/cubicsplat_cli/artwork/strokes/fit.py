@@ -24,10 +24,11 @@ _log = logging.getLogger("cubicsplat")
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
     strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
+    if not strokes:
+        return drawing
     pieces = sum(stroke.path.pieces for stroke in strokes)
     if pieces > MOST_PIECES:
         _log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
-    if not strokes or pieces > MOST_PIECES:
         return drawing
     state = settle(_state(drawing, goal, fixed=False), goal, FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))
