@@ -82,30 +82,22 @@ def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
 def test_the_help_of_vectorize_fits_into_two_screens(columns, run_cli, monkeypatch):
     monkeypatch.setenv("COLUMNS", columns)
     lines = run_cli("vectorize", "--help").stdout.decode().splitlines()
-    # A group of its own is for those who cut, print or animate; of its six options one takes two lines.
-    structure = lines.index("Structure:")
-    end = lines.index("", structure)
-    assert len([line for line in lines[structure:end] if re.match(r"\s+-", line)]) == 6 and end - structure <= 8
-    # 48 others with --shapes, which belongs beside --mode, --geometrize and --data-uri.
-    assert len(lines) <= 87 + 9
-    assert len([line for line in lines if re.match(r"\s+-", line)]) <= 48 + 6
+    assert len(lines) <= 86
+    assert len([line for line in lines if re.match(r"\s+-", line)]) <= 45
 
 
 def recipe_rows() -> Iterator[str]:
     """The table of docs/cli.md about the names of --set."""
 
     def text(value: object) -> str:
-        return (
-            str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
-        )
+        return f"{value:g}" if isinstance(value, float) else str(value).lower()
 
     usual, paper = FitSettings(), FitSettings(preset="paper")
     for here, there in ((usual, paper), (usual.recipe, paper.recipe), (ArtworkSettings(), ArtworkSettings())):
         for field, known in settings_of(type(here)):
             if known.by_set:
-                what = {"count": "a whole number", "number": "a number"}.get(known.kind)
-                choices = known.choices or ("true", "false")
-                values = " ".join(f"`{choice}`" for choice in choices) if what is None else f"{what} {known.span()}"
+                choices = known.choices or (("true", "false") if known.kind == "flag" else ())
+                values = " ".join(f"`{choice}`" for choice in choices) or known.values()
                 default, published = (text(getattr(each, field.name)) for each in (here, there))
                 published = "" if published == default else published
                 yield f"| `{field.name.replace('_', '-')}` | {values} | {default} | {published} | {known.help} |"
@@ -115,6 +107,16 @@ def test_the_names_of_set_are_documented():
     rows = list(recipe_rows())
     assert len(rows) > 40
     assert "\n".join(rows) in section("vectorize")
+
+
+def test_set_help_lists_the_names_without_a_picture(run_cli):
+    done = run_cli("vectorize", "--set", "help")
+    lines = done.stdout.decode().splitlines()
+    assert done.returncode == 0 and len(lines) == len(list(recipe_rows()))
+    assert (
+        "finish                     0.15  Share of the steps that use exact coverage.  [a number from 0 to 0.999]"
+        in lines
+    )
 
 
 def test_the_help_of_vectorize_is_in_groups_and_in_the_words_of_people(run_cli, monkeypatch):
@@ -364,7 +366,7 @@ def test_completion_knows_commands_options_and_choices(run_cli, monkeypatch):
 
     monkeypatch.setenv("_CUBICSPLAT_COMPLETE", "complete_bash")
     assert completed("cubicsplat vec") == ["vectorize"]
-    assert {"--curves", "--cluster"} <= set(completed("cubicsplat vectorize --c"))
+    assert {"--curves", "--colors"} <= set(completed("cubicsplat vectorize --c"))
     assert completed("cubicsplat vectorize --preset h") == ["high"]
 
 
@@ -453,7 +455,7 @@ def test_the_library_takes_the_same_names_and_those_of_earlier_versions():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("edge_strat=3", "--set knows no 'edge_strat'; did you mean edge_start?; docs/cli.md lists the names"),
+        ("edge_strat=3", "--set knows no 'edge_strat'; did you mean edge_start?; --set help lists the names"),
         ("importance=lo", "--set importance must be loo or visibility, not 'lo'; did you mean loo?"),
         ("seed-size=x", "--set seed-size must be a number of at least 0, not 'x'"),
         ("finish=1", "--set finish must be a number from 0 to 0.999, not 1.0"),
