@@ -17,7 +17,7 @@ from PIL import Image
 from warm import run_warm
 
 from cubicsplat_cli import pipeline
-from cubicsplat_cli.files.names import beside
+from cubicsplat_cli.files.names import outputs_beside
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, attempt
 from cubicsplat_cli.jobs.sinks import FileSink
@@ -29,7 +29,7 @@ REQUEST = Request(FitSettings(curves=8, steps=2000, threads=1), style="photo")
 
 
 def job_of(photo: Path) -> Job:
-    return Job(str(photo), photo, beside(photo.with_suffix(".svg"), png=True, source=photo))
+    return Job(str(photo), photo, outputs_beside(photo.with_suffix(".svg"), png=True, source=photo))
 
 
 # --- nothing is lost ---------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.html_report.drawing import shown
+from cubicsplat_cli.html_report.drawing import shown_elements
 from cubicsplat_cli.pipeline import task_of
 from cubicsplat_cli.pipeline.pages import page_in
 from cubicsplat_cli.progress import StageTimer
@@ -220,7 +220,7 @@ def test_other_formats_and_the_report_take_an_embedded_image(embedded):
     assert b"/Image" in exported(data, "pdf", "the SVG", tolerance=0.05).data
     made = exported(data, "xml", "the SVG", tolerance=0.05)
     assert "1 shading" in " ".join(made.notes)
-    page_shown = shown(data, as_picture(page()), 1)
+    page_shown = shown_elements(data, as_picture(page()), 1)
     assert page_shown is not None
     assert "data:image/" in page_shown.markup
 

@@ -163,7 +163,7 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
         reporter.note(note)
     if report.interrupted:
         reporter.note(f"interrupted: the clip so far is written, {counted(report.input.frames, 'frame')}")
-    reporter.summary(summary_line(report))
+    reporter.summary(clip_summary(report))
     return report
 
 
@@ -195,7 +195,7 @@ def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Pla
     write_atomically(places.metrics, report.to_json().encode())
 
 
-def summary_line(report: ClipReport) -> str:
+def clip_summary(report: ClipReport) -> str:
     """`clip.svg  60 frames  256 curves  180 kB  SVG 27.9 dB  1.2 s a frame`."""
     output, quality = report.output, report.quality
     level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.1f} dB"

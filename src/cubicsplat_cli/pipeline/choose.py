@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_st
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
@@ -64,7 +64,7 @@ def _first(task: Task) -> Made:
         require_gpu()  # which a drawing would not ask for
     fill = only_fill(task.picture)
     if fill is not None:
-        return plain(fill, task)
+        return result_of_one_fill(fill, task)
     asked = _asked_for(request)
     if asked is not None:
         page = _page(task)
