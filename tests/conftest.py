@@ -37,6 +37,30 @@ def _quick_workers() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session")
+def opened() -> Iterator[dict[str, Any]]:
+    """Engines by name, each opened once."""
+    engines: dict[str, Any] = {}
+    yield engines
+    for engine in engines.values():
+        engine.close()
+
+
+@pytest.fixture
+def engine(request: pytest.FixtureRequest, opened: dict[str, Any]) -> Any:
+    """The engine that a test names, or the best one on the CPU.
+
+    Not of a wider scope: pytest would then run all tests of one engine, then all of the next, and two processes that
+    share them out would both compute every reference.
+    """
+    from engines import FIRST, open_kind
+
+    kind = getattr(request, "param", FIRST)
+    if kind not in opened:
+        opened[kind] = open_kind(kind)
+    return opened[kind]
+
+
 @pytest.fixture
 def package(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str], None]:
     """Installs a package of a name and a text in the place of the one that is there, for one test."""
