@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module, invalidate_caches
@@ -35,6 +36,19 @@ def pytest_collection_finish() -> None:
 def _quick_workers() -> Iterator[None]:
     with forked_from_a_warm_process():
         yield
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium, as playwright has it."""
+    driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'cubicsplat[test]'")
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+    if program is None:
+        pytest.skip("needs Chromium or Chrome: apt-get install chromium")
+    with driver.sync_playwright() as play:
+        started = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield started
+        started.close()
 
 
 @pytest.fixture(scope="session")
