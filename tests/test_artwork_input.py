@@ -182,7 +182,7 @@ def test_what_touches_the_canvas_is_as_round_in_a_jpeg(body, kind):
     assert [type(outline) for outline in drawing.shapes[-1].outlines] == [kind]
 
 
-@pytest.mark.parametrize("kind", ["jpeg", "noisy", "blurred", "enlarged", "palette"])
+@pytest.mark.parametrize("kind", rest_slow("jpeg", "blurred", "noisy", "enlarged", "palette", fast=2))
 def test_a_spoilt_drawing_is_still_a_drawing(kind):
     lines = "".join(f'<path d="M{x} 0L{x + 9} 160" stroke="#369" stroke-width="2"/>' for x in range(0, 150, 24))
     for body in (FACE, lines + FACE):

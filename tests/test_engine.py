@@ -294,8 +294,8 @@ def test_steps_are_those_of_the_reference(engine, mode, settings):
 
 @every_engine
 def test_steps_lower_the_loss(engine):
-    scene = packed(random_scene(Mode.CLOSED, 20, 3, 32, 40, 2, background=PAPER), engine.device)
-    target = random_target(random_scene(Mode.CLOSED, 1, 3, 32, 40, background=PAPER), 7).to(engine.device)
+    scene = packed(random_scene(Mode.CLOSED, 12, 3, 20, 24, 2, background=PAPER), engine.device)
+    target = random_target(random_scene(Mode.CLOSED, 1, 3, 20, 24, background=PAPER), 7).to(engine.device)
     scene.colours.zero_()
     scene.opacities.zero_()
     scene.logits = True

@@ -235,7 +235,7 @@ def cpu_seconds(process_id: int) -> float:
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
-@pytest.mark.parametrize("delay", rest_slow(1.4, 0.02, 0.3, 0.8))
+@pytest.mark.parametrize("delay", rest_slow(0.8, 0.02, 0.3, 1.4))
 def test_ctrl_c_at_any_moment(delay, jpeg):
     process = start("vectorize", jpeg, "--curves", 12, "--steps", 4_000_000, "--threads", 1)
     try:
