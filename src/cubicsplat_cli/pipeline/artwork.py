@@ -204,7 +204,7 @@ def result_of_drawing(drawing: Drawing, request: Request) -> Made:
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
-    """The members of the report that add_sketch of shapes, none of which is anything but a path of one colour."""
+    """The members of the report about a drawing whose shapes are paths of one colour each."""
     colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}
 
