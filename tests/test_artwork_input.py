@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import rest_slow
+from image_files import recoded
 from PIL import Image
 from scipy import ndimage
 
@@ -77,9 +77,7 @@ def test_what_happened_is_found_and_said():
 
 @pytest.mark.parametrize(("file", "quality"), rest_slow(("JPEG", 95), ("WEBP", 80), ("JPEG", 80)))
 def test_a_margin_makes_no_compressed_picture_clean(file, quality):
-    buffer = io.BytesIO()
-    Image.fromarray(pixels("palette")[..., :3]).save(buffer, file, quality=quality)
-    levels = np.array(Image.open(buffer))
+    levels = recoded(pixels("palette")[..., :3], file, quality=quality)
     for margin in (0, 50, 400):  # px; aligned to no block
         wide = np.pad(levels, ((margin, margin), (margin, margin), (0, 0)), constant_values=255)
         assert condition_of(as_levels(as_picture(wide).target())).jpeg, margin
@@ -89,9 +87,7 @@ def test_a_margin_makes_no_compressed_picture_clean(file, quality):
 def test_a_lossy_webp_is_known_and_drawn_as_it_was(mode):
     # Its blocks are of many sizes and smoothed: only the ringing tells.
     clean = pixels("clean") if mode == "RGBA" else pixels("palette")
-    buffer = io.BytesIO()
-    Image.fromarray(clean).convert(mode).save(buffer, "WEBP", quality=80)
-    levels = np.array(Image.open(buffer))
+    levels = recoded(Image.fromarray(clean).convert(mode), "WEBP", quality=80)
     assert levels.shape[2] == len(mode)
     assert condition_of(as_levels(as_picture(levels).target())).jpeg
     drawing = draw(as_picture(levels).target())
@@ -116,9 +112,7 @@ def test_pale_stripes_and_marks_on_a_grid_of_8_px_are_no_jpeg():
         for left in range(8, 256, 16):
             levels[top : top + 8, left : left + 8][np.eye(8, dtype=bool)] = 0
     assert condition_of(as_levels(as_picture(levels).target())) == CLEAN
-    buffer = io.BytesIO()
-    Image.fromarray(levels).save(buffer, "JPEG", quality=90)
-    assert condition_of(as_levels(as_picture(np.asarray(Image.open(buffer))).target())).jpeg
+    assert condition_of(as_levels(as_picture(recoded(levels, quality=90)).target())).jpeg
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "noisy"])
@@ -190,13 +184,12 @@ def test_a_spoilt_drawing_is_still_a_drawing(kind):
 def test_a_photo_as_a_jpeg_is_still_a_photo(scale):
     with Image.open(SAMPLES / "chelsea.png") as picture:
         sized = picture.convert("RGB").resize([round(side * scale) for side in picture.size], Image.Resampling.BICUBIC)
-    buffer = io.BytesIO()
-    sized.save(buffer, "JPEG", quality=80)
-    found = choose_style(np.asarray(Image.open(buffer), np.float32) / 255.0)
+    jpeg = recoded(sized, quality=80).astype(np.float32) / 255.0
+    found = choose_style(jpeg)
     assert found.name == "photo", found.reason
     # On white as well.
     framed = np.ones((3 * sized.height // 2, 3 * sized.width // 2, 3), np.float32)
-    framed[: sized.height, : sized.width] = np.asarray(Image.open(buffer), np.float32) / 255.0
+    framed[: sized.height, : sized.width] = jpeg
     assert choose_style(framed).name == "photo"
 
 
@@ -353,8 +346,6 @@ def test_what_sharpening_makes_beside_an_edge_is_no_fill():
 def test_fills_of_a_jpeg_that_are_all_but_pure_are_pure():
     body = '<path d="M0 0H96V96H0z" fill="#fff"/><circle cx="40" cy="44" r="31" fill="#002b80"/>'
     text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 96">{body}</svg>'
-    buffer = io.BytesIO()
-    Image.fromarray(Document(text.encode(), "x", 96).draw()[..., :3].copy()).save(buffer, "JPEG", quality=70)
-    levels = as_levels(as_picture(np.asarray(Image.open(buffer))).target())
+    levels = as_levels(as_picture(recoded(Document(text.encode(), "x", 96).draw()[..., :3], quality=70)).target())
     assert 0.0 < np.median(levels[30:60, 25:55, 0]) < 5.0
     assert {tuple(fill) for fill in restored(levels, condition_of(levels)).palette[:, [0, 3]]} == {(0, 255), (255, 255)}
