@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, takes_options
+from cubicsplat_cli.cli.options import Json, Quiet, Verbose, takes_options
 from cubicsplat_cli.clip_request import (
     ARTWORK,
     FIT_SETTINGS,
@@ -48,8 +48,6 @@ Output = Annotated[
         "--output", "-o", metavar="OUT", help="SVG, Lottie JSON (OUT.json) or folder to write.", show_default=False
     ),
 ]  # fmt: skip
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print settings and plain progress too.")]
 
 
 @dataclass(frozen=True)

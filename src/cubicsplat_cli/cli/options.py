@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import csv_text, did_you_mean
-from cubicsplat_cli.options import COMMON, GROUPS, RENAMED, Setting, settings_of
+from cubicsplat_cli.options import COMMON, FILES, GROUPS, RENAMED, Setting, settings_of
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
@@ -26,7 +26,10 @@ Renderer = Annotated[
 ]
 MaxPixels = Annotated[int, Option("--max-pixels", metavar="N", help="Refuse larger pictures.")]
 Json = Annotated[bool, Option("--json", help="Print everything as JSON.")]
-Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.", rich_help_panel=FILES)]
+Verbose = Annotated[
+    bool, Option("--verbose", "-v", help="Print settings and plain progress too.", rich_help_panel=FILES)
+]
 Pictures = Annotated[
     list[str],
     Argument(
