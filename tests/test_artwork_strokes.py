@@ -49,7 +49,7 @@ def points_on(stroke: Stroke) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("name", "sampled"),
-    rest_slow(("house", False), ("letter s", True), *product(sorted(ICONS), (False, True)), fast=2),
+    rest_slow(("letter s", True), *product(sorted(ICONS), (False, True))),
 )
 def test_widths_and_centre_lines_of_icons(name, sampled):
     pens = ICONS[name]
