@@ -27,6 +27,7 @@ from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.raster.unmix import components
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 SIDE = 160
@@ -118,10 +119,38 @@ def test_pale_stripes_and_marks_on_a_grid_of_8_px_are_no_jpeg():
 @pytest.mark.parametrize("kind", ["jpeg", "noisy"])
 def test_noise_gives_no_fills_and_hides_none(kind):
     levels = as_levels(target(kind))
-    fills = noisy_fills(levels, levels, condition_of(levels).noise)
+    fills = noisy_fills(levels, levels, condition_of(levels))
     assert len(fills) == 4
     for fill in [(255, 255, 255), *FILLS]:
         assert np.abs(fills[:, :3] - fill).max(axis=1).min() <= 4.0
+
+
+def test_a_corner_without_opacity_is_no_paler_fill():
+    # A white button, cropped to its rounded outline, of which one pixel in each corner is clear.
+    levels = np.full((48, 48, 4), 255.0, np.float32)
+    for corner in (levels[:3, :3], levels[:3, :-4:-1], levels[:-4:-1, :3], levels[:-4:-1, :-4:-1]):
+        corner[:] = np.array([[0, 15, 111], [15, 223, 255], [159, 255, 255]], np.float32)[..., None]
+    levels[20:28, 10:38, :3] = 56.0
+    drawing = draw(levels / 255.0)
+    assert drawing.fills == ((255, 255, 255, 255), (56, 56, 56, 255)) and len(drawing.shapes) == 2
+    assert not isinstance(drawing.shapes[0].outlines[0], Rectangle)
+
+
+@pytest.mark.parametrize("deviation", [3.0, 8.0, 14.0])
+def test_strong_noise_is_measured_and_makes_no_more_of_near_fills(deviation):
+    levels = np.full((200, 200, 4), 255.0, np.float32)
+    y, x = np.mgrid[:200, :200]
+    greys = [66.0, 87.0, 120.0, 190.0]
+    for k, grey in enumerate(greys):
+        levels[np.hypot(x - 100, y - 100) < 95 - 20 * k, :3] = grey
+    noise = np.random.default_rng(2).normal(0.0, deviation, (200, 200, 3))
+    levels[..., :3] = np.clip(np.rint(levels[..., :3] + noise), 0.0, 255.0)
+    assert choose_style(levels / 255.0).name == "artwork"
+    found = condition_of(levels)
+    assert found.noise == pytest.approx(deviation, rel=0.2) and not found.jpeg
+    picture = restored(levels, found)
+    assert sorted(picture.palette[:, 0]) == pytest.approx([*greys, 255.0], abs=2.0)
+    assert components(picture.labels)[1] == 5
 
 
 @pytest.mark.parametrize(("kind", "least"), [("jpeg", 1.7), ("noisy", 1.4)])
@@ -253,7 +282,7 @@ def test_a_fill_of_thin_lines_alone_is_found_and_drawn():
     body = f'<path d="M0 0H160V160H0z" fill="#fff"/><path d="M0 0H80V160H0z" fill="#0071bd"/>{lines}'
     levels = as_levels(target("jpeg", body))
     condition = condition_of(levels)
-    palette = noisy_fills(levels, levels, condition.noise)
+    palette = noisy_fills(levels, levels, condition)
     assert np.abs(palette[:, :3]).max(axis=1).min() > 100.0
     done = restored(levels, condition).levels
     clean = as_levels(target("clean", body))
