@@ -8,11 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, coverage, polygon
 from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
-from cubicsplat_cli.artwork.layers.continuation import continued
-from cubicsplat_cli.artwork.layers.ends import End
+from cubicsplat_cli.artwork.layers.ends import End, continued
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.holes import without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path

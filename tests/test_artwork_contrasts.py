@@ -11,7 +11,7 @@ import resvg_py
 from PIL import Image
 from skimage import data
 
-from cubicsplat_cli.artwork.input.contrasts import contrasts
+from cubicsplat_cli.artwork.input.evenness import contrasts
 from cubicsplat_cli.artwork.style import choose_style
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples" / "artwork"

@@ -20,8 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     polygon,
     signed_area,
 )
-from cubicsplat_cli.artwork.tracing.fitting import fit_outline, fit_outlines
-from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
+from cubicsplat_cli.artwork.tracing.fitting import fit_outline, fit_outlines, fit_primitive
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.files.convert import as_picture

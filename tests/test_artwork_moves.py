@@ -9,13 +9,13 @@ from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, round
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.finish.moves import as_path
 from cubicsplat_cli.artwork.finish.polish import polish
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Outline,
     Rectangle,
     Ring,
+    coverage,
     flattened,
     polygon,
     signed_area,

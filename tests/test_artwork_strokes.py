@@ -24,9 +24,8 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pi
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.strokes.find import with_strokes
-from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters
+from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_strokes
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender

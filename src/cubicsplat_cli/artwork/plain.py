@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
-from cubicsplat_cli.artwork.names import shape_name
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.scene.paint import Rgba
 

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle, flattened, signed_area
-from cubicsplat_cli.artwork.names import colour_group, shape_name
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, shape_name
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 # A rectangle that ends so near to the canvas' edge covers it.

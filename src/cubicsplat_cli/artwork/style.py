@@ -11,8 +11,7 @@ from functools import reduce
 import numpy as np
 
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
-from cubicsplat_cli.artwork.input.contrasts import APART, contrasts
-from cubicsplat_cli.artwork.input.evenness import SMALL, even, in_blocks
+from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,

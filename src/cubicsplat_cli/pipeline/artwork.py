@@ -151,7 +151,7 @@ def _structured(drawing: Drawing, request: Request) -> Made:
         notes = _ground_notes(request, ground is not None)
         drawing = drawing if ground is None else structure.with_ground(drawing, ground, fill)
     if request.overlap is not None:
-        from cubicsplat_cli.artwork.planar.overlap import overlapping
+        from cubicsplat_cli.artwork.planar.cutout import overlapping
 
         drawing = structure.by_lightness(drawing)
         drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)

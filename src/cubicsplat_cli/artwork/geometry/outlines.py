@@ -1,4 +1,5 @@
-"""Outlines of artwork: rings of lines and cubics, and the primitives that an artist would write as such.
+"""Outlines of artwork: rings of lines and cubics, the primitives that an artist would write as such, and their exact
+coverage of pixels.
 
 Lengths are in px, y grows downwards, angles are in radians from the x axis towards the y axis.
 """
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
+from cubicsplat_cli.raster.cpu import doubles, native
 
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
@@ -240,3 +242,15 @@ def reversed_ring(ring: Ring) -> Ring:
     order = (-np.arange(ring.pieces)) % ring.pieces
     pieces = (order - 1) % ring.pieces
     return Ring(ring.anchors[order], ring.controls[pieces][:, ::-1], ring.lines[pieces], ring.smooth[order])
+
+
+def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height: int, width: int) -> np.ndarray:
+    """(height, width) float64 coverage, in [0, 1], of the pixels of a window by closed outlines.
+
+    cubics: (S, 4, 2) px, of which some are lines (S,) bool. A loop of an outline that crosses itself is filled. Raises
+    EngineError where the library or the memory is missing.
+    """
+    out = np.empty((height, width))
+    given = len(cubics), doubles(cubics), np.ascontiguousarray(lines, bool)
+    native("shapes", "cs_coverage", *given, left, top, width, height, out)
+    return out

@@ -11,9 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.chroma import explained, missing_fills
+from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_shares
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.mixture import mixture_of, with_shares
 from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, missing_colours, noisy_fills
 from cubicsplat_cli.artwork.input.squares import square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills

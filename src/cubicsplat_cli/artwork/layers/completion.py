@@ -25,8 +25,7 @@ from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
-from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
-from cubicsplat_cli.artwork.tracing.primitives import dot_of
+from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import fewer_points
 

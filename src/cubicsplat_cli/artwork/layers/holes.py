@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, coverage, polygon
 from cubicsplat_cli.artwork.layers.extents import Extent
 from cubicsplat_cli.artwork.tracing.fitting import few_lines
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.layers.continuation import continued
-from cubicsplat_cli.artwork.layers.ends import REACH, End, end_of
+from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, end_of
 from cubicsplat_cli.artwork.layers.min_link import Room, along_edge, min_link_path
 
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, ShadowSamples, reached, shaded
+from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shadows import ShadedPixels
 

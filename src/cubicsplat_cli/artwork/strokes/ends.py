@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, ROUND
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
-from cubicsplat_cli.artwork.strokes.centres import Sides
+from cubicsplat_cli.artwork.strokes.skeleton import Sides
 
 NEAREST = 0.3  # px between points of a centre line
 TIP = 0.3  # widths at a free end where the skeleton wavers

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,
     Rectangle,
     Ring,
+    coverage,
     flattened,
     pieces_of_rings,
     reversed_ring,
