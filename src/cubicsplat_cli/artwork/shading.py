@@ -25,7 +25,6 @@ LEAST_AREA = 24  # px away from edges, of what is an object of its own
 # An edge changes as much within NEAR px to both sides as within FAR, a ramp NEAR / FAR of that. Levels that an edge
 # changes by beyond a ramp.
 NEAR, FAR, LEAST_STEP = 2.0, 5.0, 16.0
-_PLUS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 EDGE = 2  # px to both sides of a border that its pixels' blending and smoothing reach
 REACH, SLOTS = 4, 3  # px in which the objects of a blend are sought, and how many meet at most
 # Times that each channel counts: opacity is as sure within shading as elsewhere.
@@ -55,12 +54,10 @@ def objects_of(levels: np.ndarray) -> np.ndarray:
     from skimage.segmentation import watershed  # which few pictures need
 
     slopes = _slopes(levels)
-    areas, count = ndimage.label(slopes.size < STEEP, _PLUS)
-    kept = np.bincount(areas.ravel(), minlength=count + 1) >= LEAST_AREA
-    kept[0] = False
-    if not kept.any():
+    areas, count = ndimage.large_parts(slopes.size < STEEP, LEAST_AREA)
+    if not count:
         return np.zeros(levels.shape[:2], np.int32)
-    labels = watershed(slopes.size, (np.cumsum(kept) * kept)[areas])
+    labels = watershed(slopes.size, areas)
     while len(weak := _weak_borders(levels, labels, slopes)):
         labels = _united(labels, weak)
     _, labels = np.unique(labels, return_inverse=True)
@@ -150,21 +147,16 @@ def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
 
 def _insides(labels: np.ndarray) -> np.ndarray:
     """(H, W) bool: pixels that show one object alone; of what is too thin to have such ones, its middle."""
-    inside = np.asarray(_alike(labels, 2 * EDGE + 1))
+    inside = ndimage.alike(labels, 2 * EDGE + 1)
     y, x = np.nonzero(~inside)
     if len(y):
         paint = np.where(inside, labels, -1).astype(np.int32)
         paints, _ = nearest_paints(paint, y * labels.shape[1] + x, REACH, SLOTS)
         thin = (paints != labels[y, x, None]).all(axis=1)
-        depth = ndimage.distance_transform_edt(np.pad(_alike(labels, 3), 1))[1:-1, 1:-1]
+        depth = ndimage.distance_transform_edt(np.pad(ndimage.alike(labels, 3), 1))[1:-1, 1:-1]
         middle = depth >= ndimage.maximum_filter(depth, 3)
         inside[y[thin], x[thin]] = middle[y[thin], x[thin]]
     return inside
-
-
-def _alike(labels: np.ndarray, size: int) -> np.ndarray:
-    """(H, W) bool: whether all pixels of a square around one have its label."""
-    return np.asarray(ndimage.minimum_filter(labels, size) == ndimage.maximum_filter(labels, size))
 
 
 def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarray, places: np.ndarray) -> np.ndarray:

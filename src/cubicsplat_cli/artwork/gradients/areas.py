@@ -15,7 +15,6 @@ from cubicsplat_cli.artwork.gradients.parts import (
     CLEAR,
     LEAST_AREA,
     LEAST_PLATEAU,
-    PLUS,
     RING,
     Part,
     Patch,
@@ -108,7 +107,7 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
 def _with_rests(part: Part, off: np.ndarray) -> Patch:
     """The pixels that a gradient explains, and the few that it nearly does. off: (n,) levels that they are off it."""
     own = part.within(off <= CLOSE)
-    labels, count = ndimage.label(part.within((off > CLOSE) & (off <= NEARLY)).mask, PLUS)
+    labels, count = ndimage.label(part.within((off > CLOSE) & (off <= NEARLY)).mask)
     few = np.bincount(labels.ravel(), minlength=count + 1) < LEAST_AREA
     few[0] = False
     return replace(own, mask=own.mask | few[labels])

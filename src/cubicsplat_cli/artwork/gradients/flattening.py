@@ -110,7 +110,7 @@ class Paints:
         inside = (self.paint >= 0) & (self.paint < count)
         out = self.levels.copy()
         out[inside] = self.fills[self.paint[inside]]
-        near = ndimage.binary_dilation(inside, np.ones((3, 3), dtype=bool), iterations=self.reach)
+        near = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=self.reach)
         y, x = np.nonzero(near & (self.paint < 0))
         if len(y) == 0:
             return out

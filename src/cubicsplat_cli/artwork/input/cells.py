@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
@@ -292,12 +292,10 @@ def _between(levels: np.ndarray) -> np.ndarray:
     differs = steps(levels)[1] > 0.0
     y, x = np.nonzero(differs[:, :-1] & differs[:, 1:])
     before, here, after = (levels[y, x + k] for k in range(3))
-    span = after - before
-    length = (span * span).sum(axis=1)
-    t = ((here - before) * span).sum(axis=1) / np.maximum(length, 1e-6)
-    off = largest(np.abs(here - before - t[:, None] * span))
+    t, rest = blend_of(here, before, after)
+    away = np.minimum(t, 1.0 - t) * np.linalg.norm(after - before, axis=1)
     out = np.zeros(levels.shape[:2], dtype=bool)
-    out[y, x + 1] = (off <= OFF) & (np.minimum(t, 1.0 - t) * np.sqrt(length) > OFF)
+    out[y, x + 1] = (largest(np.abs(rest)) <= OFF) & (away > OFF)
     return out
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import blend_of
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.raster import ndimage
 
@@ -43,8 +44,7 @@ def explained(seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.nd
     alike; free: (P,) bool, those that are to be fitted; sigma: levels by which luma is off near edges.
     """
     fills, small = fills.copy(), _halved(seen)
-    mixed = ndimage.maximum_filter(mixture.labels, 5) != ndimage.minimum_filter(mixture.labels, 5)
-    mixed |= free[mixture.labels]
+    mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels]
     fills[:, 0], luma_cost = _luma(seen[..., 0], mixture, mixed, fills[:, 0], free, sigma)
     y, x = np.nonzero(_halved(mixed[..., None])[..., 0] > 0.0)
     columns = [_again(_halved(mixture.coverage(k)[..., None]))[y, x, 0] for k in range(len(fills))]
@@ -149,8 +149,7 @@ def mixture_of(
     """What the pixels of a picture (H, W, 4) are blends of: of labels' fills (P, 4), alike, with one beside them."""
     mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
     reach = 1 if not blur else 2
-    size = 2 * reach + 1
-    y, x = np.nonzero(ndimage.maximum_filter(labels, size) != ndimage.minimum_filter(labels, size))
+    y, x = np.nonzero(~ndimage.alike(labels, 2 * reach + 1))
     if not len(y):
         return mixture
     own = labels[y, x]
@@ -159,12 +158,10 @@ def mixture_of(
     for dy in range(-reach, reach + 1):
         for dx in range(-reach, reach + 1):
             beside = padded[y + reach + dy, x + reach + dx]
-            base, span = fills[own], fills[beside] - fills[own]
-            length = (span * span).sum(axis=1)
-            rest = seen[y, x] - base
-            t = np.clip((rest * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)
-            left = ((rest - t[:, None] * span) ** 2).sum(axis=1) + 1e-3 * (dy * dy + dx * dx)
-            better = (beside != own) & (length > (LEAST_CONTRAST * sigma) ** 2) & (left < best)
+            t, rest = blend_of(seen[y, x], fills[own], fills[beside])
+            left = (rest * rest).sum(axis=1) + 1e-3 * (dy * dy + dx * dx)
+            apart = np.linalg.norm(fills[beside] - fills[own], axis=1) > LEAST_CONTRAST * sigma
+            better = (beside != own) & apart & (left < best)
             best[better], other[better], share[better] = left[better], beside[better], t[better]
     if blur:
         from scipy.special import ndtri  # takes a while to import, and few pictures are blurred

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest, light_of_srgb, srgb_of_light
+from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb, srgb_of_light
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import SLOTS
 
@@ -85,10 +85,9 @@ def _places(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) px, the height of the edge in each column of some pieces (n, 4, 3, 3), and (n,) px^2 by which it is not
     straight and its pixels are no blends.
     """
-    first, span = steps[:, :1, :1], steps[:, 3:, :1] - steps[:, :1, :1]
-    square = (span * span).sum(axis=-1)
-    share = ((steps - first) * span).sum(axis=-1) / square
-    rest = (steps - first - share[..., None] * span) / square[..., None] ** 0.5
+    first, last = steps[:, :1, :1], steps[:, 3:, :1]
+    share, rest = blend_of(steps, first, last, within=False)
+    rest = rest / np.linalg.norm(last - first, axis=-1)[..., None]
     place = share[:, 1:3].sum(axis=1)
     bend = place[:, 0] - 2.0 * place[:, 1] + place[:, 2]
     return place, bend**2 + (rest[:, 1:3] ** 2).sum(axis=-1).max(axis=(1, 2))

@@ -6,6 +6,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import spread
 
 # Levels: what differs less is one fill, or times the noise.
 SAME, SAME_NOISE = 8.0, 4.0
@@ -39,8 +40,7 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarra
     levels.
     """
     calm, mean = calm_pixels(seen, noise)
-    spread = ndimage.maximum_filter(seen, (3, 3, 1)) - ndimage.minimum_filter(seen, (3, 3, 1))
-    edge = spread.max(axis=-1) > max(EDGE, 8.0 * noise)
+    edge = spread(seen, 3, 3) > max(EDGE, 8.0 * noise)
     away = calm & ~ndimage.maximum_filter(edge, 2 * NEAR + 1)
     reach = max(SAME, SAME_NOISE * noise)
     least = max(FEWEST, LEAST_SHARE * levels[..., 0].size)
@@ -71,7 +71,7 @@ def missing_colours(
     for luma and chroma.
     """
     seen = (levels @ space).astype(np.float32)
-    inner = ndimage.maximum_filter(nearest, 3) == ndimage.minimum_filter(nearest, 3)
+    inner = ndimage.alike(nearest, 3)
     residual = np.where(inner[..., None], seen - (palette @ space).astype(np.float32)[nearest], np.float32(0.0))
     share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
     mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
@@ -80,8 +80,8 @@ def missing_colours(
     if jpeg:
         for block, channels in BLOCKS:
             size, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
-            spread = ndimage.maximum_filter(values, size) - ndimage.minimum_filter(values, size)
-            unlike[..., channels] -= RINGING * spread
+            ends = ndimage.maximum_filter(values, size), ndimage.minimum_filter(values, size)
+            unlike[..., channels] -= RINGING * (ends[0] - ends[1])
     calm, _ = calm_pixels(seen, noise)
     off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > EXPLAINED * square.sum(axis=-1))
     values = ndimage.uniform_filter(levels, (3, 3, 1))[off]

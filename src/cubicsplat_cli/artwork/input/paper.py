@@ -78,7 +78,7 @@ def scan_of(levels: np.ndarray) -> Scan | None:
 def _ink(white: np.ndarray, grain: float) -> np.ndarray:
     """(H, W) bool: what is ink on white paper (H, W, 3), and the pixels beside it; specks that are faint are grain."""
     depth = ndimage.gaussian_filter(255.0 - (white @ LUMA), 1.0)
-    parts, count = ndimage.label(depth > FAINT * grain, np.ones((3, 3)))
+    parts, count = ndimage.label(depth > FAINT * grain, ndimage.SQUARE)
     deepest = ndimage.maximum(depth, parts, np.arange(count + 1))
     clear = deepest > 2.0 * FAINT * grain
     clear[0] = False

@@ -140,8 +140,7 @@ def _deep(labels: np.ndarray, count: int) -> np.ndarray:
 
 def _depth(labels: np.ndarray) -> np.ndarray:
     """(H, W) px from the edges between labels (H, W)."""
-    edge = ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)
-    return ndimage.distance_transform_cdt(~edge, metric="chessboard")
+    return ndimage.distance_transform_cdt(ndimage.alike(labels, 3), metric="chessboard")
 
 
 def in_colours(levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, painted: np.ndarray) -> np.ndarray:

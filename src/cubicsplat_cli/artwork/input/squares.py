@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import blend_of
+
 SMALL = 128  # px of the longer side, up to which details are so small
 CALM = 1.5  # times the misfit that a square may deviate
 FEWEST, MOST = 3, 24  # squares that show a fill, and fills
@@ -59,11 +61,8 @@ def _on_ramps(seen: np.ndarray, mean: np.ndarray, sigma: float) -> np.ndarray:
         pair = 0.5 * (around[REACH : REACH + height] + around[REACH + 1 : REACH + height + 1])
         for off in range(1, REACH + 1):
             before, after = pair[:, REACH - off :][:, :width], pair[:, REACH + 1 + off :][:, :width]
-            span = after - before
-            length = (span * span).sum(axis=-1)
-            share = ((middle - before) * span).sum(axis=-1) / np.maximum(length, 1e-9)
-            rest = np.sqrt(((middle - before - share[..., None] * span) ** 2).sum(axis=-1))
-            ramp = (share > BLENDED[0]) & (share < BLENDED[1]) & (rest <= MISFITS * sigma)
-            ramp &= length > (CONTRAST * sigma) ** 2
+            share, rest = blend_of(middle, before, after)
+            ramp = (share > BLENDED[0]) & (share < BLENDED[1]) & (np.linalg.norm(rest, axis=-1) <= MISFITS * sigma)
+            ramp &= np.linalg.norm(after - before, axis=-1) > CONTRAST * sigma
             out |= ramp.T if turned else ramp
     return out

@@ -42,7 +42,6 @@ SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows 
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
 DOT = 4  # px of a region, up to which it is a dot
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
-SQUARE = np.ones((3, 3), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -60,18 +59,18 @@ class _Window:
     @classmethod
     def of(cls, extent: Extent, canvas: tuple[int, int]) -> _Window:
         edge = np.pad(extent.shown, 1, mode="edge")
-        must = ndimage.binary_erosion(edge, SQUARE)[1:-1, 1:-1]
+        must = ndimage.binary_erosion(edge, ndimage.SQUARE)[1:-1, 1:-1]
         # Where upper layers hide the edge it runs beneath them, not along it.
         beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
-        must |= beneath & ~ndimage.binary_dilation(~extent.allowed, SQUARE, 2)
+        must |= beneath & ~ndimage.binary_dilation(~extent.allowed, ndimage.SQUARE, 2)
         # An outer outline may go around holes, which have outlines of their own.
-        may = ndimage.binary_dilation(extent.allowed | extent.holes, SQUARE)
+        may = ndimage.binary_dilation(extent.allowed | extent.holes, ndimage.SQUARE)
         return cls(extent.top, extent.left, must, may, canvas)
 
     def hole(self, contour: Contour, extent: Extent) -> _Window:
         """The same of a contour of a hole of the extent."""
         free = self._inside(polygon(contour.points)) & ~extent.allowed
-        return replace(self, must=ndimage.binary_erosion(free, SQUARE), may=self.may & ~self.must)
+        return replace(self, must=ndimage.binary_erosion(free, ndimage.SQUARE), may=self.may & ~self.must)
 
     def _inside(self, ring: Ring) -> np.ndarray:
         """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
@@ -170,7 +169,7 @@ class _Surroundings:
     def room(self) -> Room:
         """The pixels in which hidden outlines may run."""
         e = self.extent
-        spare = ndimage.binary_dilation(e.allowed, SQUARE) & ~self.window.must
+        spare = ndimage.binary_dilation(e.allowed, ndimage.SQUARE) & ~self.window.must
         return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
 
 

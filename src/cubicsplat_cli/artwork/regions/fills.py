@@ -51,7 +51,7 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
         return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, 2.0 * BAND))
     fills, weights = part_fills(levels, ndimage.label(flat)[0], GRADIENT_RANGE, 2.0 * BAND)
-    near = ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))
+    near = ndimage.binary_dilation(flat, ndimage.SQUARE)
     colours, sizes = _small_fills(levels, near)
     if len(colours):
         # Every part has a fill of its own, so that most of them are there many times.

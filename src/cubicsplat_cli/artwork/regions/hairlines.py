@@ -165,8 +165,7 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     y, x = np.nonzero(away)
     far = away.copy()
     far[y, x] = best_blend(levels[y, x], palette, near_fills(labels, y, x, 1))[1] > off
-    square = np.ones((3, 3), dtype=bool)
-    seen = ndimage.binary_dilation(far | (solid < 0), square)
+    seen = ndimage.binary_dilation(far | (solid < 0), ndimage.SQUARE)
     place = _long_parts(seen, seen) & (away | (solid < 0))
     y, x = np.nonzero(place)
     near = near_fills(solid, y, x, REACH)
@@ -186,7 +185,7 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
 
 def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
     """(H, W) bool: the connected parts of `where` that have a pixel of `some` and go over LENGTH px."""
-    parts, count = ndimage.label(where, np.ones((3, 3)))
+    parts, count = ndimage.label(where, ndimage.SQUARE)
     long = np.zeros(count + 1, dtype=bool)
     long[1:] = [max(s.stop - s.start for s in box) >= LENGTH for box in ndimage.find_objects(parts)]
     return (long & (np.bincount(parts[some & where], minlength=count + 1) > 0))[parts]
@@ -194,6 +193,5 @@ def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
 
 def solid_labels(labels: np.ndarray) -> np.ndarray:
     """(H, W) the labels of pixels that belong to 3 x 3 px of it, else -1."""
-    high, low = ndimage.maximum_filter(labels, 3), ndimage.minimum_filter(labels, 3)
-    middle = np.where((high == low) & (labels >= 0), labels, -1)
+    middle = np.where(ndimage.alike(labels, 3) & (labels >= 0), labels, -1)
     return np.where(labels >= 0, ndimage.maximum_filter(middle, 3), -1) * (labels >= 0) - (labels < 0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.raster.unmix import blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # fills, and colours tried
@@ -68,10 +69,8 @@ def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) ->
     kept = np.ones(len(palette), dtype=bool)
     for k in np.flatnonzero(~seen):
         for fill in hidden:
-            span = palette[seen] - fill
-            t = ((palette[k] - fill) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
-            off = np.abs(palette[k] - fill - t[:, None] * span).max(axis=1)
-            kept[k] &= not ((off <= BLEND) & (t > 0.0) & (t < 1.0)).any()
+            t, rest = blend_of(palette[k], fill, palette[seen])
+            kept[k] &= not ((largest(np.abs(rest)) <= BLEND) & (t > 0.0) & (t < 1.0)).any()
     return kept
 
 

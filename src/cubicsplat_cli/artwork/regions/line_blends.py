@@ -10,6 +10,7 @@ from itertools import permutations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.hairlines import STRANGE
 from cubicsplat_cli.raster import ndimage
 
@@ -30,7 +31,7 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
     fills = np.arange(len(palette))
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
     counts = np.bincount(pure[pure >= 0], minlength=len(palette))
-    thin = ~ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool)) & (pure >= 0)
+    thin = ~ndimage.binary_dilation(flat, ndimage.SQUARE) & (pure >= 0)
     lines = np.bincount(pure[thin], minlength=len(palette))
     out = np.zeros(len(palette), dtype=bool)
     beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in fills] if doubtful.any() else []
@@ -39,20 +40,13 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
         for line, ground in permutations(fills[fills != k], 2):
             if out[k] or lines[line] <= counts[k]:
                 continue
-            (share,), (off,) = _shares(palette[k : k + 1], palette[line], palette[ground])
-            if not SHARES[0] <= share <= SHARES[1] or off > BLEND_LEVELS:
+            share, rest = blend_of(palette[k], palette[ground], palette[line])
+            if not SHARES[0] <= share <= SHARES[1] or np.abs(rest).max() > BLEND_LEVELS:
                 continue
             by_ground = beside[ground][own]
             if by_ground.mean() < BESIDE_GROUND:
                 continue
-            all_shares, far = _shares(levels, palette[line], palette[ground])
-            more = ndimage.maximum_filter((all_shares > share + MORE) & (far <= STRANGE), 2 * NEAR + 1)
+            shares, rest = blend_of(levels, palette[ground], palette[line], within=False)
+            more = ndimage.maximum_filter((shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE), 2 * NEAR + 1)
             out[k] = (by_ground & more[own]).mean() >= BESIDE_BOTH
     return out
-
-
-def _shares(colours: np.ndarray, line: np.ndarray, ground: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The shares of a line's fill in blends (..., 4) of it and a ground, and by how many levels they are none."""
-    span = line - ground
-    share = (colours - ground) @ span / max(float(span @ span), 1e-9)
-    return share, np.abs(colours - ground - share[..., None] * span).max(axis=-1)

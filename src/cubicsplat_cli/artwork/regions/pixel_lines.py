@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import steps
 
@@ -79,11 +79,9 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRun
     y, x = np.nonzero(pure < 0)
     grounds, counts = np.unique(np.rint(np.concatenate([own.before, own.behind])), axis=0, return_counts=True)
     for ground in grounds[np.argsort(-counts, kind="stable")[:MOST_GROUNDS]]:
-        span = own.colour[0] - ground
-        share = np.clip((levels[y, x] - ground) @ span / (span @ span), 0.0, 1.0)
-        gap = largest(np.abs(levels[y, x] - ground - share[:, None] * span))
-        blends[y, x] |= (share >= SHARE) & (gap <= GROUND)
-    return ndimage.binary_dilation(on, np.ones((3, 3), dtype=bool), CORNER, mask=blends | on)
+        share, rest = blend_of(levels[y, x], ground, own.colour[0])
+        blends[y, x] |= (share >= SHARE) & (largest(np.abs(rest)) <= GROUND)
+    return ndimage.binary_dilation(on, ndimage.SQUARE, CORNER, mask=blends | on)
 
 
 def _colours(found: _LineRuns) -> list[np.ndarray]:
@@ -101,10 +99,7 @@ def _colours(found: _LineRuns) -> list[np.ndarray]:
 
 def _between(found: _LineRuns) -> np.ndarray:
     """(n,) bool: the colour is a blend of what is on either side, as an edge's between two pixels is."""
-    span = found.behind - found.before
-    rest = found.colour - found.before
-    share = np.clip((rest * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 1.0)
-    return np.asarray(largest(np.abs(rest - share[:, None] * span)) < APART)
+    return np.asarray(largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) < APART)
 
 
 def _gap(colours: np.ndarray, palette: np.ndarray) -> np.ndarray:

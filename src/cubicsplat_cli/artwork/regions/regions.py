@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
@@ -222,12 +222,11 @@ def _sure(
     fill_of = _majority(labels, fills)
     y, x = np.nonzero(lacking[labels])
     own = labels[y, x]
-    base = palette[fill_of[beside[own]]]
-    span = palette[fills[y, x]] - base
-    share = ((levels[y, x] - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
+    ground, fill = palette[fill_of[beside[own]]], palette[fills[y, x]]
+    share, _ = blend_of(levels[y, x], ground, fill, within=False)
     amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) & dots
     if amid.sum() <= MANY_DOTS:
-        plain = sure[y, x] & (largest(np.abs(span)) > ONE_COLOUR)
+        plain = sure[y, x] & (largest(np.abs(fill - ground)) > ONE_COLOUR)
         amid &= np.bincount(own, plain, count) == sizes
     sure = sure.copy()
     sure[y, x] = ((share >= MOSTLY) & ~crumbs[own]) | amid[own]

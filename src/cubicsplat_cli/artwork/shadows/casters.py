@@ -28,7 +28,6 @@ HIDDEN, MOST_COVERED = 4, 0.9  # px around what casts a shadow that may hide a g
 LEAST_EVEN = 0.4  # share of a silhouette that is even, to be taken for it
 CUT = np.ones((7, 7), dtype=bool)
 WHOLE = (slice(None), slice(None))
-SQUARE = np.ones((3, 3), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -142,7 +141,7 @@ def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list
     if len(shaded.grounds) > 1:
         # What lies along the line between two grounds casts no shadow.
         rest = ndimage.binary_opening(np.pad(rest, 4, mode="edge"), CUT)[4:-4, 4:-4]
-    labels, count = ndimage.label(rest, SQUARE)
+    labels, count = ndimage.label(rest, ndimage.SQUARE)
     if count > MOST_CASTERS:
         return []
     least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
@@ -155,7 +154,7 @@ def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list
     first = _boxes(silhouettes, rest.shape)
     ways = [first, _boxes([_even(own, even & ~grounds) for own in silhouettes], rest.shape)]
     if len(shaded.grounds) > 1:
-        hidden = ndimage.binary_dilation(rest, SQUARE, iterations=HIDDEN)
+        hidden = ndimage.binary_dilation(rest, ndimage.SQUARE, iterations=HIDDEN)
         whole = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
         inner = _boxes([own for own in whole if own.mask.mean() < MOST_COVERED], rest.shape, hidden)
         ways.append(first + inner)
@@ -170,17 +169,17 @@ def _filled(patch: Patch) -> Patch:
 def _shade_around(silhouette: Patch, grounds: np.ndarray, share: np.ndarray) -> float:
     """The mean share of shade on the grounds within RING px around a silhouette."""
     wide = silhouette.padded(RING, grounds.shape)
-    ring = ndimage.binary_dilation(wide.mask, SQUARE, iterations=RING) & grounds[wide.window] & ~wide.mask
+    ring = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=RING) & grounds[wide.window] & ~wide.mask
     return float(share[wide.window][ring].mean()) if ring.any() else 0.0
 
 
 def _even(silhouette: Patch, even: np.ndarray) -> Patch:
     """The largest of what is even in a silhouette, and what that surrounds; all where that is little."""
-    labels, count = ndimage.label(silhouette.mask & even[silhouette.window], SQUARE)
+    labels, count = ndimage.label(silhouette.mask & even[silhouette.window], ndimage.SQUARE)
     if count == 0:
         return silhouette
     own = ndimage.binary_fill_holes(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
-    inner = replace(silhouette, mask=ndimage.binary_dilation(own, SQUARE) & silhouette.mask)
+    inner = replace(silhouette, mask=ndimage.binary_dilation(own, ndimage.SQUARE) & silhouette.mask)
     return inner if inner.size > LEAST_EVEN * silhouette.size else silhouette
 
 

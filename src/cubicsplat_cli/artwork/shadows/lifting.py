@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
 from cubicsplat_cli.artwork.gradients.parts import BEND, smooth_parts
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
-from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
+from cubicsplat_cli.artwork.shadows.casters import Ground
 from cubicsplat_cli.artwork.shadows.shadow import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing, shape_name
 from cubicsplat_cli.raster import ndimage
@@ -131,7 +131,7 @@ def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: list[Gro
             if falls_on(cast.caster, ground.mask):
                 casters |= cast.caster.mask
         off = np.abs(ground.fill + shares.on(ground.mask)[..., None] * (colour - ground.fill) - levels).max(axis=2)
-        near = ndimage.binary_dilation(ground.mask, SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
+        near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
         out[(ground.mask & (off <= CLOSE + 0.5)) | (near & (out < 0))] = k
     return out
 

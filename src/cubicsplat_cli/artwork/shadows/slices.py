@@ -17,7 +17,6 @@ from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.shadows.boxes import Box, reached, shaded
-from cubicsplat_cli.artwork.shadows.casters import SQUARE
 from cubicsplat_cli.artwork.shadows.lifting import Lifted
 from cubicsplat_cli.artwork.shadows.shadow import Cast
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -192,8 +191,8 @@ def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) 
 
     owner: (H, W) as of `_owners`. dark: (H, W) bool where the shadow would be seen; shaded: where it is.
     """
-    inner = ndimage.binary_erosion(shaded, SQUARE) & dark
-    outer = ndimage.binary_erosion(~shaded, SQUARE, border_value=1) & dark
+    inner = ndimage.binary_erosion(shaded, ndimage.SQUARE) & dark
+    outer = ndimage.binary_erosion(~shaded, ndimage.SQUARE, border_value=1) & dark
     below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
     above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
     lies_below = (below >= LEAST_SEEN) & (below > above)

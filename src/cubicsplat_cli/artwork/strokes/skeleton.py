@@ -92,7 +92,7 @@ def _graph(skeleton: np.ndarray) -> Graph:
     special = np.zeros(skeleton.shape, dtype=bool)
     for pixel, beside in around.items():
         special[pixel] = len(beside) != 2
-    labels, count = ndimage.label(special, np.ones((3, 3)))
+    labels, count = ndimage.label(special, ndimage.SQUARE)
     places = np.array(ndimage.center_of_mass(special, labels, np.arange(1, count + 1))).reshape(-1, 2)[:, ::-1]
     branches: list[Branch] = []
     seen: set[tuple[int, int]] = set()

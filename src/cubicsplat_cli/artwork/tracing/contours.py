@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.regions.thin import thin_edges
@@ -173,9 +174,8 @@ def _heights(
 
 def _share(values: np.ndarray, base: np.ndarray, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The share (n,) of the upper fill in a blend, and what it leaves unexplained in levels."""
-    length = np.maximum((span * span).sum(axis=1), 1e-9)
-    share = np.clip(((values - base) * span).sum(axis=1) / length, 0.0, 1.0)
-    return share, np.abs(values - base - share[:, None] * span).max(axis=1)
+    share, rest = blend_of(values, base, base + span)
+    return share, largest(np.abs(rest))
 
 
 def _third_beside(
