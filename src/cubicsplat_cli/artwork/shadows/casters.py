@@ -1,8 +1,8 @@
 """The shaded places of a picture, the even grounds below, and what may cast the shadow.
 
 Over an even ground g a shadow of colour c leaves g + s (c - g) with s from 0 to 1: all colours lie on one straight line
-that begins at the ground. On one ground c may be anywhere along that line; it is taken for the last colour on it that
-there is, black for a shadow of any grey. Two grounds tell where their lines meet.
+that begins at the ground, c anywhere along that line; it is taken for the last colour on it that there is, black for a
+shadow of any grey.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ from cubicsplat_cli.raster.paints import part_spreads
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
 MOST_TRIED = 6  # parts, the largest, looked at
 OFF_LINE, ON_LINE = 1.6, 0.98  # levels off the line of a ground's colours, and share of its pixels so near to it
-APART = 24.0  # levels between grounds, for their lines to tell where they meet
-SAME_COLOUR = 12.0  # levels by which two lines may miss each other
 RING, LEAST_SHADE = 4, 2.0  # px around what casts a shadow, and levels by which these are shaded
 LEAST_CASTER, MOST_CASTERS = 16, 60
 HIDDEN, MOST_COVERED = 4, 0.9  # px around what casts a shadow that may hide a ground; share of a picture that is one
@@ -64,19 +62,18 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
     sizes, boxes, spreads = part_spreads(levels, parts, count)
     large = np.flatnonzero(sizes >= LEAST_PART)
     large = large[np.argsort(-sizes[large], kind="stable")][:MOST_TRIED]
-    found: list[tuple[Ground, np.ndarray, float]] = []
+    found: list[tuple[Ground, np.ndarray]] = []
     for i in large[spreads[large] > LEAST_RANGE]:
         line = _line(part_of(levels, parts, i + 1, boxes[i]), levels.shape[:2])
         if line is not None:
             found.append(line)
     if not found:
         return None
-    colour = _meeting(found)
-    return Shaded(tuple(ground for ground, _, _ in found), colour)
+    return Shaded(tuple(ground for ground, _ in found), _end(found[0][0].fill, found[0][1]))
 
 
-def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray, float] | None:
-    """A ground in a picture (H, W), the direction (4,) in which its colours leave it, and how many levels far."""
+def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | None:
+    """A ground in a picture (H, W), and the direction (4,) in which its colours leave it."""
     fill, even = plateau(part)
     if even.mean() < LEAST_PLATEAU:
         return None
@@ -93,22 +90,7 @@ def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray, float
         return None
     mask = np.zeros(shape, dtype=bool)
     mask[part.rows, part.columns] = True
-    return Ground(fill, mask), direction, float(along.max())
-
-
-def _meeting(found: list[tuple[Ground, np.ndarray, float]]) -> np.ndarray:
-    """(4,) the colour that all grounds tend to."""
-    ends = [_end(ground.fill, direction) for ground, direction, _ in found]
-    first, one, least = found[0]
-    for (second, other, farthest), end in zip(found[1:], ends[1:], strict=True):
-        if np.abs(end - ends[0]).max() <= SAME_COLOUR or np.abs(first.fill - second.fill).max() < APART:
-            continue
-        # first + a one = second + b other
-        (a, b), *_ = np.linalg.lstsq(np.stack([one, -other], axis=1), second.fill - first.fill, rcond=None)
-        if a >= least and b >= farthest:
-            meeting = 0.5 * (first.fill + a * one + second.fill + b * other)
-            return np.append(np.clip(meeting[:3], 0.0, 255.0), 255.0)
-    return ends[0]
+    return Ground(fill, mask), direction
 
 
 def _end(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:

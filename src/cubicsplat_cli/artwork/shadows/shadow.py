@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, ShadowSamples, reached, shaded
+from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shadows import ShadedPixels
 
@@ -79,10 +79,9 @@ def falls_on(caster: Caster, mask: np.ndarray) -> bool:
     return bool((caster.mask & mask).sum() <= 0.5 * mask.sum())
 
 
-def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int, tried: set[tuple[object, ...]]) -> Shadow | None:
+def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
     """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding; None
-    without any. parts, count: as of `smooth_parts`; tried: grounds and boxes that were looked at before and are not
-    again, to which these are added."""
+    without any. parts, count: as of `smooth_parts`."""
     shaded_ = shaded_grounds(levels, parts, count)
     if shaded_ is None:
         return None
@@ -91,12 +90,12 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int, tried: set[tupl
     if scale * float(seen.max()) < LEAST_STRENGTH:
         return None
     best = None
-    grounds = tuple((*ground.fill.tolist(), int(ground.mask.sum())) for ground in shaded_.grounds)
+    tried: set[tuple[Box, ...]] = set()
     for casters in casters_of(shaded_, seen, parts > 0):
-        case = grounds, tuple(caster.box for caster in casters)
-        if case in tried:
+        boxes = tuple(caster.box for caster in casters)
+        if boxes in tried:
             continue
-        tried.add(case)
+        tried.add(boxes)
         layers = _ShadowSearch(shaded_, seen, scale, casters).best()
         if layers is not None:
             casts = tuple(Cast(c, own) for c, own in zip(casters, layers, strict=True) if own is not None)

@@ -28,9 +28,7 @@ NAME = "shadow"
 FAINT = 0.5  # levels of shade that a piece begins at
 CORNER = 1.75  # sigmas, besides the radius, from a side to where its corner ends
 SHOWN = 48  # px of a piece that show, for it to be fitted to these alone
-# Levels that what shows may be off in its worst hundredth: for a shadow to be drawn in these pieces, and for corners
-# not to be tried with less room.
-WORST, GOOD, NARROW = 8.0, 3.5, 1.1
+WORST = 8.0  # levels that what shows may be off in its worst hundredth, for a shadow to be drawn in these pieces
 LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
 SHADE = 1.0 / 255.0
 
@@ -62,14 +60,8 @@ def sliced(cut: Cut) -> list[Shape] | None:
     strongest = max(layers, key=lambda layer: layer.alpha)
     box = strongest.of(cut.cast.caster.box).moved(-cut.corner[0], -cut.corner[1])
     sigma = sum(layer.alpha * layer.sigma for layer in layers) / sum(layer.alpha for layer in layers)
-    trials: list[tuple[float, int, list[Shape]]] = []
-    for corner in (CORNER, NARROW):
-        shapes = _whole(cut, frame) if box.round else _nine(cut, frame, box, corner * sigma)
-        trials.append((_worst(cut, shapes), len(trials), shapes))
-        if trials[-1][0] <= GOOD or box.round:
-            break
-    worst, _, shapes = min(trials)
-    return shapes if worst <= WORST else None
+    shapes = _whole(cut, frame) if box.round else _nine(cut, frame, box, CORNER * sigma)
+    return shapes if _worst(cut, shapes) <= WORST else None
 
 
 def _nine(cut: Cut, frame: tuple[int, int, int, int], box: Box, reach: float) -> list[Shape]:
