@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import spread
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
@@ -60,13 +61,13 @@ def choose_style(target: np.ndarray) -> Style:
     if _like_paper(levels) and _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
-    spread, straight = _spread(levels), _straight(levels)
-    if _texture((spread > FLAT_LEVELS) & ~straight, drawn) <= MOST_TEXTURE:
+    change, straight = spread(levels, 3, 3), _straight(levels)
+    if _texture((change > FLAT_LEVELS) & ~straight, drawn) <= MOST_TEXTURE:
         shaded = _shaded(levels, drawn)
         reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
         if shaded >= LEAST_SHADED:
             return _unless_soft(levels, drawn, reason)
-    if _texture((spread > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
+    if _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
         return Style(PHOTO, reason)
     alike = _in_few_colours(levels, drawn, UNSEEN)
     if (alike & drawn).sum() < LEAST_DOUBTFUL * drawn.sum():
@@ -135,30 +136,12 @@ def _straight(levels: np.ndarray) -> np.ndarray:
 
 def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
     """Share of the drawn pixels (H, W) bool in blocks of which all pixels are `rough` (H, W) bool; blocks of 7 px,
-    smaller in small pictures, and no larger than the picture's shorter side.
+    smaller in small pictures, and no larger than the picture.
     """
     longer = max(rough.shape)
-    block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *rough.shape)
-    whole = _over_blocks(rough, block, np.logical_and)
-    uneven = _over_blocks(np.pad(whole, block - 1), block, np.logical_or)
+    block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *(side - 1 + side % 2 for side in rough.shape))
+    uneven = ndimage.binary_opening(rough, np.ones((block, block), dtype=bool))
     return float((uneven & drawn).sum() / drawn.sum())
-
-
-def _spread(levels: np.ndarray) -> np.ndarray:
-    """(H, W) levels between the least and the greatest of 3 x 3 pixels, in the channel with most."""
-    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    return (_over_blocks(around, 3, np.maximum) - _over_blocks(around, 3, np.minimum)).max(axis=-1)
-
-
-def _over_blocks(values: np.ndarray, block: int, combine: np.ufunc) -> np.ndarray:
-    """(H - block + 1, W - block + 1, ...): every whole block of values (H, W, ...) combined.
-
-    In numpy, by rows and then by columns: photos, which need nothing else of scipy, are not kept waiting for it.
-    """
-    for _ in range(2):
-        count = max(0, len(values) - block + 1)
-        values = reduce(combine, (values[i : i + count] for i in range(block))).swapaxes(0, 1)
-    return values
 
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
@@ -179,4 +162,4 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
     code = (levels // width).astype(np.int64) @ (256 ** np.arange(levels.shape[2]))
     colours, counts = np.unique(code[drawn], return_counts=True)
     commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_FILLS]]
-    return np.isin(code, commonest) & (_spread(levels) <= flat)
+    return np.isin(code, commonest) & (spread(levels, 3, 3) <= flat)

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.input.paper import LUMA
 from cubicsplat_cli.artwork.input.profiles import REACH, STEP, Profiles, profiles_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.point_tree import PointTree
 
-LUMA = np.array([0.299, 0.587, 0.114])
 FAINT = 4.0  # standard deviations of the grain that a line is deeper than at the least
 EVEN = 3.0  # and that profiles may be off the paper at their ends
 # Tints, of channels over luma, and natural logarithms of masses, that differ by less are one.
