@@ -123,13 +123,11 @@ def test_a_limb_goes_on_by_half_its_width(slant):
     sigma = np.full(len(points), 0.05)
     sigma[-39:] = np.inf
     nothing = np.zeros((200, 200), dtype=bool)
-    loop = HiddenLoop(points, sigma, lambda _: 99, Room(0, 0, nothing, nothing, nothing, (200, 200)), (200, 200))
+    loop = HiddenLoop(points, sigma, lambda _: 99, Room(0, 0, nothing, nothing, nothing, (200, 200)))
     found = [way for way in ways_on(loop, hidden_runs(sigma)[0]) if len(way.corners) == 2]
     assert found[0].points[found[0].corners] == pytest.approx(np.array([[70.0, 80.0], [30.0, 80.0]]), abs=0.01)
     # Sides that are too far apart for their headings, or not parallel, are no limb's.
-    wide = HiddenLoop(
-        points + np.where(points[:, :1] > 50.0, [100.0, 0.0], 0.0), sigma, lambda _: 99, loop.room, (200, 200)
-    )
+    wide = HiddenLoop(points + np.where(points[:, :1] > 50.0, [100.0, 0.0], 0.0), sigma, lambda _: 99, loop.room)
     ways = [way for way in ways_on(wide, hidden_runs(sigma)[0]) if len(way.corners)]
     assert all(way.points[way.corners, 1].min() > 85.0 for way in ways)
     points[: len(left), 0] -= 0.6 * np.arange(20.0)

@@ -20,10 +20,9 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     flattened,
     polygon,
 )
-from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
+from cubicsplat_cli.artwork.layers.min_link import SLACK, Room
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.raster import ndimage
@@ -37,8 +36,6 @@ ASTRAY = 20  # px so covered or left, beyond which a way that certainly is hidde
 HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ
-MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
-SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
 DOT = 4  # px of a region, up to which it is a dot
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
@@ -178,12 +175,12 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
     window, room = surroundings.window, surroundings.room
     window = window.hole(contour, surroundings.extent) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
-        return _unseen(contour, window, room)
+        return few_lines(contour.points, SLACK)
 
     def wrong(points: np.ndarray) -> int:
         return len(window.wrong(polygon(points)))
 
-    loop = HiddenLoop(contour.points, contour.sigma, wrong, room, window.canvas)
+    loop = HiddenLoop(contour.points, contour.sigma, wrong, room)
     whole = whole and len(runs) <= SEVERAL
     left = [ways_on(loop, run) if whole else simply(loop, run) for run in runs]
     ways = [next(each) for each in left]
@@ -193,7 +190,7 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
         points, sigma, corners = guided(contour, runs, ways)
         outline = fit_outline(points, sigma, detail, corners)
         bad = window.wrong(outline)
-        count = len(bad) + (0 if _every_side_shows(contour, outline) else contour.points.size)
+        count = len(bad)
         if count < least:
             best, least = outline, count
         if count <= ALLOWED:
@@ -265,27 +262,6 @@ def _with_corners(
     outline = fit_outline(points, sigma, detail, corners)
     good = outline.coordinates <= found.coordinates and len(window.wrong(outline)) <= ALLOWED
     return outline if good else found
-
-
-def _unseen(contour: Contour, window: _Window, room: Room) -> Outline:
-    """Few straight lines in place of a contour of which hardly anything shows."""
-    end = End(contour.points[0], None, False)
-    for corners in min_link_path(contour.points, end, end, room):
-        outline = polygon(corners[:-1])
-        if len(corners) > MOST_TIPS and len(window.wrong(outline)) <= ALLOWED:
-            return outline
-    return few_lines(contour.points, SLACK)
-
-
-def _every_side_shows(contour: Contour, outline: Outline) -> bool:
-    """Whether something of each side of a rectangle with round corners shows: hidden ones might be anywhere."""
-    if not isinstance(outline, Rectangle) or outline.radius <= 0.0:
-        return True
-    half = 0.5 * np.array([outline.width, outline.height])
-    offset = contour.points[np.isfinite(contour.sigma)] - half - np.array([outline.x, outline.y])
-    cos, sin = np.cos(outline.angle), np.sin(outline.angle)
-    local = offset @ np.array([[cos, -sin], [sin, cos]])
-    return bool(((half - local).min(axis=0) < SIDE_SEEN).all() and ((half + local).min(axis=0) < SIDE_SEEN).all())
 
 
 def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
