@@ -11,8 +11,7 @@ import pytest
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, coverage, polygon
 from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
 from cubicsplat_cli.artwork.layers.ends import End, continued
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent
-from cubicsplat_cli.artwork.layers.holes import without_stray_holes
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings

@@ -9,7 +9,6 @@ import pytest
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.artwork import vectorize
-from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -17,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Rectangle,
     Ring,
     flattened,
+    points_at,
     polygon,
     signed_area,
 )

@@ -20,11 +20,10 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input import prepare
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light
+from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light, without_rim
 from cubicsplat_cli.artwork.input.palette import noisy_fills
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
-from cubicsplat_cli.artwork.input.rim import without_rim
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
 from cubicsplat_cli.artwork.regions.sampling import aliased

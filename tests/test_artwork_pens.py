@@ -11,8 +11,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from stroke_icons import ICONS, SIZE, line_of, svg_of
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.outlines import signed_area
+from cubicsplat_cli.artwork.geometry.outlines import points_at, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import pieces_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.paper import scan_of

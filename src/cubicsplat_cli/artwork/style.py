@@ -1,5 +1,5 @@
 """Whether a picture is pixel art, flat artwork or a photo: by its cells, by how even it is, or by how much of it fills
-and gradients explain.
+and gradients explain; and pictures of one colour, which nothing need be fitted to.
 """
 
 from __future__ import annotations
@@ -9,10 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
+from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.scene.paint import Rgba
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
@@ -31,6 +35,9 @@ _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer
 PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
 _BANDS_OF = 64  # rows
 _MOST_PIXELS = 2**20  # looked at
+_ROWS = 64
+# What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.
+_SPREAD = 2.0 / 255.0 + 1e-6
 
 
 @dataclass(frozen=True)
@@ -163,3 +170,38 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
     colours, counts = np.unique(code[drawn], return_counts=True)
     commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_FILLS]]
     return np.isin(code, commonest) & (spread(levels, 3, 3) <= flat)
+
+
+def only_fill(picture: Picture) -> Rgba | None:
+    """The colour of every pixel, (0, 0, 0, 0) where all are transparent; None where there are several.
+
+    Colours that are all but the same count as their mean; opacities must be the same.
+    """
+    if picture.alpha is not None and _mean(picture.alpha[..., None], 0.0) is None:
+        return None
+    colour = _mean(picture.rgb, _SPREAD)
+    if colour is None:
+        return None
+    red, green, blue = (round(255 * value) for value in colour)
+    return red, green, blue, 255 if picture.alpha is None else round(255 * float(picture.alpha[0, 0]))
+
+
+def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
+    """The mean of each channel of (H, W, C); None where one's values lie further apart than `spread`."""
+    least = most = plane[0, 0]
+    total = np.zeros(plane.shape[2])
+    # Most pictures are known by their first rows.
+    for top in range(0, plane.shape[0], _ROWS):
+        part = plane[top : top + _ROWS]
+        least, most = np.minimum(least, part.min((0, 1))), np.maximum(most, part.max((0, 1)))
+        if (most - least > spread).any():
+            return None
+        total += part.sum((0, 1), dtype=np.float64)
+    return [float(value) for value in total / (plane.shape[0] * plane.shape[1])]
+
+
+def plain_drawing(fill: Rgba, width: int, height: int) -> Drawing:
+    """A rectangle of one fill over the whole canvas; nothing where the fill is transparent."""
+    outlines = (Rectangle(0.0, 0.0, float(width), float(height)),)
+    shape = Shape(fill, outlines, shape_name(fill, outlines, width, height))
+    return Drawing(width, height, (shape,) if fill[3] else ())

@@ -11,10 +11,9 @@ from typing import Any
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.input.cells import Cells
-from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE

@@ -1,5 +1,5 @@
-"""Outlines of artwork: rings of lines and cubics, the primitives that an artist would write as such, and their exact
-coverage of pixels.
+"""Outlines of artwork: rings of lines and cubics, the primitives that an artist would write as such, their exact
+coverage of pixels, and cubics at parameters, by Bernstein's polynomials and de Casteljau's differences.
 
 Lengths are in px, y grows downwards, angles are in radians from the x axis towards the y axis.
 """
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
 from cubicsplat_cli.raster.cpu import doubles, native
 
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
@@ -254,3 +253,35 @@ def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height:
     given = len(cubics), doubles(cubics), np.ascontiguousarray(lines, bool)
     native("shapes", "cs_coverage", *given, left, top, width, height, out)
     return out
+
+
+def bernstein(u: np.ndarray) -> np.ndarray:
+    """The Bernstein polynomials of degree 3 at u (...): (..., 4), the weights of a cubic's control points."""
+    v = 1.0 - u
+    return np.stack([v * v * v, 3.0 * v * v * u, 3.0 * v * u * u, u * u * u], axis=-1)
+
+
+def points_at(cubics: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Points (..., K, 2) of cubics (..., 4, 2) at u (..., K)."""
+    return bernstein(u) @ cubics
+
+
+def polyline_places(points: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """(n, 2) the places at lengths (n,), px, along the polyline through points (k, 2)."""
+    s = arc_lengths(points)
+    return np.stack([np.interp(lengths, s, points[:, c]) for c in (0, 1)], axis=1)
+
+
+def arc_lengths(points: np.ndarray) -> np.ndarray:
+    """(k,) px of the polyline through points (k, 2) up to each of them."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def derivatives(cubics: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives, each (P, K, 2), of the cubics (P, 4, 2) at u (P, K)."""
+    first, v = 3.0 * np.diff(cubics, axis=1), 1.0 - u
+    second = 2.0 * np.diff(first, axis=1)
+    return (
+        np.stack([v * v, 2.0 * v * u, u * u], axis=-1) @ first,
+        np.stack([v, u], axis=-1) @ second,
+    )

@@ -13,8 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_shares
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, missing_colours, noisy_fills
-from cubicsplat_cli.artwork.input.squares import square_fills
+from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, missing_colours, noisy_fills, square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import REACH, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots

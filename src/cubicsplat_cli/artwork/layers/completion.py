@@ -20,8 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     flattened,
     polygon,
 )
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent
-from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import SLACK, Room
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
 from cubicsplat_cli.raster.outlines import end_heading
 
 REACH = 14.0  # px along an outline from which its tangent is taken
@@ -109,6 +109,4 @@ def _bending(cubics: np.ndarray) -> np.ndarray:
 def _spread(cubic: np.ndarray, count: int) -> np.ndarray:
     """(count, 2) points evenly along a cubic, its ends left out."""
     fine = points_at(cubic, np.linspace(0.0, 1.0, 4 * count + 8))
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))])
-    at = (np.arange(count) + 1.0) / (count + 1.0) * length[-1]
-    return np.stack([np.interp(at, length, fine[:, c]) for c in (0, 1)], axis=1)
+    return polyline_places(fine, (np.arange(count) + 1.0) / (count + 1.0) * arc_lengths(fine)[-1])

@@ -1,6 +1,7 @@
 """The extent of each layer: what shows, the holes that upper layers fill, and some way under its neighbours.
 
-The pixel masks decide only the topology; where the outlines run follows from the points that are visible.
+The pixel masks decide only the topology; where the outlines run follows from the points that are visible. Holes
+that an outline no longer goes around, once its hidden parts have been chosen, are left out.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, coverage, polygon
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
+from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import contours_of, hull_mask
 
@@ -21,6 +24,7 @@ UNDERLAP = 3
 # Levels of opacity from which a fill hides what is beneath it.
 OPAQUE = 254.0
 OVERLAY = -1  # in place of the layer of what is of none
+MOST_WRONG = 20  # px of holes that an outer outline may cut off or enclose
 
 
 @dataclass(frozen=True)
@@ -103,3 +107,28 @@ def _extent(
     loops = contours_of(part, shown, (top, left), found.native)
     contours = tuple(Contour(points, sigma, area < 0.0) for points, sigma, area in loops)
     return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), contours)
+
+
+def enclosed(ring: Ring, top: int, left: int, size: tuple[int, ...]) -> np.ndarray:
+    """(h, w) bool: the pixels of a window, by its corner and size in px, of which a ring encloses half or more."""
+    return coverage(ring.cubics, ring.lines, top, left, *size) > 0.5
+
+
+def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent) -> tuple[Outline, ...]:
+    """The outlines fitted to an extent's contours, the outer one first, less the holes that it no longer goes around.
+
+    Where the outer one is hidden it may go another way than its contour; holes outside of it would be filled. Where it
+    runs across what shows through a hole it follows its contour.
+    """
+    if len(fitted) == 1 or np.isfinite(extent.contours[0].sigma).all():
+        return fitted
+    size = extent.shown.shape
+    inside = enclosed(fitted[0].ring(), extent.top, extent.left, size)
+    kept, wrong = [fitted[0]], 0
+    for outline, contour in zip(fitted[1:], extent.contours[1:], strict=True):
+        own = enclosed(polygon(contour.points), extent.top, extent.left, size)
+        around = bool(inside[own].mean() >= 0.5) if own.any() else True
+        wrong += int((own & ~extent.allowed & (inside != around)).sum())
+        if around:
+            kept.append(outline)
+    return (few_lines(extent.contours[0].points), *fitted[1:]) if wrong > MOST_WRONG else tuple(kept)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, polyline_places
 from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, end_of
 from cubicsplat_cli.artwork.layers.min_link import Room, along_edge, min_link_path
 
@@ -107,9 +108,8 @@ def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners:
     if count < len(corners):
         return
     knots = np.concatenate([ends[0].at[None], corners, ends[1].at[None]])
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots, axis=0).T))])
-    at = np.arange(1, count + 1) / (count + 1.0) * length[-1]
-    points = np.stack([np.interp(at, length, knots[:, c]) for c in (0, 1)], axis=1)
+    length = arc_lengths(knots)
+    points = polyline_places(knots, np.arange(1, count + 1) / (count + 1.0) * length[-1])
     index = np.rint(length[1:-1] / max(length[-1], 1e-9) * (count + 1.0)).astype(int) - 1
     # Each corner gets a point of its own.
     index = np.maximum.accumulate(index - np.arange(len(index))) + np.arange(len(index))

@@ -1,13 +1,20 @@
 """Fills that no pixel shows pure, or hardly one: the farthest common colours that no blend of two others explains.
 
 Blends lie between fills, so what is farthest from all blends of the known fills is the least blended with any of them.
+
+Fills that are none are what lines of another fill make, again and again, of the pixels that they fill in part: drawing
+programs take few samples a pixel.
 """
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.regions.hairlines import STRANGE
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # fills, and colours tried
@@ -17,6 +24,11 @@ CLEAR, SOLID = 64.0, 254.0  # levels of opacity below which a colour says nothin
 # Of the distance between two fills: steps by which the sharpening of an edge between them goes beyond either, and
 # levels by which what it makes is off that.
 BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
+BLEND_LEVELS, SHARES = 1.5, (0.1, 0.95)  # levels that a blend is off, and shares of the line's fill in it
+FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is one
+# Px within which the ground and more of the line show beside such a blend, the share of its pixels for which they do,
+# and of the ground alone; share of the line that is more.
+NEAR, BESIDE_BOTH, BESIDE_GROUND, MORE = 2, 0.25, 0.7, 0.15
 
 
 def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: float, fewest: float) -> np.ndarray:
@@ -80,3 +92,34 @@ def overshoots(fill: np.ndarray, palette: np.ndarray) -> bool:
     beyond = np.clip(palette[:, None] + step, 0.0, 255.0)
     apart = np.abs(palette[:, None] - palette[None]).max(axis=-1) > 0.0
     return bool(((np.abs(beyond - fill).max(axis=-1) <= BEYOND_OFF) & apart).any())
+
+
+def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """(P,) bool: the fills of a palette (P, 4) in levels that only show where more of another fill's lines and what
+    these lie on show as well, are a blend of the two, and have fewer pixels than there are thin ones of the line's.
+
+    levels: (H, W, 4) the picture; pure: (H, W) int, the fill of every pixel that is one, -1 of others; flat: (H, W)
+    bool, those amid a square of one colour.
+    """
+    fills = np.arange(len(palette))
+    doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
+    counts = np.bincount(pure[pure >= 0], minlength=len(palette))
+    thin = ~ndimage.binary_dilation(flat, ndimage.SQUARE) & (pure >= 0)
+    lines = np.bincount(pure[thin], minlength=len(palette))
+    out = np.zeros(len(palette), dtype=bool)
+    beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in fills] if doubtful.any() else []
+    for k in fills[doubtful & (counts > 0)]:
+        own = pure == k
+        for line, ground in permutations(fills[fills != k], 2):
+            if out[k] or lines[line] <= counts[k]:
+                continue
+            share, rest = blend_of(palette[k], palette[ground], palette[line])
+            if not SHARES[0] <= share <= SHARES[1] or np.abs(rest).max() > BLEND_LEVELS:
+                continue
+            by_ground = beside[ground][own]
+            if by_ground.mean() < BESIDE_GROUND:
+                continue
+            shares, rest = blend_of(levels, palette[ground], palette[line], within=False)
+            more = ndimage.maximum_filter((shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE), 2 * NEAR + 1)
+            out[k] = (by_ground & more[own]).mean() >= BESIDE_BOTH
+    return out

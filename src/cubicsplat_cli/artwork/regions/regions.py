@@ -19,8 +19,7 @@ from cubicsplat_cli.artwork.regions.hairlines import (
     unexplained,
     with_lines,
 )
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
-from cubicsplat_cli.artwork.regions.line_blends import line_blends
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import best_blend, components, near_fills, nearest_fills

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
 from cubicsplat_cli.artwork.strokes.centre_line import closed_line, open_line, with_corners
 from cubicsplat_cli.artwork.strokes.ends import onward, trimmed, with_ends
@@ -78,10 +78,8 @@ def _shows_cap(row: list[Link], graph: Graph) -> bool:
 
 def _spaced(points: np.ndarray) -> np.ndarray:
     """Points about one px apart along a skeleton."""
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    count = max(3, round(float(s[-1])) + 1)
-    at = np.linspace(0.0, s[-1], count)
-    return np.stack([np.interp(at, s, points[:, c]) for c in (0, 1)], axis=1)
+    length = float(arc_lengths(points)[-1])
+    return polyline_places(points, np.linspace(0.0, length, max(3, round(length) + 1)))
 
 
 def _width(own: Centres) -> float:

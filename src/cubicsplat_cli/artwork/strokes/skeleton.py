@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.outlines import Ring, coverage, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import Ring, coverage, pieces_of_rings, points_at
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.point_tree import PointTree
 

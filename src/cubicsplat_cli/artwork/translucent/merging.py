@@ -12,6 +12,7 @@ from itertools import permutations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.regions.neighbours import touching
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import linked_groups
@@ -40,7 +41,7 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     for covered, ground in grounds.items():
         fill[covered] = regions.fill_of[ground]
     labels = regions.labels
-    joined = [(a, b) for a, b in _touching(labels) if fill[a] == fill[b] and (a in grounds or b in grounds)]
+    joined = [(a, b) for a, b in _pairs(labels) if fill[a] == fill[b] and (a in grounds or b in grounds)]
     rows, columns = (np.array([pair[i] for pair in joined], dtype=int) for i in (0, 1))
     count, name = linked_groups(regions.count, rows, columns)
     fills, fill_of, stays = np.zeros((count, 4)), np.zeros(count, dtype=fill.dtype), np.zeros(count, dtype=bool)
@@ -50,13 +51,9 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     return Regions(name[labels].astype(np.int32), fills, fill_of), stays
 
 
-def _touching(labels: np.ndarray) -> list[tuple[int, int]]:
-    """The pairs of different regions with a common edge, ascending, each one once or twice."""
-    found: set[tuple[int, int]] = set()
-    for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
-        edge = a != b
-        found |= set(zip(a[edge].tolist(), b[edge].tolist(), strict=True))
-    return sorted(found)
+def _pairs(labels: np.ndarray) -> list[tuple[int, int]]:
+    """The pairs of different regions with a common edge, either way round."""
+    return [(a, b) for a, beside in touching(labels).items() for b in beside]
 
 
 def with_covered(
@@ -70,7 +67,7 @@ def with_covered(
     left = True
     while overlays and left:
         left = False
-        for above, below in (pair for a, b in _touching(regions.labels) for pair in ((a, b), (b, a))):
+        for above, below in _pairs(regions.labels):
             over = () if fixed[[above, below]].any() else _over(regions, overlays, above, below)
             if over:
                 mask = regions.labels == above
