@@ -103,7 +103,7 @@ def drawn_outlines(
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
         def add_sketch(sketch: Drawing) -> None:
-            on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
+            on_sketch(replace(result_of_drawing(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
         drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)
@@ -118,12 +118,14 @@ def drawn_outlines(
     )  # fmt: skip
 
 
-def plain(fill: Rgba, task: Task) -> Made:
+def result_of_one_fill(fill: Rgba, task: Task) -> Made:
     """A picture of one colour: its ground and no curve, in either style."""
     request = task.request
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == PHOTO:
-        return replace(drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
+        return replace(
+            result_of_drawing(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style
+        )
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
@@ -156,7 +158,7 @@ def _structured(drawing: Drawing, request: Request) -> Made:
         drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
     if request.group_by == COLOR:
         drawing = structure.grouped_by_colour(drawing)
-    return replace(drawn(drawing, request), notes=notes)
+    return replace(result_of_drawing(drawing, request), notes=notes)
 
 
 def _precision(drawing: Drawing, request: Request) -> int:
@@ -172,7 +174,7 @@ def _ground_notes(request: Request, found: bool) -> list[str]:
     return ["the figures compare the drawing with the picture as it was, on its own ground"]
 
 
-def drawn(drawing: Drawing, request: Request) -> Made:
+def result_of_drawing(drawing: Drawing, request: Request) -> Made:
     """A finished drawing as a result."""
     from cubicsplat_cli.artwork.geometry.outlines import Ring
     from cubicsplat_cli.artwork.geometry.stroke import Chain
@@ -201,7 +203,7 @@ def drawn(drawing: Drawing, request: Request) -> Made:
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
-    """The members of the report that add_sketch of shapes, none of which is anything but a path of one colour."""
+    """The members of the report about a drawing whose shapes are paths of one colour each."""
     colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}
 

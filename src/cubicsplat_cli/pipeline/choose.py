@@ -10,18 +10,15 @@ from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_st
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
+from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.request import Request
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
-BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
-LEAST_BYTES = 5.0  # of a line or cubic in a file
-FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see. A quick photo is behind one that is fitted
 # to its end by so much at least.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
@@ -63,7 +60,7 @@ def _first(task: Task) -> Made:
         require_gpu()  # which a drawing would not ask for
     fill = only_fill(task.picture)
     if fill is not None:
-        return plain(fill, task)
+        return result_of_one_fill(fill, task)
     asked = _asked_for(request)
     if asked is not None:
         page = _page(task)
@@ -264,15 +261,6 @@ def _failure(style: str, error: Exception) -> str:
     return f"{style} failed ({type(error).__name__}: {one_line(error)}); this is a bug, please report it"
 
 
-def _curves_of(task: Task, made: Made) -> int:
-    """The curves of a photo that takes as many bytes as a drawing; those of large drawings are not counted."""
-    most = task.request.settings.curves or MOST
-    if made.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
-        return most
-    size = len(made.write(task.title, task.comment()).encode())
-    return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
-
-
 def check_worth_finishing(task: Task, sketch: Made) -> None:
     """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
     reason = photo_is_nearer(task, sketch, SKETCH_DB, SKETCH_ERROR)
@@ -291,7 +279,7 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
         return None
     rest = 10.0 ** (-0.1 * drawn) - fall
     rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
-    curves = _curves_of(task, made)
+    curves = curves_of_equal_bytes(task, made)
     if curves not in task.quick_photos:
         task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, made.samples))
     fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB - QUICK_BEHIND_DB)

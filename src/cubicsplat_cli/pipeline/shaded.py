@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
 from cubicsplat_cli.artwork.vectorize import draw_flat
-from cubicsplat_cli.pipeline.artwork import drawn
+from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
 from cubicsplat_cli.raster import ndimage
@@ -85,7 +85,7 @@ def drawn_shaded(task: Task, objects: Objects) -> Made:
     most = int(request.shading) if request.shading.isdecimal() else None
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
         drawing = shaded_drawing(objects, task.settings(), most)
-    made = drawn(scaled_drawing(drawing, *task.picture.size), request)
+    made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
     facts = {**made.facts, "interrupted": doing.interrupted}
     return replace(made, facts=facts, may_be_photo=True)
 
