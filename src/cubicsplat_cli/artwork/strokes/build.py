@@ -13,13 +13,12 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
 from cubicsplat_cli.artwork.strokes.centre_line import closed_line, open_line, with_corners
-from cubicsplat_cli.artwork.strokes.ends import onward, trimmed, with_ends
+from cubicsplat_cli.artwork.strokes.ends import with_ends
 from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
 
 LEAST_EVEN = 0.5  # share of a shape's skeleton that must have an even width
 SHORTEST = 1.2  # widths, of a shape's skeleton
 GAP = 2.5  # px between points of the centre line that are neighbours
-LEAST_TRUE = 0.6  # widths: a branch to an end that is even for less is a spur of a corner
 THROUGH = math.radians(35.0)  # of bend up to which a stroke goes on through a junction
 ALIKE = 0.15  # of the width, that two branches of one stroke may differ by
 REACH = 3.0  # widths along a branch from which its direction at a junction is taken
@@ -40,16 +39,12 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
         return []
     graph, sides = skeleton_of(rings, width), Sides.of(rings)
     centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
-    spurs = [b for b, own in enumerate(centres) if graph.dangling(b) and own.even(width).sum() < LEAST_TRUE * width]
-    if spurs:
-        graph = graph.without(spurs)
-        centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
     widths = np.array([_width(own) for own in centres])
     even = sum(int(own.even(w).sum()) for own, w in zip(centres, widths, strict=True) if np.isfinite(w))
     total = sum(len(own.points) for own in centres)
     if even < LEAST_EVEN * total or total < SHORTEST * width:
         return []
-    rows = _lines(chains_of(graph, centres, widths), graph, width)
+    rows = chains_of(graph, centres, widths)
     found = [_stroke(row, closed, graph, centres, widths, sides, detail, slack) for row, closed in rows]
     strokes = [stroke for stroke in found if stroke is not None]
     if len(strokes) < len(found):
@@ -61,14 +56,6 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
         stroke if stroke.closed or _shows_cap(row, graph) else replace(stroke, cap=usual)
         for stroke, (row, _) in zip(strokes, rows, strict=True)
     ]
-
-
-def _lines(rows: list[tuple[list[Link], bool]], graph: Graph, width: float) -> list[tuple[list[Link], bool]]:
-    """The rows of branches without those that lie within what they meet at, unless there are no others."""
-    lengths = [
-        sum(float(np.hypot(*np.diff(graph.branches[b].points, axis=0).T).sum()) for b, _ in row) for row, _ in rows
-    ]
-    return [row for row, length in zip(rows, lengths, strict=True) if length >= LEAST_TRUE * width] or rows
 
 
 def _shows_cap(row: list[Link], graph: Graph) -> bool:
@@ -111,11 +98,6 @@ def _stroke(
         return None
     width = float(np.median(np.concatenate(own_widths)))
     hidden = [_beside(row, graph, widths, end) for end in (0, 1)]
-    line = onward(line, closed)
-    if not closed:
-        line = trimmed(line, width, hidden)
-    if len(line) < 3:
-        return None
     gaps = np.hypot(*(np.roll(line, -1, axis=0) - line).T) > max(GAP, 0.4 * width)
     if not closed:
         line, gaps, cap = with_ends(line, gaps, width, sides, hidden)

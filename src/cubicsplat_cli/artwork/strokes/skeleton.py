@@ -38,17 +38,6 @@ class Graph:
     branches: list[Branch]
     places: np.ndarray
 
-    def dangling(self, branch: int) -> bool:
-        """Whether a branch runs from a junction to a free end."""
-        a, b = self.branches[branch].nodes
-        return a != b and 1 in (len(self.at(a)), len(self.at(b))) and len(self.at(a)) + len(self.at(b)) > 2
-
-    def without(self, branches: list[int]) -> Graph:
-        """The graph without some branches; what they held apart is joined."""
-        return Graph(
-            _joined([each for b, each in enumerate(self.branches) if b not in branches], self.places), self.places
-        )
-
     def at(self, node: int) -> list[tuple[int, int]]:
         """(branch, which end) of all that meet at a node."""
         return [(b, k) for b, branch in enumerate(self.branches) for k in (0, 1) if branch.nodes[k] == node]
