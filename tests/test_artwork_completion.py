@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, coverage, polygon
-from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
+from cubicsplat_cli.artwork.layers.completion import hidden_runs
 from cubicsplat_cli.artwork.layers.ends import End, continued
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent, without_stray_holes
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -206,7 +206,7 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
     square = np.array([[10.0, 20.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]])
     contour = Contour(square, np.full(4, 0.1), False)
     extent = Extent(0, 20, 10, shown, shown, np.zeros_like(shown), (contour,))
-    window = _Window.of(extent, (40, 40))
+    window = Window.of(extent, (40, 40))
     assert len(window.wrong(polygon(square))) == 0
     # Two sides go on until they meet, beyond the canvas.
     assert len(window.wrong(polygon(np.array([[10.0, 20.0], [20.0, -50.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]]))))
@@ -221,7 +221,7 @@ def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():
         for a, b, hole in ((10, 30, False), (12, 28, True))
     ]
     extent = Extent(0, 0, 0, shown, shown, holes_of(shown), tuple(contours))
-    window = _Window.of(extent, (40, 40)).hole(contours[1], extent)
+    window = Window.of(extent, (40, 40)).hole(contours[1], extent)
     assert len(window.wrong(polygon(contours[1].points))) == 0
     # Nothing of the thin shape itself is so far from its edges that a hole surely must not have it.
     assert len(window.wrong(Circle(20.0, 4.0, 24.0)))

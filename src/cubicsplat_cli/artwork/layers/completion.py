@@ -7,20 +7,13 @@ way is good when the outline covers what shows and nothing else does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import (
-    Outline,
-    Rectangle,
-    Ring,
-    dense,
-    flattened,
-    polygon,
-)
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent, enclosed, without_stray_holes
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, polygon
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import SLACK, Room
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
@@ -35,60 +28,10 @@ ASTRAY = 20  # px so covered or left, beyond which a way that certainly is hidde
 HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ
+SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
 DOT = 4  # px of a region, up to which it is a dot
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
-
-
-@dataclass(frozen=True)
-class _Window:
-    """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
-    shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
-    lies outside of the outer one."""
-
-    top: int
-    left: int
-    must: np.ndarray
-    may: np.ndarray
-    canvas: tuple[int, int]
-
-    @classmethod
-    def of(cls, extent: Extent, canvas: tuple[int, int]) -> _Window:
-        edge = np.pad(extent.shown, 1, mode="edge")
-        must = ndimage.binary_erosion(edge, ndimage.SQUARE)[1:-1, 1:-1]
-        # Where upper layers hide the edge it runs beneath them, not along it.
-        beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
-        must |= beneath & ~ndimage.binary_dilation(~extent.allowed, ndimage.SQUARE, 2)
-        # An outer outline may go around holes, which have outlines of their own.
-        may = ndimage.binary_dilation(extent.allowed | extent.holes, ndimage.SQUARE)
-        return cls(extent.top, extent.left, must, may, canvas)
-
-    def hole(self, contour: Contour, extent: Extent) -> _Window:
-        """The same of a contour of a hole of the extent."""
-        free = self._inside(polygon(contour.points)) & ~extent.allowed
-        return replace(self, must=ndimage.binary_erosion(free, ndimage.SQUARE), may=self.may & ~self.must)
-
-    def _inside(self, ring: Ring) -> np.ndarray:
-        """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
-        return enclosed(ring, self.top, self.left, self.must.shape)
-
-    def wrong(self, outline: Outline) -> np.ndarray:
-        """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
-        ring = outline.ring()
-        points = dense(flattened(ring, 1.0), 1.0) - [self.left, self.top]
-        inside = self._inside(ring)
-        y, x = np.nonzero((inside & ~self.may) | (~inside & self.must))
-        within = np.stack([x + 0.5, y + 0.5], axis=1)
-        corner = np.array([self.left, self.top])
-        return np.concatenate([within, points[self._astray(points)]]) + corner
-
-    def _astray(self, points: np.ndarray) -> np.ndarray:
-        """(n,) bool: points of an outline beyond the window, though on the canvas."""
-        height, width = self.must.shape
-        x, y = points.T
-        beyond = (x < -1.0) | (y < -1.0) | (x > width + 1.0) | (y > height + 1.0)
-        x, y = x + self.left, y + self.top
-        return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
 
 
 def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
@@ -157,9 +100,9 @@ class _Surroundings:
     canvas: tuple[int, int]
 
     @cached_property
-    def window(self) -> _Window:
+    def window(self) -> Window:
         """That of the outer contour."""
-        return _Window.of(self.extent, self.canvas)
+        return Window.of(self.extent, self.canvas)
 
     @cached_property
     def room(self) -> Room:
@@ -189,7 +132,7 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
         points, sigma, corners = guided(contour, runs, ways)
         outline = fit_outline(points, sigma, detail, corners)
         bad = window.wrong(outline)
-        count = len(bad)
+        count = len(bad) + (0 if _every_side_shows(contour, outline) else contour.points.size)
         if count < least:
             best, least = outline, count
         if count <= ALLOWED:
@@ -247,7 +190,7 @@ def _with_corners(
     runs: list[np.ndarray],
     ways: list[Completion],
     loop: HiddenLoop,
-    window: _Window,
+    window: Window,
     detail: float,
 ) -> Outline:
     """The outline with hidden corners where straight sides meet, if that is shorter and hidden as well."""
@@ -261,6 +204,17 @@ def _with_corners(
     outline = fit_outline(points, sigma, detail, corners)
     good = outline.coordinates <= found.coordinates and len(window.wrong(outline)) <= ALLOWED
     return outline if good else found
+
+
+def _every_side_shows(contour: Contour, outline: Outline) -> bool:
+    """Whether something of each side of a rectangle with round corners shows: hidden ones might be anywhere."""
+    if not isinstance(outline, Rectangle) or outline.radius <= 0.0:
+        return True
+    half = 0.5 * np.array([outline.width, outline.height])
+    offset = contour.points[np.isfinite(contour.sigma)] - half - np.array([outline.x, outline.y])
+    cos, sin = np.cos(outline.angle), np.sin(outline.angle)
+    local = offset @ np.array([[cos, -sin], [sin, cos]])
+    return bool(((half - local).min(axis=0) < SIDE_SEEN).all() and ((half + local).min(axis=0) < SIDE_SEEN).all())
 
 
 def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:

@@ -227,6 +227,7 @@ def _net(facts: _Facts, group: np.ndarray, index: dict[int, int]) -> tuple[np.nd
         p, q = int(group[above]), int(group[below])
         if p >= 0 and q >= 0 and p != q:
             weight[p, q] = weight.get((p, q), 0.0) + votes
+    _settle_enclosures(facts, group, weight)
     net = [(index[p], index[q], votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
     net = sorted(each for each in net if each[2] > NO_LOAD)
     upper, lower = (np.array([each[k] for each in net], dtype=int) for k in (0, 1))
@@ -246,6 +247,18 @@ def _without_cycles(
         inside = inside[np.lexsort((inside, weight[inside]))]
         weakest = inside[np.unique(knot[above[inside]], return_index=True)[1]]
         above, below, weight = (np.delete(each, weakest) for each in (above, below, weight))
+
+
+def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: dict[tuple[int, int], float]) -> None:
+    """Groups with pieces around and within another one lie beneath it: what is within shows through its holes."""
+    for outer, held in facts.inside.items():
+        below = int(group[outer])
+        if below < 0 or below not in {int(group[i]) for i in held}:
+            continue
+        for inner in held:
+            above = int(group[inner])
+            if above >= 0 and above != below and facts.areas[outer] > facts.areas[inner]:
+                weight[below, above] = 0.0
 
 
 def _spans(facts: _Facts, group: np.ndarray) -> np.ndarray:
