@@ -6,6 +6,8 @@ from functools import reduce
 
 import numpy as np
 
+LUMA = np.array([0.299, 0.587, 0.114])  # of red, green and blue, by Rec. 601
+
 
 def largest(values: np.ndarray) -> np.ndarray:
     """(...) the largest of the channels of (..., C): numpy's own, of an axis so short, takes ten times as long."""

@@ -12,6 +12,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
+from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
@@ -21,7 +22,6 @@ from cubicsplat_cli.scene.paint import Rgba
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
 # which edges, three pixels wide, never fill.
-FLAT_LEVELS = 3.0  # of 255
 MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
 COUNTED_FILLS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
@@ -69,7 +69,7 @@ def choose_style(target: np.ndarray) -> Style:
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
     change, straight = spread(levels, 3, 3), _straight(levels)
-    if _texture((change > FLAT_LEVELS) & ~straight, drawn) <= MOST_TEXTURE:
+    if _texture((change > FLAT_RANGE) & ~straight, drawn) <= MOST_TEXTURE:
         shaded = _shaded(levels, drawn)
         reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
         if shaded >= LEAST_SHADED:
@@ -138,7 +138,7 @@ def _straight(levels: np.ndarray) -> np.ndarray:
     around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     across = np.abs(around[1:-1, :-2] - 2.0 * levels + around[1:-1, 2:]).max(axis=2)
     down = np.abs(around[:-2, 1:-1] - 2.0 * levels + around[2:, 1:-1]).max(axis=2)
-    return np.maximum(across, down) <= FLAT_LEVELS
+    return np.maximum(across, down) <= FLAT_RANGE
 
 
 def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
@@ -157,7 +157,7 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
 
     step = 1 + max(levels.shape[:2]) // _SIDE
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
-    explained = _in_few_colours(levels, drawn, FLAT_LEVELS, 1)
+    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1)
     explained |= in_gradients(levels, _TRIES)
     return float((explained & drawn).sum() / drawn.sum())
 

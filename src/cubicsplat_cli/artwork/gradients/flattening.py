@@ -19,11 +19,10 @@ from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.raster.unmix import REACH, SLOTS, STRANGE
 from cubicsplat_cli.scene.paint import Gradient, painted
 
-REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many
 WIDER = 5.0  # standard deviations of a blur, by which paints are sought farther
-STRANGE = 24.0  # levels that no two paints explain: something thin lies there
 APART = 24.0  # levels between the fills that stand for gradients and all others
 LEAST_OPACITY, MOST_CLEAR = 32.0, 240.0  # levels of a fill for a gradient that is translucent somewhere
 SHIFTS = (0.0, 24.0, -24.0, 48.0, -48.0, 80.0, -80.0, 120.0, -120.0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb, srgb_of_light
 from cubicsplat_cli.raster.paints import blends, nearest_paints
-from cubicsplat_cli.raster.unmix import SLOTS
+from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
 # Edges that tell: levels of contrast; px by which the places differ between three columns, and between the two spaces,
 # at least; how many there must be; how many, in rows of how many px in all, are looked at each way.
@@ -24,7 +24,7 @@ CONTRAST, DIFFERENT, FEWEST, MOST, LOOKED_AT = 60.0, 0.1, 40, 20_000, 2**20
 # 2.2 and more in pictures blended there, even with 4 x 4 samples a pixel, else at most 1.1.
 CORNER, BETTER = 0.2, 1.4
 EVEN = 2.0  # levels by which the pixels of a square of 2 x 2 px in one colour may differ
-REACH, CELL = 3, 8.0  # px in which the two colours of a blend lie, and levels that are one colour there
+CELL = 8.0  # levels that are one colour near a blend
 OFF = 12.0  # levels of light that blends of two or three colours may be off at most
 # Of what shines through along a rim, levels by which two pixels are one colour, and by which blends are off that were
 # rounded once for each layer.

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import LUMA
 from cubicsplat_cli.raster import ndimage
 
-LUMA = np.array([0.299, 0.587, 0.114])  # of colours, by Rec. 601
 LEAST_SIDE, CELLS = 96, 48  # px, and along the longer side
 LIGHTER = 0.75  # of the pixels of a cell, ordered by lightness: at least a quarter of it is paper
 DEGREE, ROUNDS = 4, 12

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.paper import LUMA
+from cubicsplat_cli.artwork.channels import LUMA
 from cubicsplat_cli.artwork.input.profiles import REACH, STEP, Profiles, profiles_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.point_tree import PointTree

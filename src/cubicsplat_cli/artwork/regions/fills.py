@@ -23,7 +23,9 @@ SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
 MOST_FILLS = 256
 # A small fill is a line's where that lies in the middle of two rows of pixels, and fills 1.5 px of them, say.
 LINE = LineBlends(one=SQUARE_RANGE, ground=SAME, between=0.5, off=3.0, shares=(0.2, 0.95), more=4.0)
-CLEAR = 2.0  # levels of opacity below which nothing is drawn
+PURE = 2.5  # levels: a pixel within so many of a fill is that fill
+# Levels of opacity below which nothing is drawn, and from which a fill hides what is beneath it.
+CLEAR, OPAQUE = 2.0, 254.0
 
 
 def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:

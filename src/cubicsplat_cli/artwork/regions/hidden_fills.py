@@ -13,14 +13,14 @@ from itertools import permutations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.hairlines import STRANGE
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import blend_with, distance_to_blends
+from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # fills, and colours tried
 ONE_OF_THREE = 0.6  # of the distance from blends of two, that a fill has from those of three
 BLEND = 12.0  # levels by which a blend may be off the line between two fills
-CLEAR, SOLID = 64.0, 254.0  # levels of opacity below which a colour says nothing of a fill, and of what is opaque
+CLEAR = 64.0  # levels of opacity below which a colour says nothing of a fill
 # Of the distance between two fills: steps by which the sharpening of an edge between them goes beyond either, and
 # levels by which what it makes is off that.
 BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
@@ -40,7 +40,7 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
     found: list[np.ndarray] = []
     gap = distance_to_blends(levels, palette)
     # Translucent colours are seams between shapes, or blends of a fill with nothing where nothing is a fill.
-    strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < 1.0).any() else SOLID))
+    strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < 1.0).any() else OPAQUE))
     levels, gap = levels[strange], gap[strange]
     for _ in range(TRIES):
         if len(found) == MOST or not (gap > least).any():

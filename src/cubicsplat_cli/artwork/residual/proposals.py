@@ -12,9 +12,9 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, coverage, pieces_of_rings
 from cubicsplat_cli.artwork.input.palette import modes
 from cubicsplat_cli.artwork.layers.completion import outlines_of
-from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents_of
+from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.fills import eight_bit
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Picture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name

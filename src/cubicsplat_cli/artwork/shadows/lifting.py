@@ -13,9 +13,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import Ground
-from cubicsplat_cli.artwork.shadows.shadow import CLOSE, Shadow, Shares, falls_on, shadow_of
+from cubicsplat_cli.artwork.shadows.shadow import Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing, shape_name
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene.paint import Rgba

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shadows import ShadedPixels
 
-# Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
-CLOSE, EXPLAINED, FAINT = 2.0, 0.97, 1.0
+# Share of the shaded pixels that must not be off their shadow by more than CLOSE, and levels that count as shade.
+EXPLAINED, FAINT = 0.97, 1.0
 ROUGH = 0.75  # levels, the root of the mean square, beyond which another layer is tried
 MOST_LAYERS, MOST_SHARED, HALFWAY = 3, 2, 0.6  # share of the shaded pixels that first layers explain
 # Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.

@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.ends import Heading, heading
-from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents, extents_of
+from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.layers.stacking import Stack, stack
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.translucent.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
