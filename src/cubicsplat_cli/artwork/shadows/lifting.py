@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
+from cubicsplat_cli.artwork.gradients.flattening import Colours, Paints, placeholder, some_colours
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
@@ -125,19 +125,8 @@ def _like_ground(
 
 def _placeholders(levels: np.ndarray, fills: list[np.ndarray]) -> list[np.ndarray]:
     """For each fill (4,) one near it that nothing in the picture has."""
-    colours, counts = np.unique(
-        np.rint(levels.reshape(-1, 4)[:: max(levels[..., 0].size // 100_000, 1)]), axis=0, return_counts=True
-    )
-    taken = colours[counts > 1]
-    out = []
+    taken, out = some_colours(levels.reshape(-1, 4)), list[np.ndarray]()
     for fill in fills:
-        trials = []
-        for channel in (0, 1, 2):
-            for shift in SHIFTS[1:]:
-                trial = fill.copy()
-                trial[channel] = np.clip(trial[channel] + shift, 0.0, fill[3])
-                trials.append((min(float(np.abs(taken - trial).max(axis=1).min()), APART), trial))
-        best = max(trials, key=lambda t: t[0])[1]
-        out.append(best)
-        taken = np.vstack([taken, best])
+        out.append(placeholder(fill, taken))
+        taken = np.vstack([taken, out[-1]])
     return out

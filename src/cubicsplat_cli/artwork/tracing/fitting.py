@@ -10,6 +10,11 @@ its right, by the widest run of neighbours that one line or parabola explains. O
 is; at a corner they differ by its angle, at every scale. The points next to a corner are biased (a pixel there sees
 both flanks), so they never take part: the corner is the intersection of the flanks, and the points between must only
 not contradict it, as those of a rounding do.
+
+Of whole loops that are circles, ellipses or rectangles each kind, level and turned, with sharp and with round corners,
+is fitted by distances with Huber's tails. Points near a sharp corner are biased and count less. A loop is no primitive
+where every fit is far off, where its area does not suit its second moments, or where it does not run around what was
+fitted.
 """
 
 from __future__ import annotations
