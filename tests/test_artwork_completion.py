@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, coverage, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import hidden_runs
 from cubicsplat_cli.artwork.layers.ends import End, continued
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.raster.ndimage import holes_of
+from cubicsplat_cli.raster.outlines import coverage
 
 FINE = 8
 

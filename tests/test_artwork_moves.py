@@ -15,12 +15,12 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
     Ring,
-    coverage,
     flattened,
     polygon,
     signed_area,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_outline
+from cubicsplat_cli.raster.outlines import coverage
 
 RED = (255, 0, 0, 255)
 SQUARE = polygon(np.array([[8.0, 8.0], [40.0, 8.0], [40.0, 40.0], [8.0, 40.0]]))

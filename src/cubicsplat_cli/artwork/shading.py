@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import coverage, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.gradients.shade import Ramp, Shade, gradient_of
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_off
 from cubicsplat_cli.scene.paint import Gradient, Rgba

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, reversed_ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
 from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
@@ -41,9 +41,11 @@ class Shape:
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
-        rings = [outline.ring() for outline in self.outlines]
-        wrong = [(signed_area(ring) > 0.0) == (i > 0) for i, ring in enumerate(rings)]
-        return tuple(reversed_ring(r) if turn else r for r, turn in zip(rings, wrong, strict=True))
+        return oriented([outline.ring() for outline in self.outlines])
+
+    def filled(self, fill: Rgba, width: int, height: int) -> Shape:
+        """The shape in a flat fill, on a canvas of width x height px, with the name of that."""
+        return replace(self, fill=fill, gradient=None, name=shape_name(fill, self.outlines, width, height))
 
     def box(self) -> Rectangle:
         """The box of whole px around its outlines."""
@@ -92,6 +94,11 @@ class Drawing:
             for shape in self.shapes
             for line in (shape.outlines if shape.stroke is None else (shape.stroke,))
         )
+
+
+def ground_shape(fill: Rgba, width: int, height: int) -> Shape:
+    """A rectangle of one fill over a whole canvas."""
+    return Shape(fill, (Rectangle(0.0, 0.0, float(width), float(height)),), "").filled(fill, width, height)
 
 
 def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:

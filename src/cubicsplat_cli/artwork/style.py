@@ -9,11 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
-from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
+from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
@@ -202,6 +201,4 @@ def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
 
 def plain_drawing(fill: Rgba, width: int, height: int) -> Drawing:
     """A rectangle of one fill over the whole canvas; nothing where the fill is transparent."""
-    outlines = (Rectangle(0.0, 0.0, float(width), float(height)),)
-    shape = Shape(fill, outlines, shape_name(fill, outlines, width, height))
-    return Drawing(width, height, (shape,) if fill[3] else ())
+    return Drawing(width, height, (ground_shape(fill, width, height),) if fill[3] else ())

@@ -1,5 +1,5 @@
-"""Outlines of artwork: rings of lines and cubics, the primitives that an artist would write as such, their exact
-coverage of pixels, and cubics at parameters, by Bernstein's polynomials and de Casteljau's differences.
+"""Outlines of artwork: rings of lines and cubics, the primitives that an artist would write as such, and
+cubics at parameters, by Bernstein's polynomials and de Casteljau's differences.
 
 Lengths are in px, y grows downwards, angles are in radians from the x axis towards the y axis.
 """
@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
-from cubicsplat_cli.raster.cpu import doubles, native
 
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
@@ -77,6 +75,23 @@ class Ring:
 def pieces_of_rings(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The cubics (S, 4, 2) of one or more rings, one ring after the other, and which of them are lines (S,) bool."""
     return np.concatenate([ring.cubics for ring in rings]), np.concatenate([ring.lines for ring in rings])
+
+
+def level_box(ring: Ring, off: float = 0.0) -> Rectangle | None:
+    """The level rectangle that a ring of four lines is, `off` px about its corners; None where it is none."""
+    if ring.pieces != 4 or not ring.lines.all():
+        return None
+    low, high = ring.anchors.min(axis=0), ring.anchors.max(axis=0)
+    sides = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
+    across = sides.argmin(axis=1)
+    level = sides.min(axis=1).max() <= off and (sides.max(axis=1) > off).all() and (across[:2] == across[2:]).all()
+    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist()) if level else None
+
+
+def oriented(rings: Sequence[Ring]) -> tuple[Ring, ...]:
+    """Rings with the first one clockwise as seen, and the others the other way: the nonzero rule leaves holes empty."""
+    wrong = [(signed_area(ring) > 0.0) == (index > 0) for index, ring in enumerate(rings)]
+    return tuple(reversed_ring(ring) if turn else ring for ring, turn in zip(rings, wrong, strict=True))
 
 
 def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
@@ -241,18 +256,6 @@ def reversed_ring(ring: Ring) -> Ring:
     order = (-np.arange(ring.pieces)) % ring.pieces
     pieces = (order - 1) % ring.pieces
     return Ring(ring.anchors[order], ring.controls[pieces][:, ::-1], ring.lines[pieces], ring.smooth[order])
-
-
-def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height: int, width: int) -> np.ndarray:
-    """(height, width) float64 coverage, in [0, 1], of the pixels of a window by closed outlines.
-
-    cubics: (S, 4, 2) px, of which some are lines (S,) bool. A loop of an outline that crosses itself is filled. Raises
-    EngineError where the library or the memory is missing.
-    """
-    out = np.empty((height, width))
-    given = len(cubics), doubles(cubics), np.ascontiguousarray(lines, bool)
-    native("shapes", "cs_coverage", *given, left, top, width, height, out)
-    return out
 
 
 def bernstein(u: np.ndarray) -> np.ndarray:

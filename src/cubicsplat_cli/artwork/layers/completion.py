@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import SLACK, Room
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
@@ -149,7 +149,7 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
         for outline in (fit_outline(contour.points, _known(contour.sigma), detail), few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
-    best = _as_box(best)
+    best = (level_box(best, LEVEL) or best) if isinstance(best, Ring) else best
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
 
 
@@ -171,17 +171,6 @@ def _thinned(contour: Contour) -> np.ndarray:
 def _known(sigma: np.ndarray) -> np.ndarray:
     """Standard errors with which hidden points count as well."""
     return np.where(np.isfinite(sigma), sigma, HIDDEN_SIGMA)
-
-
-def _as_box(outline: Outline) -> Outline:
-    """A ring of four level and upright lines as the rectangle that it is."""
-    if not isinstance(outline, Ring) or outline.pieces != 4 or not outline.lines.all():
-        return outline
-    sides = np.abs(np.roll(outline.anchors, -1, axis=0) - outline.anchors)
-    if sides.min(axis=1).max() > LEVEL or (sides.argmin(axis=1)[:2] != sides.argmin(axis=1)[2:]).any():
-        return outline
-    low, high = outline.anchors.min(axis=0), outline.anchors.max(axis=0)
-    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
 
 
 def _with_corners(

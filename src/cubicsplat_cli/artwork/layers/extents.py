@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, coverage, dense, flattened, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flattened, polygon
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import contours_of, hull_mask
+from cubicsplat_cli.raster.outlines import contours_of, coverage, hull_mask
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3

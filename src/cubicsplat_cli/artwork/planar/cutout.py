@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Ring, level_box, signed_area
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.planar.borders import Borders, borders_of
 from cubicsplat_cli.artwork.planar.edges import Edges, edges_of_borders
@@ -105,18 +105,7 @@ def _outline(
     leaves = [(n, int(not ahead)) for n, ahead in cycle]
     smooth = np.array([frozenset(joint) in pairs for joint in zip(arrivals, leaves, strict=True)])
     ring = Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), lines, smooth)
-    return _rectangle(ring) or (ring if abs(signed_area(ring)) > 0.0 else None)
-
-
-def _rectangle(ring: Ring) -> Rectangle | None:
-    """The level rectangle that a ring of four lines is."""
-    if ring.pieces != 4 or not ring.lines.all():
-        return None
-    low, high = ring.anchors.min(axis=0), ring.anchors.max(axis=0)
-    steps = np.roll(ring.anchors, -1, axis=0) - ring.anchors
-    level = ((steps == 0.0).sum(axis=1) == 1).all() and bool((high > low).all())
-    on_corners = ((ring.anchors == low) | (ring.anchors == high)).all()
-    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist()) if level and on_corners else None
+    return level_box(ring) or (ring if abs(signed_area(ring)) > 0.0 else None)
 
 
 def _on_grid(edges: Edges, precision: int) -> Edges:

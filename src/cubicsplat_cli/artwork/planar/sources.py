@@ -13,12 +13,11 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Ellipse,
     Outline,
     Ring,
+    oriented,
     pieces_of_rings,
     points_at,
     polygon,
-    reversed_ring,
     ring_of_cubics,
-    signed_area,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
@@ -57,9 +56,7 @@ def sources_of(drawing: Drawing) -> Sources:
 
 def rings_of(shape: Shape) -> list[Ring]:
     """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
-    rings = [_ring(outline) for outline in shape.outlines]
-    right = [(signed_area(ring) > 0.0) == (index == 0) for index, ring in enumerate(rings)]
-    return [ring if as_it_is else reversed_ring(ring) for ring, as_it_is in zip(rings, right, strict=True)]
+    return list(oriented([_ring(outline) for outline in shape.outlines]))
 
 
 def canvas_ring(drawing: Drawing) -> Ring:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, coverage, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, pieces_of_rings
 from cubicsplat_cli.artwork.input.palette import modes
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
@@ -20,6 +20,7 @@ from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Picture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
 

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import Ground
 from cubicsplat_cli.artwork.shadows.shadow import Shadow, Shares, falls_on, shadow_of
-from cubicsplat_cli.artwork.shapes import Drawing, shape_name
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene.paint import Rgba
 
@@ -38,16 +38,14 @@ class Lifted:
 
     def meant(self, drawing: Drawing) -> Drawing:
         """The drawing with the fills that are meant in place of those that stand for them."""
-        meant = dict(self.fills)
-        if not meant:
-            return drawing
-        shapes = []
-        for shape in drawing.shapes:
-            if shape.gradient is None and shape.fill in meant:
-                fill = meant[shape.fill]
-                shape = replace(shape, fill=fill, name=shape_name(fill, shape.outlines, drawing.width, drawing.height))
-            shapes.append(shape)
-        return replace(drawing, shapes=tuple(shapes))
+        meant, size = dict(self.fills), (drawing.width, drawing.height)
+        return replace(
+            drawing,
+            shapes=tuple(
+                shape.filled(meant[shape.fill], *size) if shape.gradient is None and shape.fill in meant else shape
+                for shape in drawing.shapes
+            ),
+        )
 
 
 def lifted(levels: np.ndarray) -> Lifted:

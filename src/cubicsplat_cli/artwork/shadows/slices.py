@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, coverage
+from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.shadows.boxes import Box, reached, shaded
@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.shadows.lifting import Lifted
 from cubicsplat_cli.artwork.shadows.shadow import Cast
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
 
@@ -197,7 +198,5 @@ def _owners(drawing: Drawing) -> np.ndarray:
     """(H, W) int the number of the uppermost shape that covers half of a pixel, -1 for none."""
     out = np.full((drawing.height, drawing.width), -1)
     for number, shape in enumerate(drawing.shapes):
-        rings = shape.oriented()
-        cubics, lines = np.concatenate([r.cubics for r in rings]), np.concatenate([r.lines for r in rings])
-        out[coverage(cubics, lines, 0, 0, *out.shape) >= 0.5] = number
+        out[coverage(*pieces_of_rings(shape.oriented()), 0, 0, *out.shape) >= 0.5] = number
     return out

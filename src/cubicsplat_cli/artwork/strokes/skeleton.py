@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring, coverage, pieces_of_rings, points_at
+from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, points_at
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.point_tree import PointTree
 
 FINEST = 8  # pixels of the skeleton per px
