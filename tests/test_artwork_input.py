@@ -153,6 +153,15 @@ def test_strong_noise_is_measured_and_makes_no_more_of_near_fills(deviation):
     assert components(picture.labels)[1] == 5
 
 
+def test_a_photo_that_comes_as_near_as_noise_lets_it_is_no_better_than_the_drawing():
+    levels = np.full((240, 240, 3), 255.0)
+    levels[40:200, 30:110] = (59, 136, 195)
+    levels[90:160, 100:210] = (59, 136, 195)
+    levels += np.random.default_rng(2).normal(0.0, 14.0, levels.shape)
+    made = vectorize_pixels(np.clip(np.rint(levels), 0, 255).astype(np.uint8), threads=1)
+    assert made.report.style == "artwork" and made.report.shapes == 2
+
+
 @pytest.mark.parametrize(("kind", "least"), [("jpeg", 1.7), ("noisy", 1.4)])
 def test_a_restored_picture_is_nearer_to_the_clean_one(kind, least):
     ground = f'<path d="M0 0H{SIDE}V{SIDE}H0z" fill="#fff"/>'

@@ -100,10 +100,12 @@ def drawn_outlines(
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.target.target()
         prepared = prepare(target)
+        noise = prepared.condition.noise
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
         def add_sketch(sketch: Drawing) -> None:
-            on_sketch(replace(result_of_drawing(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
+            made = result_of_drawing(scaled_drawing(sketch, *task.picture.size), task.request)
+            on_sketch(replace(made, blur=blur, noise=noise))
 
         drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)
@@ -113,9 +115,8 @@ def drawn_outlines(
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
-    return replace(
-        made, notes=notes, facts=facts, may_be_photo=not prepared.scanned, of_scan=prepared.scanned, blur=blur
-    )  # fmt: skip
+    made = replace(made, notes=notes, facts=facts, blur=blur, noise=noise)
+    return replace(made, may_be_photo=not prepared.scanned, of_scan=prepared.scanned)
 
 
 def result_of_one_fill(fill: Rgba, task: Task) -> Made:

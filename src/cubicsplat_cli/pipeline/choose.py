@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style, only_fill
 from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
@@ -220,7 +221,7 @@ def _or_shaded(task: Task, drawing: Made) -> Made:
     """A drawing; or a shaded one, where that is asked for, the picture has shading, and that is plainly nearer."""
     if not task.request.may_shade or not drawing.may_be_photo or drawing.interrupted:
         return drawing
-    drawn_db = _seen_db(task, drawing, ENOUGH_DB)
+    drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return drawing
     from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # which few pictures need
@@ -230,6 +231,11 @@ def _or_shaded(task: Task, drawing: Made) -> Made:
         return drawing
     shaded = drawn_shaded(task, objects)
     return shaded if _seen_db(task, shaded) > drawn_db + MARGIN_DB else drawing
+
+
+def _enough_db(drawing: Made) -> float:
+    """Level of a drawing that has lost nothing, or nothing but the noise of its picture."""
+    return min(ENOUGH_DB, decibels((drawing.noise / 255.0) ** 2) - MARGIN_DB) if drawing.noise else ENOUGH_DB
 
 
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
@@ -274,7 +280,7 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
     scale. Raises what a fit raises, and KeyboardInterrupt.
     """
-    drawn = _seen_db(task, made, ENOUGH_DB)
+    drawn = _seen_db(task, made, _enough_db(made))
     if math.isinf(drawn):
         return None
     rest = 10.0 ** (-0.1 * drawn) - fall

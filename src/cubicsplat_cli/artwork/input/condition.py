@@ -117,13 +117,16 @@ def condition_of(levels: np.ndarray) -> Condition:
         return CLEAN
     luma = levels @ SEEN
     second = second_differences(levels)
-    quiet = _quiet(levels)
+    spans = spread(levels, 5, 5)
+    quiet = _quiet(spans)
     if not quiet.any():
         return CLEAN
-    everywhere = float(np.median(second[quiet])) / (SECOND * LARGER_MEDIAN)
+    noise = _usual(second[quiet])
     rough = quiet & (second >= ROUGH)
-    noise = everywhere if everywhere >= LEAST_NOISE else 0.0
     jpeg = _compressed(levels, luma, rough, quiet, noise)
+    if noise and not jpeg:
+        whole = _within(levels)
+        noise = max(noise, _usual(second[whole][_quiet(spans[whole])]))
     if jpeg:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
@@ -132,11 +135,24 @@ def condition_of(levels: np.ndarray) -> Condition:
     return replace(condition, aliased=condition.clean and aliased(levels))
 
 
-def _quiet(levels: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels away from edges. Where noise or dithering is all over, they span more than otherwise."""
-    spans = spread(levels, 5, 5)
+def _usual(second: np.ndarray) -> float:
+    """Levels of noise, by second differences (n,) away from edges; 0 where they are no more than rounding."""
+    noise = float(np.median(second)) / (SECOND * LARGER_MEDIAN) if len(second) else 0.0
+    return noise if noise >= LEAST_NOISE else 0.0
+
+
+def _within(levels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels whose noise is whole, since nothing near is at an end of the scale in all channels."""
+    colours = levels[..., :3]
+    ends = ((colours <= 0.0) | (colours >= 255.0)).all(axis=2)
+    return ~ndimage.maximum_filter(ends, 5)
+
+
+def _quiet(spans: np.ndarray) -> np.ndarray:
+    """Which pixels are away from edges, bool, of those with such spans. Where noise or dithering is all over, they span
+    more than otherwise."""
     least = spans < QUIET[0]
-    found = next((quiet for quiet in (spans < limit for limit in QUIET) if quiet.mean() >= 0.5), least)
+    found = next((quiet for quiet in (spans < limit for limit in QUIET) if 2 * quiet.sum() > quiet.size), least)
     return found if found.sum() > 2 * least.sum() else least
 
 

@@ -108,7 +108,9 @@ def missing_colours(
     share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
     mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
     square = ndimage.uniform_filter(residual * residual, (WINDOW, WINDOW, 1)) / share
-    unlike = np.abs(mean) - UNLIKE
+    # What a JPEG is off is alike over its blocks, and so no less in a mean.
+    off_by = 0.0 if condition.jpeg else SAME_NOISE * condition.noise / WINDOW / np.sqrt(share)
+    unlike = np.abs(mean) - np.maximum(UNLIKE, off_by)
     if condition.jpeg:
         for block, channels in BLOCKS:
             size, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
