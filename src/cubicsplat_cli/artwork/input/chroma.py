@@ -2,7 +2,7 @@
 
 A line of 2 px hardly shows its colour in any pixel, since chroma is a mean of 2 x 2 px, and is smoothed when it is made
 larger again. But the share that each fill has of each pixel tells what the chroma would be, so fills follow by linear
-least squares from all pixels together.
+least squares from all pixels together; and where these leave a residual, a fill is missing.
 
 Which fills a pixel is a blend of follows from its neighbours, once it is known which it has most of.
 """
@@ -14,35 +14,60 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.raster import ndimage
 
 # What halving leaves of chroma of half the size that libjpeg has made larger, along each axis.
 AGAIN = np.array([0.125, 0.75, 0.125], dtype=np.float32)
+RESIDUAL, TIMES = 12.0, 5.0  # levels, and times the usual residual near edges, beyond which a fill is missing
+# Of a residual, what a pixel's colour lacks of a part's that fills about seven tenths of it, beyond what it has of it.
+LACKS = 0.4
+UNLIKE, ALIKE, FEWEST = 24.0, 20.0, 8  # levels off all blends, and of one colour; pixels of half the size that show it
 REWEIGHTED, PRIOR = 4, 2.0  # rounds of least squares, and px that each fill counts as before
 SNAP = 0.08  # shares this near to 0 or 1 are
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two fills to be told
 
 
-def explained(seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float) -> np.ndarray:
-    """(P, 4) the fills, as luma and chroma, that explain a picture best.
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Fills as luma and chroma (P, 4), and what they leave. cost: of all residuals, in nats; missing: (k, 4) colours,
+    as luma and chroma, that pixels with large residuals would have.
+    """
 
-    seen: (H, W, 4) its luma, chroma and opacity in levels; fills: (P, 4) alike; free: (P,) bool, those that are to be
-    fitted; sigma: levels by which luma is off near edges.
+    fills: np.ndarray
+    cost: float
+    missing: np.ndarray
+
+
+def explained(seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float) -> Explained:
+    """The fills that explain a picture best. seen: (H, W, 4) its luma, chroma and opacity in levels; fills: (P, 4)
+    alike; free: (P,) bool, those that are to be fitted; sigma: levels by which luma is off near edges.
     """
     fills, small = fills.copy(), _halved(seen)
     mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels]
-    fills[:, 0] = _luma(seen[..., 0], mixture, mixed, fills[:, 0], free, sigma)
+    fills[:, 0], luma_cost = _luma(seen[..., 0], mixture, mixed, fills[:, 0], free, sigma)
     y, x = np.nonzero(_halved(mixed[..., None])[..., 0] > 0.0)
     columns = [_again(_halved(mixture.coverage(k)[..., None]))[y, x, 0] for k in range(len(fills))]
-    shares = np.stack(columns, axis=1).astype(np.float64)
-    fills[:, 1:3] = _fitted(shares, small[y, x][:, 1:3], fills[:, 1:3], free, sigma)
-    return fills
+    shares, values = np.stack(columns, axis=1).astype(np.float64), small[y, x]
+    fitted, rest = _fitted(shares, values[:, 1:3], fills[:, 1:3], free, sigma)
+    fills[:, 1:3] = fitted
+    off = np.hypot(rest[:, 0], rest[:, 1])
+    usual = float(np.median(off)) if len(off) else 0.0
+    strange = off > max(RESIDUAL, TIMES * usual)
+    missing = values[strange].astype(np.float64)
+    missing[:, 1:3] += LACKS * rest[strange]
+    return Explained(fills, luma_cost + float(np.log1p((off / sigma) ** 2).sum()), missing)
+
+
+def missing_fills(missing: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """(k, 4) fills in levels that a palette (P, 4) lacks, of colours (n, 4) that are not explained."""
+    return hidden_fills(np.clip(missing, 0.0, 255.0), palette, UNLIKE, ALIKE, FEWEST)
 
 
 def _luma(
     luma: np.ndarray, mixture: Mixture, where: np.ndarray, fills: np.ndarray, free: np.ndarray, sigma: float
-) -> np.ndarray:
-    """The luma of the fills (P,), by some pixels, where (H, W) bool."""
+) -> tuple[np.ndarray, float]:
+    """The luma of the fills (P,), and the cost of what it leaves of some pixels, where (H, W) bool."""
     y, x = np.nonzero(where)
     own, other, share = (each[y, x] for each in (mixture.labels, mixture.other, mixture.share))
     count, out, value = len(fills), fills.copy(), luma[y, x].astype(np.float64)
@@ -56,11 +81,13 @@ def _luma(
                 gram += np.bincount(a * count + b, weight * s * t, count * count).reshape(count, count)
         out[free] += np.linalg.solve(gram[np.ix_(free, free)] + PRIOR * np.eye(int(free.sum())), right[free])
         rest = value - (1.0 - share) * out[own] - share * out[other]
-    return out
+    return out, float(np.log1p((rest / sigma) ** 2).sum())
 
 
-def _fitted(shares: np.ndarray, values: np.ndarray, fills: np.ndarray, free: np.ndarray, sigma: float) -> np.ndarray:
-    """Fills (P, 2) of which shares (n, P) make values (n, 2), with Cauchy's weights."""
+def _fitted(
+    shares: np.ndarray, values: np.ndarray, fills: np.ndarray, free: np.ndarray, sigma: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fills (P, 2) of which shares (n, P) make values (n, 2), with Cauchy's weights, and what they leave of these."""
     out = fills.copy()
     rest = values - shares @ out
     for _ in range(REWEIGHTED):
@@ -68,7 +95,7 @@ def _fitted(shares: np.ndarray, values: np.ndarray, fills: np.ndarray, free: np.
         gram = weighted.T @ shares[:, free] + PRIOR * np.eye(int(free.sum()))
         out[free] += np.linalg.solve(gram, weighted.T @ rest)
         rest = values - shares @ out
-    return out
+    return out, rest
 
 
 def _halved(values: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.chroma import explained, mixture_of, with_shares
+from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_shares
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
@@ -34,7 +34,9 @@ MOST_THICK = 24  # fills, beyond which those of thin lines are not sought
 # Times the misfit that the colour of a thin line is off all blends of two others; levels that are one colour, and px
 # that show it.
 STRANGE_FILL, ONE_COLOUR, FEWEST = 6.0, 16.0, 24
-DEEP, FEWEST_DEEP = 4, 16  # px from edges at which pixels have their fill alone, and how many show it
+# Px from edges at which pixels have their fill alone, and how many show it; rounds in which fills of small parts are
+# added.
+DEEP, FEWEST_DEEP, PROPOSALS = 4, 16, 4
 # Rounds in which a blurred picture is made sharp again, and levels by which it is off its fills then; standard
 # deviations beyond which nothing is left of a blur.
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
@@ -95,7 +97,7 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
     labels = _labels(seen, palette @ space, sigma, thick)
     if condition.jpeg:
-        palette = _of_small_parts(levels, seen, palette, labels, sigma)
+        palette, labels = _of_small_parts(levels, seen, palette, labels, sigma, thick)
         near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = _at_the_ends(_settled_fills(levels, palette, labels, near))
     else:
@@ -107,14 +109,27 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
 
 
 def _of_small_parts(
-    levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, labels: np.ndarray, sigma: float
-) -> np.ndarray:
-    """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them."""
-    colours = palette @ seen_as(Condition(jpeg=True))
-    mixture = mixture_of(seen, colours, with_lines(seen, colours, labels, OFF * sigma, THIN), sigma, 0.0)
-    free = ~_deep(labels, len(palette))
-    fills = explained((levels @ LUMA_CHROMA).astype(np.float32), mixture, palette @ LUMA_CHROMA, free, sigma)
-    return np.clip(fills @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0)
+    levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, labels: np.ndarray, sigma: float, thick: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them, and
+    with those that are missing; and the labels. Fills with which the picture is no better explained are not added.
+    """
+    space, colours = seen_as(Condition(jpeg=True)), (levels @ LUMA_CHROMA).astype(np.float32)
+    kept, best = (palette, labels), np.inf
+    for _ in range(PROPOSALS):
+        lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
+        mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
+        found = explained(colours, mixture, palette @ LUMA_CHROMA, ~_deep(labels, len(palette)), sigma)
+        if found.cost >= best:
+            break
+        palette = np.clip(found.fills @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0)
+        kept, best = (palette, labels), found.cost
+        new = missing_fills(found.missing @ np.linalg.inv(LUMA_CHROMA), palette)
+        if not len(new) or len(palette) > MOST_THICK:
+            break
+        palette = np.vstack([palette, new])
+        labels = _labels(seen, palette @ space, sigma, thick)
+    return kept
 
 
 def _deep(labels: np.ndarray, count: int) -> np.ndarray:
