@@ -11,8 +11,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, shaded
-from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
+from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, box_of, shaded
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.vectorize import draw

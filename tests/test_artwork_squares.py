@@ -10,7 +10,7 @@ import resvg_py
 from PIL import Image
 
 from cubicsplat_cli.artwork.input.condition import condition_of
-from cubicsplat_cli.artwork.input.squares import SMALL, square_fills
+from cubicsplat_cli.artwork.input.palette import SMALL, square_fills
 from cubicsplat_cli.artwork.vectorize import draw
 
 GROUND = (255.0, 255.0, 255.0, 255.0)

@@ -18,15 +18,13 @@ from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of, sampled_picture_
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, points_at, polygon
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.strokes.find import with_strokes
-from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters
+from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_strokes
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender
