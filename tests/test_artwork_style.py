@@ -45,6 +45,19 @@ def test_a_drawing_whose_colours_are_a_little_off_is_doubtful_and_a_photo_is_not
     assert not choose_style(load_picture(SAMPLES / "chelsea.png").target()).doubtful
 
 
+def test_a_window_with_a_soft_shadow_is_doubtful():
+    rng = np.random.default_rng(1)
+    shadow = np.zeros((500, 700))
+    shadow[90:-90, 90:-90] = 0.6
+    levels = np.zeros((500, 700, 4), np.float32)
+    levels[..., 3] = ndimage.gaussian_filter(shadow, 40.0) + rng.normal(0.0, 0.004, shadow.shape)
+    levels[70:-110, 90:-90] = (0.0, 0.0, 0.0, 1.0)
+    for row in range(100, 376, 14):
+        levels[row : row + 8, 100 : 100 + rng.integers(60, 490) : 3, :3] = 0.7
+    found = choose_style(np.rint(255.0 * np.clip(levels, 0.0, 1.0)).astype(np.float32) / 255)
+    assert found.name == "artwork" or found.doubtful, found.reason
+
+
 @pytest.mark.slow
 def test_a_photo_of_much_darkness_is_a_photo():
     moon = np.repeat(data.moon()[..., None], 3, axis=2).astype(np.float32) / 255

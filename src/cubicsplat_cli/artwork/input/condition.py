@@ -144,8 +144,8 @@ def _usual(second: np.ndarray) -> float:
 def _within(levels: np.ndarray) -> np.ndarray:
     """(H, W) bool: pixels whose noise is whole, since nothing near is at an end of the scale in all channels."""
     colours = levels[..., :3]
-    ends = ((colours <= 0.0) | (colours >= 255.0)).all(axis=2)
-    return ~ndimage.maximum_filter(ends, 5)
+    ends = np.all((colours <= 0.0) | (colours >= 255.0), axis=2)
+    return ~ndimage.binary_dilation(ends, np.ones((5, 5), dtype=bool))
 
 
 def _quiet(spans: np.ndarray) -> np.ndarray:
