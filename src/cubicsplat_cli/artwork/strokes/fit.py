@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters
 from cubicsplat_cli.raster.stack import Goal
 
 FIRST_ROUNDS, LAST_ROUNDS = 24, 6
-MOST_PIECES = 600  # of centre lines; more take minutes
+MOST_PIECES = 6000  # of centre lines
 
 _log = logging.getLogger("cubicsplat")
 
