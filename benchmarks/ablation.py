@@ -11,7 +11,7 @@ import typer
 
 from benchmarks import main
 from cubicsplat_cli.bench.quality import configuration_name
-from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
+from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
 from cubicsplat_cli.cli.bench import (
     Cache,
     Csv,
@@ -20,10 +20,10 @@ from cubicsplat_cli.cli.bench import (
     Limit,
     Markdown,
     ModeList,
+    comma_parts,
     counts_of,
     end_with,
     modes_of,
-    parts_of,
     pictures_of,
     print_json,
     run_fits,
@@ -75,7 +75,7 @@ def jobs_of(
     modes: Sequence[str],
     curves: Sequence[int],
     fit: Mapping[str, Any],
-) -> list[Fit]:
+) -> list[FitJob]:
     """Every picture for every row, mode and number of curves. A row's settings win over those of `fit`, by name.
 
     Raises UsageError for a setting that this version does not have.
@@ -86,7 +86,7 @@ def jobs_of(
             for row in rows:
                 own = {**fit, **ABLATIONS[row]}
                 settings = FitSettings.from_preset(mode=mode, curves=count, **own)
-                jobs += [Fit(path, row_configuration(row, mode, count), settings) for path in pictures]
+                jobs += [FitJob(path, row_configuration(row, mode, count), settings) for path in pictures]
     return jobs
 
 
@@ -175,7 +175,7 @@ def ablation(
     counts, modes = counts_of(curves), modes_of(mode)
     check_csv(csv)
     pictures = pictures_of(folder, limit)
-    chosen = chosen_rows(None if rows is None else parts_of(rows))
+    chosen = chosen_rows(None if rows is None else comma_parts(rows))
     runs = run_fits(jobs_of(pictures, chosen, modes, counts, fit), cache, Reporter(quiet=quiet))
     if json:
         print_json(report_of(runs, chosen, modes, counts))

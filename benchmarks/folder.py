@@ -26,7 +26,7 @@ from benchmarks.artwork.scores import count
 from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Limit, end_with, pictures_of
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over, straight
+from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over, straight_rgba
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.write import write_atomically
@@ -96,7 +96,7 @@ def measure(
     data = svg.read_bytes()
     result |= {"bytes": len(data), "style": json.loads(output.splitlines()[-1])["style"]}
     try:
-        original = _opaque(straight(load_picture(picture)))
+        original = _opaque(straight_rgba(load_picture(picture)))
         height, width = original.shape[:2]
         drawn = _opaque(rerender_untrusted(data, source=svg.name, width=width, height=height)[0].pixels)
         counts = count(Document(data, svg.name))
@@ -135,7 +135,7 @@ def sheet_row(picture: Path, results: Sequence[tuple[Result, np.ndarray | None]]
     """Picture | drawing of each version, with the figures; grey where there is none."""
     blank = np.full((4, 16, 3), 224, np.uint8)
     try:
-        shown = [over(straight(load_picture(picture)), WHITE)]
+        shown = [over(straight_rgba(load_picture(picture)), WHITE)]
     except CubicSplatError:
         shown = [blank]  # the results hold the error
     labels = [results[0][0]["picture"]]

@@ -16,7 +16,7 @@ from benchmarks.artwork.degradations import jpeg, lay_over_white
 from benchmarks.artwork.document import SIZE, Document, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import count
 from benchmarks.tools import TOOLS
-from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, end_with, parts_of, print_json
+from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, comma_parts, end_with, print_json
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet
 from cubicsplat_cli.errors import UsageError
@@ -173,7 +173,7 @@ def metamorphic(
     A pair agrees where the shapes are within 10 % and the dE00 to the truth within 0.05 (aliased and JPEG: 0.25) of the
     plain drawing's. All lie over white.
     """
-    chosen = parts_of(ways)
+    chosen = comma_parts(ways)
     if not chosen or not set(chosen) <= set(VARIATIONS):
         raise UsageError(f"--ways must be of {', '.join(VARIATIONS)}, with commas between them, not {ways!r}")
     SIZE.check("size", size)

@@ -12,8 +12,8 @@ import typer
 from benchmarks import main, step_times
 from cubicsplat_cli.bench.memory import memory
 from cubicsplat_cli.bench.quality import configuration_name, means, quality_jobs
-from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
-from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, end_with, parts_of, pictures_of, print_json, run_fits
+from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
+from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, comma_parts, end_with, pictures_of, print_json, run_fits
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, takes_options
 from cubicsplat_cli.errors import UsageError
@@ -102,7 +102,7 @@ class Session:
     reporter: Reporter
     sizes: Sizes = Sizes()
 
-    def runs(self, fits: Sequence[Fit]) -> Runs:
+    def runs(self, fits: Sequence[FitJob]) -> Runs:
         return run_fits(fits, self.cache, self.reporter)
 
 
@@ -214,7 +214,7 @@ def chosen_tables(names: str | None, folder: Path | None) -> list[str]:
     """The names of the tables to measure. Raises UsageError for an unknown one, or one that lacks its folder."""
     if names is None:
         return list(WITHOUT_PICTURES if folder is None else TABLES)
-    chosen = parts_of(names)
+    chosen = comma_parts(names)
     if not chosen or not set(chosen) <= set(TABLES):
         raise UsageError(f"--tables must be of {', '.join(TABLES)}, with commas between them, not {names!r}")
     if folder is None and (lacking := [name for name in chosen if name not in WITHOUT_PICTURES]):

@@ -26,9 +26,9 @@ from cubicsplat_cli.cli.bench import (
     Limit,
     Markdown,
     check_png,
+    comma_parts,
     counts_of,
     end_with,
-    parts_of,
     pictures_of,
     print_json,
     run_fits,
@@ -37,7 +37,7 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_options, write_csv
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
-from cubicsplat_cli.evaluate.perceptual import straight
+from cubicsplat_cli.evaluate.perceptual import straight_rgba
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.files.write import write_atomically
@@ -110,7 +110,7 @@ def run_peers(
         except CubicSplatError as error:
             points.failed.append((path.name, "", one_line(error)))
             continue
-        pixels = straight(picture)
+        pixels = straight_rgba(picture)
         for (tool, setting), make in tools.items():
             try:
                 started = time.perf_counter()
@@ -243,7 +243,7 @@ def peers(
 def _chosen(tools: str | None, reporter: Reporter) -> list[str]:
     """The tools asked for, or those that can run here, with a note on the others."""
     if tools is not None:
-        return list(chosen_tools(parts_of(tools), PEERS))
+        return list(chosen_tools(comma_parts(tools), PEERS))
     missing = {name: missing_piece(name) for name in PEERS}
     for name, piece in missing.items():
         if piece is not None:

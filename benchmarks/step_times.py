@@ -42,7 +42,7 @@ class StepTimes:
 
 
 @dataclass(frozen=True)
-class Growth:
+class PowerLaw:
     """How a step's time grows with one quantity: the points, and the exponent of the power law fitted to them."""
 
     what: str
@@ -86,7 +86,7 @@ def exponent(values: Sequence[float], times: Sequence[float]) -> float:
 
 def growths(
     modes: Sequence[str], fit: Mapping[str, Any], tell: Callable[[str], None], protocol: Protocol
-) -> list[Growth]:
+) -> list[PowerLaw]:
     """Growth with the curves, the pixels and S, the other two at their usual values. tell: gets a line per point."""
     found = []
     size, count, edges = protocol.usual_size, protocol.usual_curves, protocol.usual_samples
@@ -104,5 +104,5 @@ def growths(
                 times.append(step_times(of_size, settings, protocol).step_ms)
                 tell(f"{mode}, {value} {what}: {times[-1]:.2f} ms a step")
             values = tuple(row[0] for row in rows)
-            found.append(Growth(what, mode, values, tuple(times), exponent(values, times)))
+            found.append(PowerLaw(what, mode, values, tuple(times), exponent(values, times)))
     return found

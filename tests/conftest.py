@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module, invalidate_caches
@@ -13,10 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 from command import Done, run_here
+from hypothesis import settings
 from PIL import Image
 from workers import forked_from_a_warm_process
 
 import benchmarks
+
+# A machine that is busy with other things must not fail a test.
+settings.register_profile("few", max_examples=20, deadline=None)
+settings.load_profile("few")
 
 
 def pytest_configure() -> None:
@@ -35,6 +41,43 @@ def pytest_collection_finish() -> None:
 def _quick_workers() -> Iterator[None]:
     with forked_from_a_warm_process():
         yield
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium, as playwright has it."""
+    driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'cubicsplat[test]'")
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+    if program is None:
+        pytest.skip("needs Chromium or Chrome: apt-get install chromium")
+    with driver.sync_playwright() as play:
+        started = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="session")
+def opened() -> Iterator[dict[str, Any]]:
+    """Engines by name, each opened once."""
+    engines: dict[str, Any] = {}
+    yield engines
+    for engine in engines.values():
+        engine.close()
+
+
+@pytest.fixture
+def engine(request: pytest.FixtureRequest, opened: dict[str, Any]) -> Any:
+    """The engine that a test names, or the best one on the CPU.
+
+    Not of a wider scope: pytest would then run all tests of one engine, then all of the next, and two processes that
+    share them out would both compute every reference.
+    """
+    from engines import FIRST, open_kind
+
+    kind = getattr(request, "param", FIRST)
+    if kind not in opened:
+        opened[kind] = open_kind(kind)
+    return opened[kind]
 
 
 @pytest.fixture

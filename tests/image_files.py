@@ -18,6 +18,14 @@ def encode(image: Image.Image, file_format: str = "PNG", **options) -> bytes:
     return buffer.getvalue()
 
 
+def recoded(picture: Image.Image | np.ndarray, file_format: str = "JPEG", **options) -> np.ndarray:
+    """(H, W, C) uint8: a picture, whose levels are rounded, as it comes back from a file."""
+    if not isinstance(picture, Image.Image):
+        picture = Image.fromarray(np.clip(np.rint(picture), 0, 255).astype(np.uint8))
+    with Image.open(io.BytesIO(encode(picture, file_format, **options))) as image:
+        return np.array(image)
+
+
 def png_chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -12,6 +13,7 @@ from torch import Tensor
 from cubicsplat_cli.raster import reference, reference_coverage
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene, pack_rings, points_from_segments
+from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 RGB = tuple[float, float, float]
@@ -90,6 +92,30 @@ def ragged_scene(
     points, ring_ends = pack_rings(mode, shapes)
     painted = random_scene(mode, curves, 1, width, height, seed, background=background)
     return replace(painted, points=points, ring_ends=ring_ends)
+
+
+def random_gradients(scene: Scene, seed: int = 0, most: int = 4) -> Gradients:
+    """Flat, linear and radial ones in turn, with one to `most` stops, some of them hard."""
+    generator = torch.Generator().manual_seed(seed)
+    n = scene.curves
+    kinds = torch.arange(n, dtype=torch.int32) % 3
+    counts = torch.tensor([1 + (i * 5 + 2) % most if i % 7 else most for i in range(n)], dtype=torch.int32)
+    offsets = torch.rand(n, most, generator=generator).sort(dim=1).values
+    offsets[::4, -1] = offsets[::4, -2]
+    middle = torch.tensor([scene.width, scene.height]) * torch.rand(n, 2, generator=generator)
+    size = 0.5 * max(scene.width, scene.height)
+    plane = torch.randn(n, 2, 2, generator=generator) / size
+    frames = torch.cat((plane, 0.3 - plane @ middle[:, :, None]), dim=2)
+    stops = 0.1 + 0.8 * torch.rand(n, most, 4, generator=generator)
+    return Gradients(kinds, frames, counts, offsets, stops)
+
+
+def painted_scene(
+    mode: Mode, curves: int = 9, width: int = 33, height: int = 27, seed: int = 1, **options: Any
+) -> Scene:
+    """Like `random_scene`, with those gradients."""
+    scene = random_scene(mode, curves, 3, width, height, seed, scale=0.45, **options)
+    return replace(scene, gradients=random_gradients(scene, seed))
 
 
 def random_target(scene: Scene, seed: int = 0) -> Tensor:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import resvg_py
 from conftest import rest_slow
+from image_files import recoded
 from PIL import Image
 from skimage import data
 
@@ -177,9 +178,8 @@ def test_what_pillow_enlarges_by_halves_is_found():
 
 @pytest.mark.parametrize(("times", "quality"), [(8, 85), (8, 60), (4, 90)])
 def test_cells_beneath_a_jpegs_artefacts(times, quality):
-    picture, file = sprite(side=32), io.BytesIO()
-    Image.fromarray(larger(picture, times)).save(file, "jpeg", quality=quality)
-    cells = found(np.asarray(Image.open(file)))
+    picture = sprite(side=32)
+    cells = found(recoded(larger(picture, times), quality=quality))
     assert cells is not None and cells.numbers.shape == (32, 32) and len(cells.colours) <= 16
     off = np.abs(cells.colours[cells.numbers][..., :3] - picture).max(axis=2)
     assert np.median(off) <= 8.0
@@ -198,9 +198,7 @@ def test_a_drawing_without_smoothing_has_no_cells(name, side):
 def test_photos_of_16_colours_and_their_jpegs_have_no_cells():
     with Image.open(SAMPLES / "chelsea.png") as photo:
         small = photo.convert("RGB").resize((192, 128))
-    file = io.BytesIO()
-    small.save(file, "jpeg", quality=75)
-    assert found(np.asarray(Image.open(file))) is None
+    assert found(recoded(small, quality=75)) is None
     assert found(np.asarray(small.quantize(16).convert("RGB"))) is None
 
 

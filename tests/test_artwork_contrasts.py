@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import resvg_py
+from image_files import recoded
 from PIL import Image
 from skimage import data
 
@@ -27,12 +28,6 @@ def drawn(name: str, size: int) -> Image.Image:
 def noisy(picture: Image.Image, sigma: float) -> np.ndarray:
     levels = np.asarray(picture, float) + np.random.default_rng(0).normal(0.0, sigma, (*picture.size[::-1], 3))
     return np.clip(np.rint(levels), 0, 255).astype(np.float32)
-
-
-def as_jpeg(picture: Image.Image, quality: int) -> np.ndarray:
-    buffer = io.BytesIO()
-    picture.save(buffer, "JPEG", quality=quality)
-    return np.asarray(Image.open(buffer).convert("RGB"), np.float32)
 
 
 def test_edges_and_noise_are_told_apart():
@@ -64,7 +59,7 @@ def test_small_icons_with_noise_are_artwork(name, size):
 @pytest.mark.parametrize("size", [32, 48, 64])
 @pytest.mark.parametrize("name", ["bird", "letters", "flag"])
 def test_small_icons_as_jpeg_are_artwork(name, size):
-    style = choose_style(as_jpeg(drawn(name, size), 85) / 255)
+    style = choose_style(recoded(drawn(name, size), quality=85).astype(np.float32) / 255)
     assert style.name == "artwork", style.reason
 
 
@@ -73,6 +68,6 @@ def test_small_icons_as_jpeg_are_artwork(name, size):
 def test_small_photos_with_noise_or_as_jpeg_are_photos(name, size):
     picture = Image.fromarray(getattr(data, name)())
     picture.thumbnail((size, size), Image.Resampling.LANCZOS)
-    for levels in (noisy(picture, 4.0), as_jpeg(picture, 85)):
+    for levels in (noisy(picture, 4.0), recoded(picture, quality=85).astype(np.float32)):
         style = choose_style(levels / 255)
         assert style.name == "photo", style.reason

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cubicsplat_cli.artwork.finish.finish import LONGEST
@@ -80,7 +80,6 @@ SLOPES = [Slope(0, math.radians(135.0)), Slope(1, math.radians(45.0))]
 
 
 @given(st.lists(st.floats(-1.4, 1.4), min_size=20, max_size=20))
-@settings(max_examples=25, deadline=None)
 def test_directed_lines_stay_so_however_the_ring_moves(steps):
     free = tied_ring(parametrised(house(0.3), Constraints(64, 64)))
     ring = directed(free, SLOPES)
@@ -94,7 +93,6 @@ def test_directed_lines_stay_so_however_the_ring_moves(steps):
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-@settings(max_examples=25, deadline=None)
 def test_a_directed_ring_on_steps_is_as_regular(across, down):
     ring = RigidTransform((1.0, 1.0), (across, down)).outline(house(0.3))
     found = directed(tied_ring(parametrised(ring, Constraints(64, 64))), SLOPES)

@@ -46,7 +46,7 @@ def test_too_many_regions_join_their_neighbours(monkeypatch, caplog):
     assert "regions are too many to draw" in caplog.text
 
 
-@pytest.mark.parametrize("error", [0.0, 12.0])  # levels
+@pytest.mark.parametrize("error", rest_slow(12.0, 0.0))  # levels
 def test_no_region_of_a_page_is_lost_whatever_happened_to_the_picture(error, caplog):
     cells = np.random.default_rng(0).integers(0, 6, (60, 60))
     palette = np.array([[40.0 * k, 255.0 - 40.0 * k, 90.0, 255.0] for k in range(6)])

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pytest
-from PIL import Image
+from image_files import recoded
 
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
@@ -38,9 +36,7 @@ def drawing(shaded: bool = True) -> np.ndarray:
 def suffered(image: np.ndarray, kind: str) -> np.ndarray:
     """(H, W, 4) levels."""
     if kind == "jpeg":
-        buffer = io.BytesIO()
-        Image.fromarray(np.rint(image).astype(np.uint8)).save(buffer, "JPEG", quality=80, subsampling=2)
-        image = np.asarray(Image.open(buffer), dtype=float)
+        image = recoded(image, quality=80, subsampling=2).astype(float)
     else:
         image = np.clip(np.rint(image + np.random.default_rng(0).normal(0.0, 4.0, image.shape)), 0, 255)
     return np.dstack([image, np.full(image.shape[:2], 255.0)]).astype(np.float32)

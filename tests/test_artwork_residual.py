@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pytest
-from PIL import Image
+from image_files import recoded
 from scipy import ndimage
 
 from benchmarks.artwork.document import Document
@@ -31,10 +29,8 @@ def flat_picture(body: str, quality: int = 75, ground: tuple[int, ...] = GROUND)
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE} {SIDE}">'
         f'<path d="M0 0H{SIDE}V{SIDE}H0z" fill="{hexed(ground)}"/>{body}</svg>'
     )
-    buffer = io.BytesIO()
-    pixels = Image.fromarray(Document(text.encode(), "x", SIDE).draw()[..., :3].copy())
-    pixels.save(buffer, "JPEG", quality=quality, subsampling=2)
-    levels = as_levels(as_picture(np.asarray(Image.open(buffer))).target())
+    jpeg = recoded(Document(text.encode(), "x", SIDE).draw()[..., :3], quality=quality, subsampling=2)
+    levels = as_levels(as_picture(jpeg).target())
     assert condition_of(levels).jpeg
     return restored(levels, condition_of(levels))
 

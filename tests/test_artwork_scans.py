@@ -7,6 +7,7 @@ import pytest
 from conftest import rest_slow
 from scans import scaled_pens
 from scans import scan_of as scan
+from scipy import ndimage
 from skimage import data
 from stroke_icons import ICONS, svg_of
 
@@ -67,6 +68,15 @@ def test_what_is_no_scan_stays_as_it_is():
 def test_dark_spots_on_a_dark_ground_are_not_ink_on_paper():
     grey = data.microaneurysms()
     assert scan_of(as_levels(target_of(np.repeat(grey[..., None], 3, axis=2)))) is None
+
+
+def test_a_dark_corner_of_a_rough_surface_is_a_shadow_and_no_ink():
+    # Brushed metal: streaks that are alike along rows, and light that falls off quickly in one corner.
+    generator = np.random.default_rng(4)
+    streaks = ndimage.gaussian_filter(generator.normal(size=(256, 320)), (0.5, 12.0))
+    y, x = np.mgrid[:256, :320] / 320.0
+    grey = 205.0 + 20.0 * x + 9.0 * streaks / streaks.std() - 190.0 * np.exp(-(x**2 + y**2) / 0.004)
+    assert scan_of(as_levels(target_of(np.clip(np.rint(grey), 0, 255)[..., None].repeat(3, axis=2)))) is None
 
 
 @pytest.mark.slow

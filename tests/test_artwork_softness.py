@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from itertools import product
 
 import numpy as np
 import pytest
 from conftest import rest_slow
-from PIL import Image
+from image_files import recoded
 from scipy import ndimage
 from skimage import data
 
@@ -53,9 +52,7 @@ def sky(seed: int) -> np.ndarray:
 
 
 def jpeg(levels: np.ndarray, quality: int = 80) -> np.ndarray:
-    with io.BytesIO() as file:
-        Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8)).save(file, "JPEG", quality=quality)
-        return np.asarray(Image.open(file)).astype(float)
+    return recoded(levels, quality=quality).astype(float)
 
 
 def out_of_focus(seed: int) -> np.ndarray:

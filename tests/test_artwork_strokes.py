@@ -153,10 +153,10 @@ WAVE = "M30 128C80 20 120 240 160 128S220 60 230 150"
 LINES = ["M40 200L128 60L200 200", "M128 40L220 210H36z", WAVE, ICONS["infinity"][0].d, "M40 40L200 60L60 62"]
 CAPS, JOINS = ["butt", "round", "square"], ["miter", "round", "bevel"]
 # Each line with each kind of cap, and with each kind of join.
-PAIRS = [(d, CAPS[k], JOINS[(i + k) % 3]) for i, d in enumerate(LINES) for k in range(3)]
+PAIRS = [(d, CAPS[(i + k) % 3], JOINS[(i + 2 * k) % 3]) for k in range(3) for i, d in enumerate(LINES)]
 
 
-@pytest.mark.parametrize(("d", "cap", "join"), rest_slow(*PAIRS, *product(LINES, CAPS, JOINS), fast=len(PAIRS)))
+@pytest.mark.parametrize(("d", "cap", "join"), rest_slow(*PAIRS, *product(LINES, CAPS, JOINS), fast=len(LINES)))
 def test_outlines_are_those_that_viewers_draw(d, cap, join):
     text = f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" viewBox="0 0 {SIZE} {SIZE}"><path '
     text += f'id="a" d="{d}" fill="none" stroke="#000" stroke-width="13" '

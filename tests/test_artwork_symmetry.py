@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cubicsplat_cli.artwork.finish.parameters import Constraints
@@ -84,7 +84,6 @@ def heart(jitter=0.0):
 
 
 @given(st.lists(st.floats(-0.5, 0.5), min_size=40, max_size=40))
-@settings(max_examples=20, deadline=None)
 def test_a_mirrored_ring_stays_one_however_it_moves(steps):
     for found in mirrored_rings(heart(0.3), Axis(0, 20.0)):
         parameters = mirrored_parameters(found, Constraints(40, 40))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pytest
 from conftest import rest_slow
-from PIL import Image
+from image_files import recoded
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -244,7 +242,5 @@ def test_the_file_says_the_opacity_and_is_read_again():
 
 
 def test_a_jpeg_has_no_films():
-    buffer = io.BytesIO()
-    rgb = np.rint(painted(*FLAG, (slanted, SHADE))[..., :3] * FULL).astype(np.uint8)
-    Image.fromarray(rgb).save(buffer, "JPEG", quality=80)
-    assert translucent(draw(np.array(Image.open(buffer)).astype(np.float32) / np.float32(FULL))) == []
+    jpeg = recoded(painted(*FLAG, (slanted, SHADE))[..., :3] * FULL, quality=80)
+    assert translucent(draw(jpeg.astype(np.float32) / np.float32(FULL))) == []

@@ -16,7 +16,7 @@ from benchmarks.artwork.contact_sheet import wireframe
 from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS, OPAQUE, degraded, with_background
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.outlines import forms_of
-from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
+from benchmarks.artwork.pieces import DrawingPieces, completed, pieces_of, visible_error
 from benchmarks.artwork.pixels import MOST_DB, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.artwork.scores import Truth, count, minified
@@ -289,8 +289,8 @@ def test_what_no_picture_tells_is_not_judged():
     assert counts(bar.format(40), bar.format(36))[2:] == (0, 1)
 
 
-def both(truth: str, made: str) -> tuple[Pieces, Pieces]:
-    return Pieces(document(truth)), Pieces(document(made))
+def both(truth: str, made: str) -> tuple[DrawingPieces, DrawingPieces]:
+    return DrawingPieces(document(truth)), DrawingPieces(document(made))
 
 
 BAR = '<path fill="#08f" d="M24 0h16v48H24z"/>'
@@ -311,7 +311,7 @@ def test_pieces_that_others_hide_are_whole_or_not():
 
 def test_a_use_and_a_stroke_are_pieces_of_their_own():
     body = f'<defs><g id="a"><rect width="9" height="9" stroke="red" stroke-width="2"/></g></defs>{BAR}'
-    found = Pieces(document(body + '<use href="#a" x="4" y="6"/><use href="#a" transform="translate(45 9)"/>'))
+    found = DrawingPieces(document(body + '<use href="#a" x="4" y="6"/><use href="#a" transform="translate(45 9)"/>'))
     assert len(found.seen) == 5
     assert [part.element for part in found.parts] == [0, 1, 1, 2, 2]
 

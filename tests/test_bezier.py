@@ -18,7 +18,7 @@ from cubicsplat_cli.scene.bezier import (
 )
 from cubicsplat_cli.settings import Mode
 
-quick = settings(max_examples=50, deadline=None, derandomize=True)
+quick = settings(derandomize=True)
 coordinate = st.floats(-1000.0, 1000.0, allow_nan=False, width=32)
 parameter = st.floats(0.0, 1.0)
 

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import typer
@@ -19,166 +16,26 @@ from PIL import Image, ImageDraw
 import cubicsplat_cli
 from cubicsplat_cli import __main__
 from cubicsplat_cli._version import __version__
-from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.cli import app as app_module
 from cubicsplat_cli.cli import doctor as doctor_module
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.options import settings_of
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import FitSettings, Recipe
 
 try:
     import resource
 except ImportError:  # Windows
     resource = None
 
-ROOT = Path(__file__).resolve().parents[1]
-DOCS = ROOT / "docs"
-COMMANDS = dict(typer.main.get_command(app_module.application(*app_module.COMMANDS)).commands)
-COMMANDS |= {f"bench {name}": command for name, command in COMMANDS.pop("bench").commands.items()}
 HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
 # What only scans, enlargements, blurred pictures, strokes and photos need; any part of scipy takes 0.2 s to import.
 RARE = ("torch", "skimage", "scipy", "svgwrite", "cubicsplat_cli.photo.loop", "cubicsplat_cli.artwork.strokes.find")
 OTHERS = ("cubicsplat_cli.cli.bench", "cubicsplat_cli.cli.render", "pydantic")  # other commands and wrong options
-OPTION = re.compile(r"(?<![\w-])(--?[a-z][a-z-]*)")
-
-
-def section(command: str) -> str:
-    """The part of docs/cli.md about one command."""
-    text = (DOCS / "cli.md").read_text(encoding="utf-8")
-    parts = re.split(r"^## cubicsplat ([a-z]+(?: [a-z]+)?).*$", text, flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2], strict=True))[command]
 
 
 def test_version():
     done = run_process("--version")
     assert (done.returncode, done.stdout.decode().strip()) == (0, f"cubicsplat {__version__}")
     assert cubicsplat_cli.__version__ == __version__
-
-
-@pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
-    done = run_cli(*command.split(), "--help")
-    assert done.returncode == 0
-    in_help = set()
-    for line in done.stdout.decode().splitlines():
-        if re.match(r"  -", line):
-            in_help |= set(OPTION.findall(re.split(r"\s{2,}", line.strip())[0]))
-    shown, _, left_out = section(command).partition("### Options that the help leaves out")
-    rows = [line.split("|")[1] for line in shown.splitlines() if line.startswith("| `-")]
-    assert {"--help", "-h"} <= in_help
-    assert in_help == set(OPTION.findall(" ".join(rows)))
-    declared = {True: set(), False: set()}
-    for option in COMMANDS[command].params:
-        names = {name for name in [*option.opts, *option.secondary_opts] if name[0] == "-"}
-        declared[getattr(option, "hidden", False)] |= names
-    assert declared[False] <= in_help, "the help was not understood"
-    named = {re.sub("^--no-", "--", name) for name in OPTION.findall(left_out)}
-    renamed = {"--thorn-reg": "--spike-penalty", "--geometric-reg": "--crossing-penalty"}
-    assert {re.sub("^--no-", "--", name) for name in declared[True]} <= {renamed.get(name, name) for name in named}
-
-
-@pytest.mark.parametrize("columns", ["80", "100"])
-def test_the_help_of_vectorize_fits_into_two_screens(columns, run_cli, monkeypatch):
-    monkeypatch.setenv("COLUMNS", columns)
-    lines = run_cli("vectorize", "--help").stdout.decode().splitlines()
-    # A group of its own is for those who cut, print or animate; of its six options one takes two lines.
-    structure = lines.index("Structure:")
-    end = lines.index("", structure)
-    assert len([line for line in lines[structure:end] if re.match(r"\s+-", line)]) == 6 and end - structure <= 8
-    # 48 others with --shapes, which belongs beside --mode, --geometrize and --data-uri.
-    assert len(lines) <= 87 + 9
-    assert len([line for line in lines if re.match(r"\s+-", line)]) <= 48 + 6
-
-
-def recipe_rows() -> Iterator[str]:
-    """The table of docs/cli.md about the names of --set."""
-
-    def text(value: object) -> str:
-        return (
-            str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
-        )
-
-    usual, paper = FitSettings(), FitSettings(preset="paper")
-    for here, there in ((usual, paper), (usual.recipe, paper.recipe), (ArtworkSettings(), ArtworkSettings())):
-        for field, known in settings_of(type(here)):
-            if known.by_set:
-                what = {"count": "a whole number", "number": "a number"}.get(known.kind)
-                choices = known.choices or ("true", "false")
-                values = " ".join(f"`{choice}`" for choice in choices) if what is None else f"{what} {known.span()}"
-                default, published = (text(getattr(each, field.name)) for each in (here, there))
-                published = "" if published == default else published
-                yield f"| `{field.name.replace('_', '-')}` | {values} | {default} | {published} | {known.help} |"
-
-
-def test_the_names_of_set_are_documented():
-    rows = list(recipe_rows())
-    assert len(rows) > 40
-    assert "\n".join(rows) in section("vectorize")
-
-
-def test_the_help_of_vectorize_is_in_groups_and_in_the_words_of_people(run_cli, monkeypatch):
-    for columns in ("80", "40"):
-        monkeypatch.setenv("COLUMNS", columns)
-        text = run_cli("vectorize", "--help").stdout.decode()
-        groups = re.findall(r"^(\w[\w ]*?)(?: \(imply .*\))?:$", text, re.MULTILINE)
-        assert groups == ["Arguments", "Most used", "Photos and drawings", "Photos", "Drawings", "Structure", "Files"]
-        options = [
-            set(OPTION.findall(part))
-            for part in re.split(r"^\w[\w ]*(?: \(imply .*\))?:$", text, flags=re.MULTILINE)[1:]
-        ]
-        assert {"--output", "--curves", "--style", "--preset", "--force", "--help"} <= options[1]
-        assert {"--loss", "--init"} <= options[3] and {"--colors", "--max-nodes"} <= options[4]
-        assert "Photos (imply --style photo):" in text and "Drawings (imply --style artwork):" in text
-        assert re.search(r"^  --mode closed\|open", text, re.MULTILINE)
-        assert "--time-limit SECONDS" in text
-        assert not re.search(r"[<{]", text), "the parser's names of types"
-        assert max(map(len, text.splitlines())) <= int(columns) + 10
-
-
-@pytest.mark.parametrize("command", ["eval", "render", "bench step"])
-def test_other_commands_have_one_group(command, run_cli):
-    text = run_cli(*command.split(), "--help").stdout.decode()
-    assert re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)[-1] == "Options"
-    assert not re.search(r"[<{]", text)
-
-
-def option_rows(text: str) -> dict[str, tuple[str, str]]:
-    """First two cells, option and default, of the tables' rows by the option's name; "/" stands for an escaped bar."""
-    rows = {}
-    for line in text.splitlines():
-        if line.startswith("| `--"):
-            cells = [cell.strip() for cell in line.replace(r"\|", "/").split("|")[1:-1]]
-            rows[OPTION.findall(cells[0])[0]] = (cells[0], cells[1])
-    return rows
-
-
-def test_the_readme_names_options_and_defaults_as_the_full_table_does():
-    short = option_rows((ROOT / "README.md").read_text(encoding="utf-8"))
-    assert len(short) >= 10
-    assert short.items() <= option_rows(section("vectorize")).items()
-
-
-@pytest.mark.parametrize("command", ["vectorize", "bench step", "bench quality"])
-def test_documented_defaults_are_the_real_ones(command):
-    rows = option_rows(section(command))
-    checked = 0
-    for parameter in COMMANDS[command].params:
-        name = parameter.opts[0]
-        if name in rows and parameter.default not in (None, False, True, "", []):
-            default = getattr(parameter.default, "value", parameter.default)
-            assert rows[name][1] == str(default), name
-            checked += 1
-    assert checked >= 4
-
-
-def test_documented_choices_are_the_real_ones():
-    rows = option_rows(section("vectorize"))
-    for owner in (FitSettings, ArtworkSettings):
-        for field, known in settings_of(owner):
-            if known.choices and not known.by_set and not known.only_off:
-                option = f"--{field.name.replace('_', '-')}"
-                assert f"`{option} {'/'.join(known.choices)}`" == rows[option][0]
 
 
 # Runs the command with each line of arguments, one after the other; after each, what is imported of the heavy modules.
@@ -364,7 +221,7 @@ def test_completion_knows_commands_options_and_choices(run_cli, monkeypatch):
 
     monkeypatch.setenv("_CUBICSPLAT_COMPLETE", "complete_bash")
     assert completed("cubicsplat vec") == ["vectorize"]
-    assert {"--curves", "--cluster"} <= set(completed("cubicsplat vectorize --c"))
+    assert {"--curves", "--colors"} <= set(completed("cubicsplat vectorize --c"))
     assert completed("cubicsplat vectorize --preset h") == ["high"]
 
 
@@ -373,25 +230,6 @@ def test_an_empty_name_is_an_unset_variable(arguments, run_cli):
     done = run_cli(*arguments)
     assert done.returncode == 2
     assert b"a file name is empty" in done.stderr
-
-
-def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
-    held = [(owner, field, known) for owner in (FitSettings, Recipe) for field, known in settings_of(owner)]
-    names = [field.name for _, field, known in held if not known.by_set or known.hidden_option]
-    defaults = {p.name: p.default for p in COMMANDS["vectorize"].params if p.name in names}
-    assert set(defaults) == set(names)
-    assert FitSettings.from_preset(**defaults) == FitSettings()
-    chosen = {
-        "curves": 9, "mode": "open", "preset": "draft", "steps": 3, "time_limit": 4.5, "segments": 2, "samples": 9,
-        "device": "cpu", "threads": 2, "seed": 5, "background": "teal", "opaque": True, "prune": False,
-        "importance": "visibility", "crossing_penalty": 0.5, "spike_penalty": 0.25, "flatten": "de-casteljau",
-        "edges": "soft", "loss": "l1", "fill": "linear", "shapes": "any",
-    }  # fmt: skip
-    assert set(chosen) == set(names)
-    settings = FitSettings.from_preset(**chosen)
-    for name, value in {**chosen, "background": "#008080"}.items():
-        holder = settings if hasattr(settings, name) else settings.recipe
-        assert getattr(holder, name) == value, name
 
 
 @pytest.mark.parametrize(("moved", "module"), [("artwork", "artwork"), ("paper", "paper"), ("thorns", "spikes")])
@@ -453,7 +291,7 @@ def test_the_library_takes_the_same_names_and_those_of_earlier_versions():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("edge_strat=3", "--set knows no 'edge_strat'; did you mean edge_start?; docs/cli.md lists the names"),
+        ("edge_strat=3", "--set knows no 'edge_strat'; did you mean edge_start?; --set help lists the names"),
         ("importance=lo", "--set importance must be loo or visibility, not 'lo'; did you mean loo?"),
         ("seed-size=x", "--set seed-size must be a number of at least 0, not 'x'"),
         ("finish=1", "--set finish must be a number from 0 to 0.999, not 1.0"),

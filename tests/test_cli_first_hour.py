@@ -17,7 +17,7 @@ from PIL import Image
 from warm import run_warm
 
 from cubicsplat_cli import pipeline
-from cubicsplat_cli.files.names import beside
+from cubicsplat_cli.files.names import outputs_beside
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, attempt
 from cubicsplat_cli.jobs.sinks import FileSink
@@ -29,7 +29,7 @@ REQUEST = Request(FitSettings(curves=8, steps=2000, threads=1), style="photo")
 
 
 def job_of(photo: Path) -> Job:
-    return Job(str(photo), photo, beside(photo.with_suffix(".svg"), png=True, source=photo))
+    return Job(str(photo), photo, outputs_beside(photo.with_suffix(".svg"), png=True, source=photo))
 
 
 # --- nothing is lost ---------------------------------------------------------------------------------------
@@ -168,6 +168,13 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
     [
         (["vectorize", "x.png", "--curves", "0"], "--curves must be a whole number from 1 to 1000000, or auto, not 0"),
         (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number from 1 to 1000000, or auto, not"),
+        (["vectorize", "x.png", "--segments", "17"], "--segments must be a whole number from 1 to 16, not 17"),
+        (["vectorize", "x.png", "--threads", "0"], "--threads must be a whole number from 1 to 1024, not 0"),
+        (["vectorize", "x.png", "--seed", "-1"], "--seed must be a whole number from 0 to "),
+        (["vectorize", "x.png", "--precision", "7"], "--precision must be a whole number from 0 to 6, not 7"),
+        (["vectorize", "x.png", "--max-pixels", "0"], "--max-pixels must be a whole number of at least 1, not 0"),
+        (["vectorize", "x.png", "--device", "tpu"], "--device must be auto, cpu or cuda, not 'tpu'"),
+        (["vectorize", "-", "-o", "-", "--json"], "--json and the SVG would both go to standard output"),
         (["vectorize", "x.png", "--steps", "many"], "--steps must be a whole number, not 'many'"),
         (
             ["vectorize", "x.png", "--preset", "hihg"],
@@ -210,6 +217,7 @@ def test_mistakes_are_one_line_in_one_style(arguments, said, run_cli, tmp_path, 
     assert done.returncode == 2
     assert text.startswith(f"cubicsplat: error: {said}"), text
     assert text.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("arguments", [["--curves", "8", "--steps", "9", "pictures", "-q"], ["pictures", *SHORT]])

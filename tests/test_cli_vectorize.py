@@ -145,36 +145,6 @@ def test_our_files_are_replaced_and_those_of_others_are_not(photo, run_cli):
     assert not list(photo.parent.glob("*.tmp"))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--curves", 0], "--curves"),
-        (["--curves", -1], "--curves"),
-        (["--curves", 10**7], "--curves"),
-        (["--steps", 0], "--steps"),
-        (["--segments", 17], "--segments"),
-        (["--samples", 3], "--samples"),
-        (["--threads", 0], "--threads"),
-        (["--seed", -1], "--seed"),
-        (["--precision", 7], "--precision"),
-        (["--max-pixels", 0], "--max-pixels"),
-        (["--mode", "round"], "--mode"),
-        (["--preset", "best"], "--preset"),
-        (["--device", "tpu"], "--device"),
-        (["--background", "#12"], "--background"),
-        (["-o", "out.png"], ".svg"),
-        (["-o", "-", "--json"], "standard output"),
-        (["--unknown"], "--unknown"),
-    ],
-)
-def test_wrong_usage_is_exit_two_with_the_option_named(arguments, said, photo, run_cli):
-    done = run_cli("vectorize", photo, *arguments)
-    assert done.returncode == 2
-    assert said in done.stderr.decode()
-    assert b"Traceback" not in done.stderr
-    assert [path.name for path in photo.parent.iterdir()] == ["photo.png"]
-
-
 def test_an_output_folder_that_does_not_exist_is_made(photo, run_cli):
     done = run_cli("vectorize", photo, "-o", photo.parent / "new" / "deep" / "x.svg", *SHORT)
     assert done.returncode == 0, done.stderr

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,7 +21,6 @@ from cubicsplat_cli.svg.moving_drawing import still, write_moving_drawing
 
 WIDTH, HEIGHT = 80, 60
 GROUND = Rectangle(0.0, 0.0, WIDTH, HEIGHT)
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 
 def shape(fill: tuple[int, int, int], outline) -> Shape:
@@ -116,25 +114,18 @@ def test_viewers_that_stand_still_show_the_first_frame():
 
 
 @pytest.mark.slow
-def test_chromium_plays_it():
-    driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'cubicsplat[test]'")
-    if BROWSER is None:
-        pytest.skip("needs Chromium or Chrome: apt-get install chromium")
+def test_chromium_plays_it(browser):
     text, _, begins = made()
-    with driver.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 200, "height": 100})
-        page.set_content(f"<style>body{{margin:0}}svg{{display:block}}</style>{text[text.index('<svg') :]}")
-        for at in (*(begins + 0.1), 1.1):  # the last is the first again
-            page.evaluate(
-                "t => { const s = document.querySelector('svg'); s.pauseAnimations(); s.setCurrentTime(t) }", at
-            )
-            data = page.screenshot(clip={"x": 0, "y": 0, "width": WIDTH, "height": HEIGHT})
-            wanted = rerender(still(text, at % 1.0).encode(), WIDTH, HEIGHT).pixels[..., :3] / 255
-            with Image.open(io.BytesIO(data)) as image:
-                error = np.square(np.asarray(image.convert("RGB")) / 255 - wanted).mean()
-            assert -10 * np.log10(error) > 35
-        browser.close()
+    page = browser.new_page(viewport={"width": 200, "height": 100})
+    page.set_content(f"<style>body{{margin:0}}svg{{display:block}}</style>{text[text.index('<svg') :]}")
+    for at in (*(begins + 0.1), 1.1):  # the last is the first again
+        page.evaluate("t => { const s = document.querySelector('svg'); s.pauseAnimations(); s.setCurrentTime(t) }", at)
+        data = page.screenshot(clip={"x": 0, "y": 0, "width": WIDTH, "height": HEIGHT})
+        wanted = rerender(still(text, at % 1.0).encode(), WIDTH, HEIGHT).pixels[..., :3] / 255
+        with Image.open(io.BytesIO(data)) as image:
+            error = np.square(np.asarray(image.convert("RGB")) / 255 - wanted).mean()
+        assert -10 * np.log10(error) > 35
+    page.close()
 
 
 def frames() -> list[Image.Image]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -31,7 +29,6 @@ from cubicsplat_cli.svg.moving import OFFSET, SHAPE, shown_at, to_grid_clip
 from cubicsplat_cli.svg.moving_reader import read_clip
 from cubicsplat_cli.svg.moving_writer import path_values, write_clip
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 ALIKE_DB = 30.0  # Chromium's antialiasing against ours, where strokes are half of all pixels
 ANIMATION = re.compile(r"<animate.*?/>")
 
@@ -139,17 +136,6 @@ def test_what_cannot_be_written_or_read_is_refused():
     for text in ("<svg", "<svg xmlns='http://www.w3.org/2000/svg'/>", written().replace('fill="#', 'fill="', 5)):
         with pytest.raises(InputError, match="no clip that cubicsplat wrote"):
             read_clip(text)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'cubicsplat[test]'")
-    if BROWSER is None:
-        pytest.skip("needs Chromium or Chrome: apt-get install chromium")
-    with driver.sync_playwright() as play:
-        started = play.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield started
-        started.close()
 
 
 def level_db(page, wanted: np.ndarray) -> float:

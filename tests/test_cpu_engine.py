@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from engines import compared, outliers, packed, state_for
+from engines import packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
@@ -36,30 +36,6 @@ def test_results_do_not_depend_on_threads(mode, coverage):
     for other in results[1:]:
         for a, b in zip(results[0], other, strict=True):
             assert a == b if isinstance(a, float) else torch.equal(a, b)
-
-
-def test_adaptive_sampling_spares_edges():
-    engine = CpuEngine(1)
-    scene = packed(random_scene(Mode.CLOSED, 10, 4, 120, 90, 4, background=PAPER, scale=0.1))
-    edges = {}
-    for tolerance in (0.0, 0.02):
-        engine.render(scene, RasterSettings("exact", 1.0, 48, tolerance))
-        edges[tolerance] = engine.counts()["edges"]
-    assert edges[0.02] < edges[0.0]
-
-
-@pytest.mark.parametrize("mode", list(Mode))
-def test_subdivision_draws_the_same_curves_with_the_same_gradients(mode):
-    engine = CpuEngine(1)
-    scene = random_scene(mode, 8, 3, 60, 50, 2, background=PAPER)
-    target = random_target(scene)
-    fine, subdivided = RasterSettings("relaxed", 2.0, 64), RasterSettings("relaxed", 2.0, 64, 0.02, subdivide=True)
-    difference = (engine.render(packed(scene), fine) - engine.render(packed(scene), subdivided)).abs()
-    assert 0.0 < float(difference.max()) < 0.02
-    want = engine.gradients(packed(scene), fine, target=target)[1]
-    got = engine.gradients(packed(scene), subdivided, target=target)[1]
-    for name in compared(scene):
-        assert outliers(got[name], want[name], 0.02 * float(want[name].abs().max())) <= 0.05, name
 
 
 def test_a_closed_engine_says_so():

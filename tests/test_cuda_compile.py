@@ -137,9 +137,13 @@ def test_the_architecture_of_a_gpu(capability, architecture):
     assert cuda_compile.architecture_for(capability) == architecture
 
 
-def test_gpus_too_old_and_too_new():
+def test_gpus_too_old_are_named():
     with pytest.raises(EngineError, match=r"capability is 6\.1; the CUDA engine needs 7\.5 or newer"):
         cuda_compile.architecture_for((6, 1))
+
+
+@pytest.mark.slow
+def test_gpus_that_are_newer_get_intermediate_code():
     newest = cuda_compile.architecture_for((99, 0))
     assert newest.startswith("compute_")
     code, _ = cuda_compile.compile_text(PAINTED, newest)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
+from conftest import rest_slow
 from emulated import EmulatedDriver, compiler
 from engines import close, open_cuda
 from scenes import PAPER, random_scene, random_target
@@ -30,7 +31,7 @@ needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C++ comp
 
 
 @needs_compiler
-@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("mode", rest_slow(*Mode))
 def test_the_operator_with_the_cuda_engine(mode, monkeypatch):
     """As on a GPU, any loss goes through the engine's kernels, with torch's autograd around them."""
     engine = open_cuda("emulated")

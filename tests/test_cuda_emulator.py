@@ -104,7 +104,7 @@ MANY = {
 
 @pytest.mark.parametrize(
     ("many", "coverage"),
-    rest_slow(("batches", "exact"), ("lists", "relaxed"), ("rounds", "exact"), *product(MANY, COVERAGES), fast=3),
+    rest_slow(("batches", "exact"), ("lists", "relaxed"), *product(MANY, COVERAGES), fast=2),
 )
 def test_more_curves_than_any_list_holds(engine, many, coverage):
     curves, size, scale, opacity = MANY[many]
@@ -119,12 +119,13 @@ def test_every_pixel_of_a_tile_hidden_early(engine):
     assert_like_cpu(engine, scene, RELAXED, target)
 
 
-@pytest.mark.parametrize("mode", list(Mode))
-@pytest.mark.parametrize(("segments", "samples"), [(4, 64), (16, 64), (42, 64)])
-def test_curves_of_many_edges(engine, mode, segments, samples):
+@pytest.mark.parametrize(
+    ("mode", "segments"), rest_slow(*zip(Mode, (42, 16), strict=True), *product(Mode, (4, 16, 42)), fast=2)
+)
+def test_curves_of_many_edges(engine, mode, segments):
     """A batch of curves with 4 words of edges is smaller, down to a single curve."""
     scene = random_scene(mode, 20, segments, 40, 33, 3, background=None)
-    settings = RasterSettings("relaxed", 1.0, samples)
+    settings = RasterSettings("relaxed", 1.0, 64)
     assert_like_cpu(engine, packed(scene), settings, random_target(scene))
 
 

@@ -31,16 +31,16 @@ def test_the_compiler_of_torchs_cuda_comes_first(packages):
     newer = put(nvidia / "cu13/lib/libnvrtc.so.13")
     put(nvidia / "cu13/lib/libnvrtc-builtins.so.13.5")
     put(nvidia / "cuda_nvrtc/lib/libnvrtc.so.11.2")
-    assert nvrtc.candidates(packages, None, "linux")[0] == newer
-    assert nvrtc.candidates(packages, "12.8", "linux") == [older, "libnvrtc.so.12", newer, "libnvrtc.so.13"]
+    assert nvrtc.library_names(packages, None, "linux")[0] == newer
+    assert nvrtc.library_names(packages, "12.8", "linux") == [older, "libnvrtc.so.12", newer, "libnvrtc.so.13"]
     own = put(torch / "lib/libnvrtc.so.12")
-    assert nvrtc.candidates(packages, "12.8", "linux")[0] == own
-    assert nvrtc.candidates(packages, "14.0", "linux")[0] == "libnvrtc.so.14"
+    assert nvrtc.library_names(packages, "12.8", "linux")[0] == own
+    assert nvrtc.library_names(packages, "14.0", "linux")[0] == "libnvrtc.so.14"
 
 
 def test_windows_has_names_of_its_own(packages):
     library = put(packages[0] / "lib/nvrtc64_120_0.dll")
-    assert nvrtc.candidates(packages, "12.8", "win32") == [library]
+    assert nvrtc.library_names(packages, "12.8", "win32") == [library]
 
 
 def test_without_a_compiler_the_way_out_is_said(tmp_path):

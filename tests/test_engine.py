@@ -20,12 +20,13 @@ from engines import (
     ENGINES,
     FLIPPED,
     GRADIENT_TOLERANCE,
+    PAINT,
     PICTURE_TOLERANCE,
     SETTINGS,
     WITH_SETTINGS,
+    assert_degenerate_like,
     close,
     compared,
-    open_kind,
     outliers,
     packed,
     state_for,
@@ -37,6 +38,8 @@ from scenes import (
     circle,
     in_double,
     only,
+    painted_scene,
+    ragged_scene,
     random_scene,
     random_target,
     rectangle,
@@ -52,26 +55,6 @@ from cubicsplat_cli.raster.settings import Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
 
 every_engine = pytest.mark.parametrize("engine", ENGINES, indirect=True)
-
-
-@pytest.fixture(scope="module")
-def opened():
-    """Engines by name, each opened once."""
-    engines = {}
-    yield engines
-    for engine in engines.values():
-        engine.close()
-
-
-@pytest.fixture
-def engine(request, opened):
-    """Not of the module's scope: pytest would then run all tests of one engine, then all of the next, and two processes
-    that share them out would both compute every reference.
-    """
-    kind = request.param
-    if kind not in opened:
-        opened[kind] = open_kind(kind)
-    return opened[kind]
 
 
 @cache
@@ -102,9 +85,6 @@ def test_picture_and_gradients_match_the_reference(engine, mode, background, set
         assert sum(fractions) / len(fractions) <= (FLIPPED if name == "image" else 0.02), f"{name}: {fractions}"
 
 
-PAINT = ("colours", "opacities")
-
-
 @cache
 def degenerate_truth(name, settings):
     """One reference for all engines."""
@@ -114,33 +94,31 @@ def degenerate_truth(name, settings):
 
 @pytest.mark.parametrize(("engine", "name", "scene", "settings"), DEGENERATE_CASES, indirect=["engine"])
 def test_degenerate_scenes(engine, name, scene, settings):
-    here, target = packed(scene, engine.device), random_target(scene).to(engine.device)
-    want = degenerate_truth(name, settings)
-    image = engine.render(here, settings)
-    assert torch.isfinite(image).all()
-    assert outliers(image, want.image, 2e-3) <= 0.02
-    _, got = engine.gradients(here, settings, target=target, importance="loo")
-    for key, value in got.items():
-        assert torch.isfinite(value).all(), key
-    for key in PAINT:
-        scale = max(1.0, float(want.gradients[key].abs().max()))
-        assert outliers(got[key], want.gradients[key], 0.02 * scale) == 0.0, key
+    assert_degenerate_like(degenerate_truth(name, settings), engine, scene, settings)
+
+
+SCENES = {
+    name: random_scene(mode, 10, 3, 41, 35, 3, background=background)
+    for name, (mode, background) in zip(CASE_NAMES, CASES, strict=True)
+}
+SCENES |= {f"ragged-{mode.value}": ragged_scene(mode, 8, 41, 35, 2, background=PAPER) for mode in Mode}
+SCENES["gradients"] = painted_scene(Mode.CLOSED, 8, 41, 35, 2, background=PAPER)
 
 
 @cache
-def wanted_importance(mode, background, kind):
+def wanted_importance(name, kind):
     """One reference for all engines."""
-    scene = random_scene(mode, 10, 3, 41, 35, 3, background=background)
-    target = random_target(scene, 3)
-    return scene, target, reference.importance(in_double(scene), SETTINGS[1], target=target.double(), kind=kind)
+    target = random_target(SCENES[name], 3)
+    given = {"target": target.double(), "kind": kind}
+    return target, reference.importance(in_double(SCENES[name]), SETTINGS[1], **given)
 
 
 @every_engine
 @pytest.mark.parametrize("kind", ["loo", "visibility"])
-@pytest.mark.parametrize(("mode", "background"), CASES, ids=CASE_NAMES)
-def test_importance_matches_the_reference(engine, mode, background, kind):
-    scene, target, want = wanted_importance(mode, background, kind)
-    here, target = packed(scene, engine.device), target.to(engine.device)
+@pytest.mark.parametrize("name", SCENES)
+def test_importance_matches_the_reference(engine, name, kind):
+    target, want = wanted_importance(name, kind)
+    here, target = packed(SCENES[name], engine.device), target.to(engine.device)
     _, got = engine.gradients(here, SETTINGS[1], target=target, importance=kind)
     assert float(want.abs().max()) > 1.0
     assert close(got["importance"], want, 2e-3)
@@ -316,8 +294,8 @@ def test_steps_are_those_of_the_reference(engine, mode, settings):
 
 @every_engine
 def test_steps_lower_the_loss(engine):
-    scene = packed(random_scene(Mode.CLOSED, 20, 3, 32, 40, 2, background=PAPER), engine.device)
-    target = random_target(random_scene(Mode.CLOSED, 1, 3, 32, 40, background=PAPER), 7).to(engine.device)
+    scene = packed(random_scene(Mode.CLOSED, 12, 3, 20, 24, 2, background=PAPER), engine.device)
+    target = random_target(random_scene(Mode.CLOSED, 1, 3, 20, 24, background=PAPER), 7).to(engine.device)
     scene.colours.zero_()
     scene.opacities.zero_()
     scene.logits = True

@@ -17,7 +17,7 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 
 from cubicsplat_cli.errors import EngineError, UsageError
 from cubicsplat_cli.evaluate import perceptual as module
-from cubicsplat_cli.evaluate.perceptual import further, straight
+from cubicsplat_cli.evaluate.perceptual import further, straight_rgba
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.metrics import NAMES, chosen_metrics, figures_text
 
@@ -58,7 +58,7 @@ def test_transparency_counts_on_the_worse_ground():
     changed[0:20, 0:20] = 255
     assert found == pytest.approx(deltaE_ciede2000(rgb2lab(black), rgb2lab(changed)).mean(), rel=1e-5)
     assert further(as_picture(first), white, ["de00"])["de00"] == 0.0
-    assert np.array_equal(straight(as_picture(first))[..., 3], first[..., 3])
+    assert np.array_equal(straight_rgba(as_picture(first))[..., 3], first[..., 3])
 
 
 def test_ms_ssim_falls_with_noise_and_small_pictures_have_none():

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, ragged_scene, random_scene, rectangle, scene_of
 
@@ -51,7 +51,6 @@ def premultiplied(pixels: np.ndarray) -> np.ndarray:
     return values
 
 
-@settings(deadline=None)
 @given(
     width=st.integers(1, 90), height=st.integers(1, 90), scale=st.integers(1, 12), pixels=st.integers(1, 40_000),
     side=st.integers(12, 400),

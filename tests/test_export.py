@@ -166,7 +166,7 @@ def test_arcs_are_within_the_tolerance_of_the_outline(tolerance):
     for data in PATHS:
         outlines = read_dxf(made(f'<path d="{data}"/>', "dxf", tolerance=tolerance).data).modelspace()
         (cubics,) = (line.ring() for line in cubic_subpaths(data))
-        (outline,) = ([(p.x, p.y) for p in make_path(each).flattening(1e-4)] for each in outlines)
+        (outline,) = ([(p.x, p.y) for p in make_path(each).flattening(0.02 * tolerance)] for each in outlines)
         drawn = np.array(outline) / MM_PER_PX * [1.0, -1.0] + [0.0, 48.0]
         wanted = points_at(cubics, np.linspace(0.0, 1.0, 200)).reshape(-1, 2)
         assert farthest(wanted, drawn) <= 1.1 * tolerance and farthest(drawn, wanted) <= 1.1 * tolerance + 0.3, data

@@ -14,7 +14,7 @@ from scenes import rectangle, scene_of
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, Fitting, fit
 from cubicsplat_cli.photo.evaluator import psnr
-from cubicsplat_cli.photo.initial import choose_background, curves_of
+from cubicsplat_cli.photo.initial import choose_background, curves_to_fit
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.progress import Progress
@@ -186,7 +186,7 @@ def test_specks_beside_the_silhouette_go_and_one_of_two_curves_that_hide_each_ot
     target = np.zeros((28, 40, 4), np.float32)
     target[8:22, 10:30] = (0.5, 0.5, 0.5, 1.0)
     fit_loop = loop(target, segments=4)
-    begun = curves_of(scene, fit_loop.settings, 40, 28).as_torch()
+    begun = curves_to_fit(scene, fit_loop.settings, 40, 28).as_torch()
     kept = fit_loop.evaluator.without_idle(begun, 0)
     assert kept.curves == 1
     assert torch.equal(kept.points[0], twin)

@@ -11,7 +11,7 @@ from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.photo import Fitting, fit
-from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
+from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
 from cubicsplat_cli.photo.inputs import NO_INPUTS
 from cubicsplat_cli.photo.schedule import gini
 from cubicsplat_cli.photo.seeding import (
@@ -210,7 +210,7 @@ def test_first_curves_of_a_transparent_picture_lie_on_it_and_have_its_straight_c
     target[4:8, 10:16] = torch.tensor([0.4, 0.2, 0.1, 0.5])
     centres = random_centres(50, target, random_numbers())
     assert ((centres > torch.tensor([10.0, 4.0])) & (centres < torch.tensor([16.0, 8.0]))).all()
-    assert (colours_at(centres, target).sigmoid() - torch.tensor([0.8, 0.4, 0.2])).abs().max() < 1e-4
+    assert (picture_colours_at(centres, target).sigmoid() - torch.tensor([0.8, 0.4, 0.2])).abs().max() < 1e-4
     opaque = random_centres(500, torch.zeros(20, 30, 3), random_numbers())
     assert opaque.min() >= 0
     assert (opaque.max(0).values - torch.tensor([30.0, 20.0])).abs().max() < 1
@@ -218,7 +218,7 @@ def test_first_curves_of_a_transparent_picture_lie_on_it_and_have_its_straight_c
 
 def test_black_and_white_stay_within_reach_of_the_optimiser():
     target = torch.stack([torch.zeros(1, 3), torch.ones(1, 3)])
-    logits = colours_at(torch.tensor([[0.5, 0.5], [0.5, 1.5], [9.0, -3.0]]), target)
+    logits = picture_colours_at(torch.tensor([[0.5, 0.5], [0.5, 1.5], [9.0, -3.0]]), target)
     assert logits.abs().max() < 4
     assert (logits[2] == logits[0]).all(), "places off the canvas take the nearest pixel"
 

@@ -11,7 +11,7 @@ from scenes import PAPER, random_scene, straight
 
 from cubicsplat_cli.photo.geometric import LEAST_CROSSING, _handles, crossing_gradient
 from cubicsplat_cli.photo.seeding import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
-from cubicsplat_cli.photo.segments import cross, length, segments_of
+from cubicsplat_cli.photo.segments import cross, lengths, segments_of
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, snapped
 from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -103,7 +103,7 @@ def crossing_penalty(points, mode, ring_ends=None):
     """What `crossing_gradient` is the gradient of, with a weight of 1."""
     found = segments_of(points, mode, ring_ends)
     first, last, side = _handles(points, mode, found)
-    sine = cross(first, last) / (length(first) * length(last)).clip(LEAST_CROSSING)
+    sine = cross(first, last) / (lengths(first) * lengths(last)).clip(LEAST_CROSSING)
     return ((side * sine).clip(0.0) * found.real).sum() / found.real.sum()
 
 

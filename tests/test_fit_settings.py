@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.options import listed
 from cubicsplat_cli.photo.schedule import Schedule
+from cubicsplat_cli.request import STYLES
 from cubicsplat_cli.settings import PRESETS, FitSettings, Mode, Recipe
 
 SHARES = st.floats(0.0, 1.0, exclude_max=True)
@@ -224,7 +226,7 @@ def test_names_that_are_wrong_are_told_apart_from_those_that_were_meant():
     for asked, said in (
         ({"colour": 3}, "unknown setting 'colour'; did you mean colors?"),
         ({"time_limits": 3}, "unknown setting 'time_limits'; did you mean time_limit?"),
-        ({"style": "artwrk"}, "style must be auto, photo, artwork or pixel, not 'artwrk'; did you mean artwork?"),
+        ({"style": "artwrk"}, f"style must be {listed(STYLES)}, not 'artwrk'; did you mean artwork?"),
         ({"mode": "opn"}, "mode must be closed or open, not 'opn'; did you mean open?"),
         ({"background": "wite"}, "#rrggbb, not 'wite'; did you mean white?"),
         ({"palette": ["red", "whte"]}, "not 'whte'; did you mean white?"),

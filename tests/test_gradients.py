@@ -11,12 +11,15 @@ from conftest import rest_slow
 from engines import (
     CUDA,
     ENGINES,
-    FIRST,
+    EXACT,
     GRADIENT_TOLERANCE,
     PICTURE_TOLERANCE,
+    RELAXED,
+    assert_drawn_and_differentiated,
+    assert_same,
     close,
     compared,
-    open_kind,
+    on_cpu_and_gpu,
     outliers,
     packed,
     state_for,
@@ -27,6 +30,8 @@ from scenes import (
     PAPER,
     TENSORS,
     in_double,
+    painted_scene,
+    random_gradients,
     random_scene,
     random_target,
     rectangle,
@@ -36,45 +41,12 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.raster import RasterSettings, reference, reference_coverage, render, render_scene
+from cubicsplat_cli.raster import reference, reference_coverage, render
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render_op
-from cubicsplat_cli.raster.settings import FLATNESS
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, Gradients, ends_of, linear_frames, paint_at
 from cubicsplat_cli.settings import Mode
-
-RELAXED, EXACT = RasterSettings("relaxed", 1.0, 8), RasterSettings("exact", 1.0, 16)
-every_engine = pytest.mark.parametrize("engine", [ENGINES[0], *CUDA], indirect=True)
-
-
-@pytest.fixture(scope="module")
-def engine(request):
-    """The best CPU engine, or the one that a test names."""
-    engine = open_kind(getattr(request, "param", FIRST))
-    yield engine
-    engine.close()
-
-
-def random_gradients(scene: Scene, seed: int = 0, most: int = 4) -> Gradients:
-    """Flat, linear and radial ones in turn, with one to `most` stops, some of them hard."""
-    generator = torch.Generator().manual_seed(seed)
-    n = scene.curves
-    kinds = torch.arange(n, dtype=torch.int32) % 3
-    counts = torch.tensor([1 + (i * 5 + 2) % most if i % 7 else most for i in range(n)], dtype=torch.int32)
-    offsets = torch.rand(n, most, generator=generator).sort(dim=1).values
-    offsets[::4, -1] = offsets[::4, -2]
-    middle = torch.tensor([scene.width, scene.height]) * torch.rand(n, 2, generator=generator)
-    size = 0.5 * max(scene.width, scene.height)
-    plane = torch.randn(n, 2, 2, generator=generator) / size
-    frames = torch.cat((plane, 0.3 - plane @ middle[:, :, None]), dim=2)
-    stops = 0.1 + 0.8 * torch.rand(n, most, 4, generator=generator)
-    return Gradients(kinds, frames, counts, offsets, stops)
-
-
-def painted(mode: Mode, curves: int = 9, width: int = 33, height: int = 27, seed: int = 1, **options) -> Scene:
-    scene = random_scene(mode, curves, 3, width, height, seed, scale=0.45, **options)
-    return replace(scene, gradients=random_gradients(scene, seed))
 
 
 def one(kind: int, frame: list[list[float]], offsets: list[float], stops: list[list[float]]) -> Gradients:
@@ -138,7 +110,7 @@ def test_frames_have_the_ends_that_they_were_made_of():
     ],
 )
 def test_wrong_gradients_are_named(change, words):
-    scene = painted(Mode.CLOSED, 3)
+    scene = painted_scene(Mode.CLOSED, 3)
     four = torch.full((3,), 4, dtype=torch.int32)
     bad = replace(scene, gradients=replace(scene.gradients, **{"counts": four, **change}))
     with pytest.raises(InputError, match=words):
@@ -146,7 +118,7 @@ def test_wrong_gradients_are_named(change, words):
 
 
 def test_what_nothing_reads_may_be_anything():
-    scene = painted(Mode.CLOSED, 3)
+    scene = painted_scene(Mode.CLOSED, 3)
     given = scene.gradients.copy()
     given.stops[0] = float("nan")  # flat
     given.counts[1] = 2
@@ -161,7 +133,7 @@ def test_what_nothing_reads_may_be_anything():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_scaled_scene_has_the_same_gradients(mode):
-    scene = painted(mode, 6, 20, 18)
+    scene = painted_scene(mode, 6, 20, 18)
     larger = scaled_scene(scene, 40, 36)
     at = reference_coverage.pixel_centres(20, 18)
     for curve in (1, 2, 4, 5):
@@ -173,7 +145,7 @@ def test_a_scaled_scene_has_the_same_gradients(mode):
 @pytest.mark.parametrize("coverage", ["relaxed", "exact"])
 @pytest.mark.parametrize("background", [PAPER, None])
 def test_equal_stops_are_a_flat_fill(coverage, background):
-    scene = painted(Mode.CLOSED, background=background)
+    scene = painted_scene(Mode.CLOSED, background=background)
     alike = torch.cat((scene.colours, torch.ones(9, 1)), 1).unsqueeze(1).expand(9, 4, 4)
     same = replace(scene, gradients=replace(scene.gradients, stops=alike.contiguous()))
     want = reference_render(replace(scene, gradients=None), coverage)
@@ -190,7 +162,7 @@ def in_double_painted(scene: Scene) -> Scene:
 
 @pytest.mark.parametrize("background", rest_slow((None,), (PAPER,)))
 def test_reference_gradients_match_finite_differences(background):
-    scene = in_double_painted(painted(Mode.CLOSED, 6, 13, 11, 3, background=background, opacity=(0.3, 0.8)))
+    scene = in_double_painted(painted_scene(Mode.CLOSED, 6, 13, 11, 3, background=background, opacity=(0.3, 0.8)))
     target = random_target(scene).double()
 
     def loss(frames: Tensor, stops: Tensor) -> Tensor:
@@ -216,7 +188,7 @@ def test_reference_gradients_match_finite_differences(background):
 @cache
 def wanted(mode, background, raster):
     """A scene, and its picture, loss and gradients by the reference: one for all engines."""
-    scene = painted(mode, 9, seed=4 + (raster is EXACT), background=background)
+    scene = painted_scene(mode, 9, seed=4 + (raster is EXACT), background=background)
     scene.validate()
     leaves = in_double_painted(scene)
     image = reference.render(leaves, raster)
@@ -243,17 +215,6 @@ def test_the_engine_matches_the_reference(engine, mode, background):
         assert float(gradients["frames"].abs().max()) > 1.0
 
 
-@every_engine
-@pytest.mark.parametrize("kind", ["loo", "visibility"])
-def test_importance(engine, kind):
-    scene = painted(Mode.CLOSED, 8, 41, 35, 2, background=PAPER)
-    target = random_target(scene, 3)
-    want = reference.importance(in_double(scene), RELAXED, target=target.double(), kind=kind)
-    here, target = packed(scene, engine.device), target.to(engine.device)
-    _, got = engine.gradients(here, RELAXED, target=target, importance=kind)
-    assert close(got["importance"], want, 5e-3)
-
-
 @pytest.mark.parametrize(("engine", "mode", "background"), with_cases([ENGINES[0], *CUDA]), indirect=["engine"])
 def test_flat_kinds_are_drawn_as_without_gradients(engine, mode, background):
     """To the bit: the way through the gradients changes nothing else."""
@@ -267,18 +228,12 @@ def test_flat_kinds_are_drawn_as_without_gradients(engine, mode, background):
         _, got = engine.gradients(flat, raster, target=target, importance="loo")
         assert not got["frames"].any()
         assert not got["stops"].any()
-        for name, value in want.items():
-            # On a GPU atomics add in any order.
-            assert (
-                close(got[name], value, 1e-4)
-                if str(engine.device).startswith("cuda")
-                else torch.equal(got[name], value)
-            ), name
+        assert_same(engine, got, want)
 
 
-@every_engine
+@on_cpu_and_gpu
 def test_a_step_gives_the_gradients_of_frames_and_stops(engine):
-    scene = painted(Mode.CLOSED, background=PAPER)
+    scene = painted_scene(Mode.CLOSED, background=PAPER)
     target = random_target(scene).to(engine.device)
     here = packed(replace(scene, colours=scene.colours.logit(), opacities=scene.opacities.logit()), engine.device)
     here.logits = True
@@ -299,25 +254,18 @@ def test_a_step_gives_the_gradients_of_frames_and_stops(engine):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_operator_and_render_scene_draw_gradients(engine, mode):
-    scene = painted(mode, background=PAPER)
-    want = engine.render(packed(scene), EXACT)
-    finished = engine.render(packed(scene), replace(EXACT, tolerance=FLATNESS))
-    assert torch.equal(torch.from_numpy(render_scene(scene, samples=16)), finished)
+    scene = painted_scene(mode, background=PAPER)
     points = scene.points.clone().requires_grad_()
     given = scene.gradients.copy()
     given.frames.requires_grad_()
     given.stops.requires_grad_()
     picture = render(replace(scene, points=points, gradients=given), EXACT)
-    assert torch.equal(picture.detach(), want)
-    target = random_target(scene)
-    (picture - target).square().sum().backward()
-    _, got = engine.gradients(packed(scene), EXACT, target=target)
-    for name, leaf in (("points", points), ("frames", given.frames), ("stops", given.stops)):
-        assert torch.allclose(leaf.grad, got[name], rtol=1e-4, atol=1e-3), name
+    leaves = {"points": points, "frames": given.frames, "stops": given.stops}
+    assert_drawn_and_differentiated(engine, scene, leaves, picture)
 
 
 def test_the_operator_needs_no_gradient_of_the_fills(engine):
-    scene = painted(Mode.CLOSED, background=PAPER)
+    scene = painted_scene(Mode.CLOSED, background=PAPER)
     colours = scene.colours.clone().requires_grad_()
     render(replace(scene, colours=colours), RELAXED).sum().backward()
     assert colours.grad[::3].any()  # the flat ones
@@ -326,7 +274,7 @@ def test_the_operator_needs_no_gradient_of_the_fills(engine):
 
 @pytest.mark.slow  # test_operator.py has the operator without them
 def test_torch_accepts_the_operator_with_gradients():
-    scene = painted(Mode.CLOSED, 3, 20, 18, background=PAPER)
+    scene = painted_scene(Mode.CLOSED, 3, 20, 18, background=PAPER)
     tensors = [getattr(scene, name).clone().requires_grad_() for name in TENSORS]
     given = scene.gradients
     fills = [given.frames.clone().requires_grad_(), given.stops.clone().requires_grad_(), given.offsets]
@@ -336,7 +284,7 @@ def test_torch_accepts_the_operator_with_gradients():
 
 
 def test_wrong_tables_do_not_reach_the_engine(engine):
-    scene = packed(painted(Mode.CLOSED, 6))
+    scene = packed(painted_scene(Mode.CLOSED, 6))
     for name, value in (("kinds", 5), ("counts", 99), ("counts", 0)):
         bad = packed(scene)
         getattr(bad.gradients, name)[1] = value

@@ -24,7 +24,7 @@ from PIL import Image
 from warm import WarmCommand, run_warm
 
 from cubicsplat_cli.files.marks import provenance_comment, with_checksum
-from cubicsplat_cli.files.names import beside
+from cubicsplat_cli.files.names import outputs_beside
 from cubicsplat_cli.files.write import encode_png, folder_locked
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.sinks import FileSink
@@ -181,7 +181,7 @@ def test_two_runs_on_one_output(jpeg, tmp_path):
 
 @pytest.mark.parametrize("order", rest_slow("abAB", "abA", "abBA", "baAB", "aAbB", "abB", fast=2))
 def test_two_runs_on_one_output_leave_the_set_of_the_one_that_ends_last(order, tmp_path):
-    job = Job("x.png", tmp_path / "x.png", beside(tmp_path / "x.svg", png=True))
+    job = Job("x.png", tmp_path / "x.png", outputs_beside(tmp_path / "x.svg", png=True))
     sinks = {name: FileSink(job) for name in "ab"}
     for name in order:
         sink, end = sinks[name.lower()], name.lower().encode()
@@ -202,7 +202,7 @@ def test_two_runs_on_one_output_leave_the_set_of_the_one_that_ends_last(order, t
 
 
 def test_files_are_put_while_no_other_run_does(tmp_path):
-    sink = FileSink(Job("x.png", tmp_path / "x.png", beside(tmp_path / "x.svg", png=True)))
+    sink = FileSink(Job("x.png", tmp_path / "x.png", outputs_beside(tmp_path / "x.svg", png=True)))
     with folder_locked(tmp_path):
         putting = threading.Thread(target=sink.put, args=("svg", b"<svg/>"))
         putting.start()
@@ -235,7 +235,7 @@ def cpu_seconds(process_id: int) -> float:
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
-@pytest.mark.parametrize("delay", rest_slow(1.4, 0.02, 0.3, 0.8))
+@pytest.mark.parametrize("delay", rest_slow(0.8, 0.02, 0.3, 1.4))
 def test_ctrl_c_at_any_moment(delay, jpeg):
     process = start("vectorize", jpeg, "--curves", 12, "--steps", 4_000_000, "--threads", 1)
     try:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cubicsplat_cli.errors import InputError
@@ -39,7 +39,6 @@ def moving(seed: int, frames: int = 7, *, tracks: bool = False) -> MovingScene:
     return scene
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 9))
 def test_a_frame_that_is_a_knot_is_exact_and_one_between_is_linear_in_time(seed: int, frames: int) -> None:
     scene = moving(seed, frames)

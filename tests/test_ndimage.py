@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy import ndimage as theirs
@@ -35,7 +35,6 @@ def same(found, known):
     np.testing.assert_array_equal(found, known)
 
 
-@settings(deadline=None, max_examples=40)
 @given(pictures(NUMBERS), st.data(), MODES)
 def test_extremes_of_neighbours(values, data, mode):
     sizes = data.draw(st.tuples(*[st.integers(1, 20)] * values.ndim))
@@ -45,7 +44,6 @@ def test_extremes_of_neighbours(values, data, mode):
         same(getattr(ours, line)(values, sizes[0], 0, mode=mode), getattr(theirs, line)(values, sizes[0], 0, mode=mode))
 
 
-@settings(deadline=None, max_examples=40)
 @given(pictures(FLOATS), st.data(), MODES)
 def test_means_and_sums_of_neighbours(values, data, mode):
     sizes = data.draw(st.tuples(*[st.integers(1, 20)] * values.ndim))
@@ -60,7 +58,6 @@ def test_means_and_sums_of_neighbours(values, data, mode):
     same(ours.gaussian_filter(values, 0.8, truncate=2.5), theirs.gaussian_filter(values, 0.8, truncate=2.5))
 
 
-@settings(deadline=None, max_examples=40)
 @given(MASKS, STRUCTURES)
 def test_parts_of_a_mask(mask, structure):
     found, count = ours.label(mask, structure)
@@ -71,7 +68,6 @@ def test_parts_of_a_mask(mask, structure):
     assert ours.find_objects(found.astype(np.int64), 3) == theirs.find_objects(found, 3)
 
 
-@settings(deadline=None, max_examples=40)
 @given(MASKS, st.one_of(st.none(), arrays.arrays(bool, st.sampled_from([(3, 3), (1, 5), (5, 3), (7, 7)]))), st.data())
 def test_dilation_and_erosion(mask, structure, data):
     rounds = data.draw(st.integers(1, 6))
@@ -88,7 +84,6 @@ def test_dilation_and_erosion(mask, structure, data):
     same(ours.binary_opening(mask, structure), theirs.binary_opening(mask, structure))
 
 
-@settings(deadline=None, max_examples=40)
 @given(MASKS, STRUCTURES, st.data())
 def test_what_is_linked_and_what_is_enclosed(mask, structure, data):
     where = data.draw(arrays.arrays(bool, mask.shape))
@@ -97,7 +92,6 @@ def test_what_is_linked_and_what_is_enclosed(mask, structure, data):
     same(ours.binary_fill_holes(mask), theirs.binary_fill_holes(mask))
 
 
-@settings(deadline=None, max_examples=40)
 @given(MASKS)
 def test_distances(mask):
     mask[data_pixel(mask)] = False
@@ -117,7 +111,6 @@ def test_without_a_pixel_that_is_0_nothing_is_at_a_distance():
     same(ours.distance_transform_cdt(full, metric="chessboard"), np.full((3, 4), -1, np.int32))
 
 
-@settings(deadline=None, max_examples=40)
 @given(LABELS, FLOATS, st.lists(st.integers(0, 9), max_size=5))
 def test_values_by_label(labels, kind, index):
     values = np.random.default_rng(labels.size).normal(size=(*labels.shape, 2)).astype(kind)[..., 0]

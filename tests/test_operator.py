@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from conftest import rest_slow
 from engines import compared, outliers, packed
 from scenes import PAPER, TENSORS, in_double, random_scene, random_target
 
@@ -43,7 +44,7 @@ def test_gradients_of_any_loss(mode, background):
         assert outliers(got.grad, want.grad, 5e-3 * scale) <= 0.02, name
 
 
-@pytest.mark.parametrize("ring_ends", [None, torch.tensor([[1], [2], [2]], dtype=torch.int32)])
+@pytest.mark.parametrize("ring_ends", rest_slow(torch.tensor([[1], [2], [2]], dtype=torch.int32), None))
 def test_torch_accepts_the_operator(ring_ends):
     scene = random_scene(Mode.OPEN, 3, 2, 20, 18, background=PAPER)
     tensors = [getattr(scene, name).clone().requires_grad_() for name in TENSORS]

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from image_files import recoded
 from PIL import Image
 from test_svg_viewers import AGREEMENT_DB, agreement
 
@@ -19,7 +20,7 @@ from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.html_report.drawing import shown
+from cubicsplat_cli.html_report.drawing import shown_elements
 from cubicsplat_cli.pipeline import task_of
 from cubicsplat_cli.pipeline.pages import page_in
 from cubicsplat_cli.progress import StageTimer
@@ -65,12 +66,6 @@ def boxes_of(pixels: np.ndarray) -> list[tuple[int, int, int, int]]:
     return [(columns.start, rows.start, columns.stop, rows.stop) for rows, columns in windows]
 
 
-def as_jpeg(pixels: np.ndarray, quality: int) -> np.ndarray:
-    file = io.BytesIO()
-    Image.fromarray(pixels).save(file, "JPEG", quality=quality)
-    return np.asarray(Image.open(file))
-
-
 def drawn(svg: str) -> np.ndarray:
     """(HEIGHT, WIDTH, 3) levels of a page as cairosvg draws it."""
     return rerender(svg.encode(), WIDTH, HEIGHT).pixels[..., :3].astype(float)
@@ -105,7 +100,7 @@ def test_photos_at_the_edges_of_the_picture_are_found():
 
 
 def test_a_jpeg_of_a_page_ends_its_photo_at_the_strongest_steps():
-    ((left, top, right, bottom),) = boxes_of(as_jpeg(page(frame=False), 85))
+    ((left, top, right, bottom),) = boxes_of(recoded(page(frame=False), quality=85))
     assert np.abs(np.array([left, top, right, bottom]) - (LEFT, TOP, RIGHT, BOTTOM)).max() <= 1
 
 
@@ -156,7 +151,7 @@ def test_drawings_photos_and_text_have_no_part():
     for row in range(8, HEIGHT - 16, 12):
         for left in range(8, WIDTH - 16, 7):
             text[row : row + 8, left : left + 5] = np.where(rng.random((8, 5, 1)) < 0.5, 255, 30)
-    assert page_of(floats(as_jpeg(text, 70))) is None
+    assert page_of(floats(recoded(text, quality=70))) is None
     small = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     small[20:40, 20:200] = photo(180, 20)
     assert page_of(floats(small)) is None
@@ -220,7 +215,7 @@ def test_other_formats_and_the_report_take_an_embedded_image(embedded):
     assert b"/Image" in exported(data, "pdf", "the SVG", tolerance=0.05).data
     made = exported(data, "xml", "the SVG", tolerance=0.05)
     assert "1 shading" in " ".join(made.notes)
-    page_shown = shown(data, as_picture(page()), 1)
+    page_shown = shown_elements(data, as_picture(page()), 1)
     assert page_shown is not None
     assert "data:image/" in page_shown.markup
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.sparse import coo_array
@@ -19,7 +19,6 @@ PLACES = st.integers(1, 60).flatmap(lambda n: arrays.arrays(float, (n, 2), eleme
 LINKS = st.lists(st.tuples(st.integers(0, 19), st.integers(0, 19)), max_size=60)
 
 
-@settings(deadline=None, max_examples=50)
 @given(PLACES, PLACES, st.floats(0.0, 30.0))
 def test_points_near_places(points, places, reach):
     ours, theirs = PointTree(points), cKDTree(points)
@@ -48,7 +47,6 @@ def test_among_no_points_none_is_near():
     assert tree.query_pairs(5.0).tolist() == [] and tree.query_ball_point(np.zeros((0, 2)), 5.0) == []
 
 
-@settings(deadline=None)
 @given(LINKS)
 def test_groups_of_what_is_linked(links):
     first, second = np.array(links, dtype=int).reshape(-1, 2).T

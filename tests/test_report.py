@@ -42,13 +42,6 @@ def test_a_report_is_as_its_schema_says_and_reads_back(reports, kind):
     assert (report.style, report.inks is None) == ("artwork" if kind == "artwork" else "photo", kind != "artwork")
 
 
-def test_files_as_written_are_entered(reports):
-    report = reports["photo"].written(b"svg", "a.svg", b"png", "a.png")
-    assert (report.output.bytes, report.output.svg, report.output.png) == (3, "a.svg", "a.png")
-    assert report.output.svg_sha256 != reports["photo"].output.svg_sha256
-    assert report.written(b"svg", None, None, None).output.png_sha256 is None
-
-
 @pytest.mark.parametrize(
     "damage",
     [

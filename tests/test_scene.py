@@ -21,7 +21,7 @@ def test_mode_is_written_as_on_the_command_line():
 
 
 @given(mode=st.sampled_from(list(Mode)), segments=st.integers(1, 50))
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 def test_points_and_segments_are_inverse(mode, segments):
     assert segments_from_points(mode, points_from_segments(mode, segments)) == segments
 

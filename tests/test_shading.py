@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from test_svg_viewers import AGREEMENT_DB, CHROMIUM, agreement, in_chromium
+from test_svg_viewers import AGREEMENT_DB, agreement, in_chromium
 
 from cubicsplat_cli.artwork.scene import picture_of
 from cubicsplat_cli.artwork.shading.objects import objects_of
@@ -156,10 +156,9 @@ def test_edges_are_those_of_the_shape(drawing, svg, renderer, levels):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed (apt-get install chromium)")
-def test_chromium_draws_it_alike(svg, tmp_path):
+def test_chromium_draws_it_alike(svg, browser, tmp_path):
     (tmp_path / "x.svg").write_text(svg, encoding="utf-8")
-    shown = in_chromium(tmp_path / "x.svg", SIDE, SIDE, tmp_path)
+    shown = in_chromium(browser, tmp_path / "x.svg", SIDE, SIDE)
     assert agreement(shown, rerender(svg.encode(), SIDE, SIDE).pixels) > AGREEMENT_DB
 
 

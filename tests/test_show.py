@@ -20,7 +20,7 @@ from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.formatting import duration
 from cubicsplat_cli.html_report import charts
-from cubicsplat_cli.html_report.drawing import shown
+from cubicsplat_cli.html_report.drawing import shown_elements
 from cubicsplat_cli.html_report.embed import picture_url
 from cubicsplat_cli.html_report.index import Entry, index
 from cubicsplat_cli.html_report.page import Subject, command, page
@@ -94,7 +94,7 @@ def test_a_curve_is_worth_what_the_picture_loses_without_it(sample):
     def level(of: Scene) -> float:
         return -10.0 * np.log10(((render_scene(of, samples=48) - picture.target()) ** 2).mean())
 
-    losses = shown(svg.encode(), picture).losses_db[::-1]  # front to back, as the scene has them
+    losses = shown_elements(svg.encode(), picture).losses_db[::-1]  # front to back, as the scene has them
     for curve in range(scene.curves):
         keep = [index for index in range(scene.curves) if index != curve]
         fields = {name: getattr(scene, name)[keep] for name in ("points", "colours", "opacities", "half_widths")}
@@ -107,7 +107,7 @@ def test_shapes_of_artwork_in_one_path_have_one_worth():
         pixels[4:20, left : left + 5] = pixels[15:20, left : left + 12] = (20, 60, 120)
     result = vectorize(pixels, style="artwork", threads=1)
     elements = len(re.findall(r"<(?:path|rect|circle|ellipse)\b", result.svg))
-    found = shown(result.svg.encode(), load_picture(encoded(pixels, "PNG")))
+    found = shown_elements(result.svg.encode(), load_picture(encoded(pixels, "PNG")))
     assert len(found.losses_db) == elements < result.report.shapes
     assert min(found.losses_db) > 10
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import smooth_pixels
+from conftest import rest_slow, smooth_pixels
 from PIL import Image
 
 from cubicsplat_cli import vectorize
@@ -58,7 +58,7 @@ def test_few_frames_are_all_shown(scene):
     assert len(film.scenes(scene)) == 4
 
 
-@pytest.mark.parametrize("form", ["webp", "gif"])
+@pytest.mark.parametrize("form", rest_slow("webp", "gif"))
 def test_the_command_writes_the_fit_as_it_develops(run_cli, photo, form):
     out, plain = photo.with_name(f"a.{form}"), photo.with_name("plain.svg")
     run_cli("vectorize", photo, *FIT, "-o", plain)

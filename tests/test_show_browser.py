@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,9 +13,6 @@ from conftest import smooth_pixels
 from PIL import Image
 
 SIDE = 80  # px of the artwork, more than a picture of single pixels has
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
-driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'cubicsplat[test]'")
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium or Chrome: apt-get install chromium")
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +31,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     run_here("eval", path / "photo.png", path / "plain.svg", "--report", path / "plain.html")
     return path
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    with driver.sync_playwright() as play:
-        started = play.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield started
-        started.close()
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene
 
@@ -129,7 +129,6 @@ def scenes(draw) -> Scene:
     )
 
 
-@settings(deadline=None)
 @given(scene=scenes(), precision=st.integers(0, 6))
 def test_reader_gives_back_exactly_the_quantised_scene(scene, precision):
     text = written(scene, precision)
@@ -165,7 +164,6 @@ def test_every_curve_is_written_in_its_shortest_description(mode):
     assert shorter_than_given > 5
 
 
-@settings(deadline=None, max_examples=40)
 @given(scene=scenes(), precision=st.integers(0, 4))
 def test_relative_coordinates_do_not_drift(scene, precision):
     wanted = quantise_scene(scene, precision).points.astype(np.float64)[::-1]

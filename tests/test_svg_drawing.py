@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -187,7 +187,6 @@ def smooth_ring(seed: int, joints: int) -> Ring:
     return ring_of_cubics(np.stack([anchors, after, before, ends], axis=1), smooth=True)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000), st.integers(2, 9), st.integers(1, 3))
 def test_the_path_says_what_the_grid_says(seed, joints, precision):
     ring = smooth_ring(seed, joints)
@@ -201,7 +200,6 @@ def test_the_path_says_what_the_grid_says(seed, joints, precision):
         assert np.abs(np.array(piece.handles) - control * unit).max() < 1.01 * unit
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000), st.integers(2, 9))
 def test_rounding_keeps_joints_smooth(seed, joints):
     ring = smooth_ring(seed, joints)
@@ -303,7 +301,6 @@ def test_what_was_written_is_read_back():
     ]
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 4))
 def test_reading_gives_the_numbers_of_the_file(seed, joints, precision):
     text = svg_of(shape(smooth_ring(seed, joints)), precision=precision)

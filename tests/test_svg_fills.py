@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scenes import MODES, PAPER, random_scene, rectangle, scene_of
-from test_gradients import one, painted, random_gradients
+from scenes import MODES, PAPER, painted_scene, random_gradients, random_scene, rectangle, scene_of
+from test_gradients import one
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.scene import scene_of as scene_of_drawing
@@ -41,7 +41,7 @@ def assert_same(one: Scene, other: Scene) -> None:
 @pytest.mark.parametrize("precision", [0, 2, 5])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_file_gives_back_the_gradients_that_it_says(mode, precision, seed):
-    scene = painted(mode, 12, 60, 50, seed, background=PAPER)
+    scene = painted_scene(mode, 12, 60, 50, seed, background=PAPER)
     quantised = quantise_scene(scene, precision)
     assert_same(read_svg(write_svg(scene, precision=precision)), quantised)
     assert int((quantised.gradients.kinds == LINEAR).sum()) >= 3
@@ -51,7 +51,7 @@ def test_a_file_gives_back_the_gradients_that_it_says(mode, precision, seed):
 @pytest.mark.parametrize("mode", MODES)
 def test_the_file_is_drawn_as_the_engine_draws_the_scene(mode):
     """Through cairo, which keeps 8 bits of each layer."""
-    scene = painted(mode, 9, 64, 48, 3, background=PAPER, half_width=(2.0, 5.0))
+    scene = painted_scene(mode, 9, 64, 48, 3, background=PAPER, half_width=(2.0, 5.0))
     drawn = rerender(write_svg(scene, precision=3).encode(), 64, 48).pixels[..., :3]
     own = 255.0 * render_scene(scene, samples=48)
     assert abs(drawn - own).mean() < 1.0
@@ -117,7 +117,7 @@ def test_equal_gradients_are_written_once():
 
 
 def test_a_gradient_in_another_unit_is_refused():
-    text = write_svg(painted(Mode.CLOSED, 3, background=PAPER))
+    text = write_svg(painted_scene(Mode.CLOSED, 3, background=PAPER))
     with pytest.raises(InputError, match="has a gradient that is not in px"):
         read_svg(text.replace("userSpaceOnUse", "objectBoundingBox"))
     with pytest.raises(InputError, match="gradients in another unit than the paths"):
@@ -127,7 +127,7 @@ def test_a_gradient_in_another_unit_is_refused():
 
 
 def test_bytes_by_curve_know_the_gradients():
-    scene = painted(Mode.CLOSED, 30, 60, 50, background=PAPER)
+    scene = painted_scene(Mode.CLOSED, 30, 60, 50, background=PAPER)
     without = len(write_svg(replace(scene, gradients=None)))
     assert sum(bytes_by_curve(scene, 2)) - sum(bytes_by_curve(replace(scene, gradients=None), 2)) == pytest.approx(
         len(write_svg(scene)) - without, rel=0.1
@@ -136,7 +136,7 @@ def test_bytes_by_curve_know_the_gradients():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_part_of_an_enlarged_scene_has_its_gradients(mode):
-    scene = painted(mode, 9, 40, 36, background=PAPER)
+    scene = painted_scene(mode, 9, 40, 36, background=PAPER)
     whole = draw_part(scene, 2, Tile(0, 0, 40, 36), 16, 1)
     part = draw_part(scene, 2, Tile(16, 8, 20, 24), 16, 1)
     assert abs(part - whole[16:64, 32:72]).max() < 2e-3

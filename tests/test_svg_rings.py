@@ -31,7 +31,7 @@ def same(first: Scene, second: Scene) -> bool:
 
 
 @pytest.mark.parametrize("mode", MODES)
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(derandomize=True)
 @given(seed=st.integers(0, 2**20), curves=st.integers(1, 7), precision=st.integers(0, 6))
 def test_reader_gives_back_exactly_the_quantised_scene(mode, seed, curves, precision):
     scene = ragged_scene(mode, curves, 60, 40, seed, background=PAPER)

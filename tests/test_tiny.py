@@ -21,7 +21,7 @@ from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import request_of
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg.polygons import GridPolygons, grid_size, on_grid
+from cubicsplat_cli.svg.polygons import GridPolygons, grid_size, polygons_on_grid
 
 SHORT = {"steps": 80, "threads": 1, "style": "photo"}
 OPTIONS = ("--steps", 60, "--threads", 1, "--style", "photo", "--json", "-q")
@@ -149,7 +149,7 @@ def test_the_grid_keeps_the_shape_of_the_picture(size, units):
 
 def test_rounding_to_the_grid_keeps_a_drawing_that_is_on_it():
     polygons = random_polygons((60.0, 40.0))
-    again = on_grid(polygons.scene(300, 200), polygons.size)
+    again = polygons_on_grid(polygons.scene(300, 200), polygons.size)
     assert again.text() == polygons.text()
 
 

@@ -33,7 +33,7 @@ from torch import Tensor
 from cubicsplat_cli.bench.step import synthetic_picture
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo import fit
-from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
+from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
 from cubicsplat_cli.photo.seeding import random_centres
 from cubicsplat_cli.photo.state import FitCurves
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
@@ -82,7 +82,7 @@ def scene_of(case: Case, target: Tensor, device: torch.device) -> FitCurves:
     radius = 0.4 * math.sqrt(case.width * case.height / case.curves)
     points = control_points(centres, radius, settings, generator)
     size, grey = (case.width, case.height), (0.5, 0.5, 0.5)
-    return new_curves(points, colours_at(centres, target), 1.5, settings, size, grey).as_torch(device)
+    return new_curves(points, picture_colours_at(centres, target), 1.5, settings, size, grey).as_torch(device)
 
 
 class Bench:

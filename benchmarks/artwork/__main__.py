@@ -16,7 +16,7 @@ from benchmarks.artwork.degradations import CLEAN, check_kind
 from benchmarks.artwork.document import SIZE, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import Scores, Truth, measure, run_tool
 from benchmarks.tools import Tool, chosen_tools
-from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_png, end_with, parts_of, print_json
+from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_png, comma_parts, end_with, print_json
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError
@@ -49,7 +49,7 @@ _MORE_IS_BETTER = {"psnr_1x_db", "psnr_4x_db", "exact_colours", "primitive_recal
 
 
 @dataclass
-class Runs:
+class ScoredRuns:
     """done: the scores with the SVG of each. failed: (drawing, tool, error); the tool of a drawing that cannot be read
     is empty.
     """
@@ -64,12 +64,12 @@ class Runs:
 
 def run_all(
     paths: Sequence[Path], tools: Mapping[str, Tool], size: int, tell: Callable[[str], None], kind: str = CLEAN
-) -> Runs:
+) -> ScoredRuns:
     """Every drawing by every tool; a failure is recorded and the others go on.
 
     size: px of the input's longer side; kind: of the degradations; tell: gets a line for each.
     """
-    runs = Runs()
+    runs = ScoredRuns()
     for path in paths:
         try:
             truth = Truth(path.read_bytes(), path.stem, size, kind)
@@ -82,7 +82,7 @@ def run_all(
     return runs
 
 
-def _run(runs: Runs, truth: Truth, name: str, tool: Tool, tell: Callable[[str], None]) -> None:
+def _run(runs: ScoredRuns, truth: Truth, name: str, tool: Tool, tell: Callable[[str], None]) -> None:
     try:
         made = run_tool(tool, truth)
         scores = measure(truth, name, made)
@@ -112,7 +112,7 @@ def summary(scores: Sequence[Scores]) -> dict[str, dict[str, float | None]]:
     return statistics
 
 
-def report_of(runs: Runs, tools: Sequence[str], size: int, kind: str) -> dict[str, Any]:
+def report_of(runs: ScoredRuns, tools: Sequence[str], size: int, kind: str) -> dict[str, Any]:
     """The scores as JSON."""
     return {
         **head(),
@@ -125,7 +125,7 @@ def report_of(runs: Runs, tools: Sequence[str], size: int, kind: str) -> dict[st
     }
 
 
-def tables_of(runs: Runs, tools: Sequence[str], *, markdown: bool) -> str:
+def tables_of(runs: ScoredRuns, tools: Sequence[str], *, markdown: bool) -> str:
     """A table per tool with a row per drawing, then one that compares the tools."""
     header = tuple(heading for _, heading, _ in _COLUMNS)
     parts = []
@@ -182,7 +182,7 @@ def artwork(
     check_csv(csv)
     check_png(sheet, "sheet")
     check_kind(kind)
-    chosen = chosen_tools(parts_of(tools))
+    chosen = chosen_tools(comma_parts(tools))
     paths = drawings_in(folder, only, skip, limit)
     runs = run_all(paths, chosen, size, Reporter(quiet=quiet).summary, kind)
     if not runs.done:

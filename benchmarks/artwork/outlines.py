@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from benchmarks.artwork.document import PRIMITIVES, Document
 from cubicsplat_cli.svg.elements import StyledShape
 from cubicsplat_cli.svg.paths import PathSegment, arc_of, subpaths
-from cubicsplat_cli.svg.values import length
+from cubicsplat_cli.svg.values import parse_length
 
 # px, and shares of its size, that an outline may be off the primitive that it is, and off one that it might be.
 OFF, OFF_SHARE, NEAR_SHARE = 0.1, 0.002, 0.004
@@ -42,7 +42,9 @@ def forms_of(document: Document) -> list[Form]:
     for number, shape in enumerate(document.shapes()):
         matrix, width = shape.matrix, 0.0
         if shape.style["stroke"] != "none":
-            width = length(shape.style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+            width = parse_length(shape.style["stroke-width"], shape.view[0]) * math.sqrt(
+                abs(np.linalg.det(matrix[:2, :2]))
+            )
         for points, written in _outlines(shape):
             placed = points @ matrix[:2, :2].T + matrix[:2, 2]
             if len(placed) >= 3 and np.ptp(placed, axis=0).min() > 0.0:

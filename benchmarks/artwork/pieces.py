@@ -36,7 +36,7 @@ class _Part:
         return np.median(self.pixels[self.mask], axis=0)
 
 
-class Pieces:
+class DrawingPieces:
     """A drawing without smoothing, taken apart: the connected parts of fills and strokes, those joined that meet
     visibly in one colour. Translucent parts are left out.
 
@@ -93,9 +93,9 @@ class Pieces:
                 yield name
 
 
-def pieces_of(document: Document) -> Pieces | None:
+def pieces_of(document: Document) -> DrawingPieces | None:
     """The pieces of a drawing; None for one of more elements than can be drawn one by one."""
-    return Pieces(document) if len(document.shapes()) <= MOST_ELEMENTS else None
+    return DrawingPieces(document) if len(document.shapes()) <= MOST_ELEMENTS else None
 
 
 def _parts(document: Document) -> Iterator[_Part]:
@@ -110,7 +110,7 @@ def _parts(document: Document) -> Iterator[_Part]:
                 yield _Part(number, box, labels[box] == k + 1, pixels[box].copy())
 
 
-def completed(truth: Pieces, made: Pieces) -> tuple[int, int]:
+def completed(truth: DrawingPieces, made: DrawingPieces) -> tuple[int, int]:
     """(how many of the truth's covered pieces the file has whole, how many there are).
 
     Covered: others hide a tenth or more of it. Whole: a piece of the file covers the same, hidden parts included, to an
@@ -127,7 +127,7 @@ def completed(truth: Pieces, made: Pieces) -> tuple[int, int]:
     return whole, total
 
 
-def visible_error(truth: Pieces, made: Pieces) -> float | None:
+def visible_error(truth: DrawingPieces, made: DrawingPieces) -> float | None:
     """The edit test: a piece is taken away in both drawings, and the share of its place where they then differ is
     measured; the mean over the truth's pieces, None without any.
 

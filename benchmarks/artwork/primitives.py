@@ -9,7 +9,7 @@ from skimage.measure import find_contours
 
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.outlines import NEAR_SHARE, OFF, Form, forms_of, kind_of
-from benchmarks.artwork.pieces import LEAST_SEEN, Pieces
+from benchmarks.artwork.pieces import LEAST_SEEN, DrawingPieces
 
 SEEN = 0.5  # share of a primitive, and of its outline, that must show
 BESIDE = 1.0  # px to either side of an outline at which what shows must differ
@@ -29,7 +29,9 @@ WITHIN = 0.5  # px inside an outline, where its area is sampled
 Box = tuple[str, np.ndarray]
 
 
-def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces: Pieces) -> tuple[int, int, int, int]:
+def primitive_counts(
+    truth: Document, pieces: DrawingPieces, made: Document, own_pieces: DrawingPieces
+) -> tuple[int, int, int, int]:
     """(recalled, expected, right, written): recalled / expected is the recall, right / written the precision.
 
     Primitives are circles and ellipses, rectangles, and rounded rectangles, in the truth also where they are written
@@ -62,7 +64,7 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
     return recalled, len(expected), right, judged
 
 
-def _shows(form: Form, pieces: Pieces) -> bool:
+def _shows(form: Form, pieces: DrawingPieces) -> bool:
     """Whether most of a primitive and of its outline on the canvas shows, and all sides of its bounding box do."""
     if _seen(form, pieces) < max(LEAST_SEEN, SEEN * _mask(form, pieces).sum()):
         return False
@@ -70,7 +72,7 @@ def _shows(form: Form, pieces: Pieces) -> bool:
     return bool(not on_canvas.any() or edge[on_canvas].mean() >= SEEN) and bool(visible_sides(form, pieces).all())
 
 
-def visible_sides(form: Form, pieces: Pieces) -> np.ndarray:
+def visible_sides(form: Form, pieces: DrawingPieces) -> np.ndarray:
     """(4,) bool: whether the picture shows where the left, top, right and bottom of a primitive's bounding box are.
 
     Of an upright rectangle: the sides of which a part shows or lies on the canvas's border. Of a turned one: all or
@@ -94,7 +96,7 @@ def visible_sides(form: Form, pieces: Pieces) -> np.ndarray:
     return visible if level else np.full(4, visible.all())
 
 
-def _edge(form: Form, pieces: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _edge(form: Form, pieces: DrawingPieces) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points (n, 2) along a form's outline; which of them lie well on the canvas, at which of them it shows, and shows
     against something else, (n,) bool each.
     """
@@ -123,18 +125,18 @@ def _evenly(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return even, left if clockwise else -left
 
 
-def _matters(form: Form, pieces: Pieces) -> bool:
+def _matters(form: Form, pieces: DrawingPieces) -> bool:
     """Whether enough of a primitive shows, within it or, where it is a hole, around it."""
     mask = _mask(form, pieces)
     near = ndimage.binary_dilation(mask, iterations=2) & (pieces.element == form.element)
     return bool(min(mask.sum(), near.sum()) >= LEAST_SEEN)
 
 
-def _seen(form: Form, pieces: Pieces) -> int:
+def _seen(form: Form, pieces: DrawingPieces) -> int:
     return int((_mask(form, pieces) & (pieces.element == form.element)).sum())
 
 
-def _mask(form: Form, pieces: Pieces) -> np.ndarray:
+def _mask(form: Form, pieces: DrawingPieces) -> np.ndarray:
     return polygon2mask(pieces.shape, form.points[:, ::-1] - 0.5)
 
 
@@ -154,7 +156,7 @@ def _areas_seen(form: Form, view: View, size: np.ndarray) -> list[Box]:
     return [(kind, _box(around, size)) for kind, around in view.areas(points, inwards)]
 
 
-def _open(form: Form, pieces: Pieces, view: View) -> bool:
+def _open(form: Form, pieces: DrawingPieces, view: View) -> bool:
     """Whether the truth has edges all along what shows of a circle or an ellipse, a third of it at least."""
     points, _, _, edge = _edge(form, pieces)
     if form.near != "round" or edge.mean() < LEAST_VISIBLE:

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.artwork.degradations import CLEAN, degraded, with_background
 from benchmarks.artwork.document import PRIMITIVES, Document
-from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
+from benchmarks.artwork.pieces import DrawingPieces, completed, pieces_of, visible_error
 from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.tools import Tool
@@ -136,11 +136,11 @@ class Truth:
         self.input: np.ndarray = degraded(self.document, kind)
         self.drawn: dict[int, np.ndarray] = {scale: self.document.draw(scale) for scale in (1, 2, 4)}
         self.opaque: Opaque = opaque_inside(self.document)
-        self.pieces: Pieces | None = pieces_of(self.document)
+        self.pieces: DrawingPieces | None = pieces_of(self.document)
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
+class ToolResult:
     """The SVG of a tool, and the seconds it took: wall clock, and of the processor, all threads together."""
 
     svg: bytes
@@ -148,14 +148,14 @@ class Made:
     cpu_seconds: float
 
 
-def run_tool(tool: Tool, truth: Truth) -> Made:
+def run_tool(tool: Tool, truth: Truth) -> ToolResult:
     """Vectorize the input of `truth`; raises whatever the tool raises."""
     wall, cpu = time.perf_counter(), time.process_time()
     svg = tool(truth.input)
-    return Made(svg, time.perf_counter() - wall, time.process_time() - cpu)
+    return ToolResult(svg, time.perf_counter() - wall, time.process_time() - cpu)
 
 
-def measure(truth: Truth, name: str, made: Made) -> Scores:
+def measure(truth: Truth, name: str, made: ToolResult) -> Scores:
     """The scores of the SVG that the tool `name` made; InputError where it cannot be drawn or counted."""
     document = Document(made.svg, f"{truth.name} by {name}", max(truth.document.width, truth.document.height))
     drawn = {scale: document.draw(scale) for scale in (1, 2, 4)}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import PROGRAM, settings_hash
-from cubicsplat_cli.metrics import SCHEMA, head, plain, to_json
+from cubicsplat_cli.metrics import SCHEMA, Figures
 from cubicsplat_cli.options import parse_bytes, setting, settings_of
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings
 
@@ -135,7 +135,7 @@ class ClipQuality:
 
 
 @dataclass(frozen=True)
-class ClipReport:
+class ClipReport(Figures):
     """The figures of an animation. style: "photo" or "artwork", and why. timing: seconds: `total_s`, `fit_s`, and
     `frame_s` of the fit for a frame.
     """
@@ -154,11 +154,3 @@ class ClipReport:
     schema: int = SCHEMA
     program: str = PROGRAM
     version: str = __version__
-
-    def public(self) -> dict[str, Any]:
-        """Plain JSON values, figures cut to their decimals."""
-        return plain({**head(), **{each.name: getattr(self, each.name) for each in fields(self)}})
-
-    def to_json(self) -> str:
-        """Strictly valid JSON, ending with a newline."""
-        return to_json(self.public())

@@ -10,12 +10,12 @@ import json
 import math
 import types
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.marks import PROGRAM, sha256_of
+from cubicsplat_cli.files.marks import PROGRAM
 
 SCHEMA = 1
 USUAL = ("psnr", "ssim")
@@ -135,8 +135,20 @@ class Qualities:
     weighted_psnr_db: float | None = None
 
 
+class Figures:
+    """Base of the reports, which are dataclasses."""
+
+    def public(self) -> dict[str, Any]:
+        """Plain JSON values in the order of the documentation, figures cut to their decimals."""
+        return plain({**head(), **{each.name: getattr(self, each.name) for each in fields(self)}})  # type: ignore[arg-type]
+
+    def to_json(self) -> str:
+        """Strictly valid JSON, ending with a newline."""
+        return to_json(self.public())
+
+
 @dataclass(frozen=True)
-class Report:
+class Report(Figures):
     """The figures of one vectorised picture.
 
     style: "photo", "artwork" or "pixel", and why. shapes, segments, primitives, gradients, strokes, inks (#rrggbbaa):
@@ -173,29 +185,9 @@ class Report:
     program: str = PROGRAM
     version: str = __version__
 
-    def written(self, svg: bytes, svg_path: str | None, png: bytes | None, png_path: str | None) -> Report:
-        """The report with the files as they were written, compressed or not."""
-        output = replace(
-            self.output,
-            bytes=len(svg),
-            svg=svg_path,
-            svg_sha256=sha256_of(svg),
-            png=None if png is None else png_path,
-            png_sha256=None if png is None else sha256_of(png),
-        )
-        return replace(self, output=output)
-
     def count(self) -> int:
         """Number of curves of a photo, or of shapes of a drawing."""
         return self.output.paths if self.shapes is None else self.shapes
-
-    def public(self) -> dict[str, Any]:
-        """Plain JSON values in the order of the documentation, figures cut to their decimals."""
-        return plain({**head(), **{f.name: getattr(self, f.name) for f in fields(self)}})
-
-    def to_json(self) -> str:
-        """Strictly valid JSON, ending with a newline."""
-        return to_json(self.public())
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Report:

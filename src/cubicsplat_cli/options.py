@@ -67,8 +67,7 @@ class Setting:
         if self.kind == "flag" and not isinstance(value, bool):
             raise UsageError(f"must be true or false, not {value!r}", name)
         if self.kind in ("count", "number") and not self._in_range(value):
-            what = "a whole number" if self.kind == "count" else "a number"
-            raise UsageError(f"must be {what} {self.span()}{', or auto' if self.auto else ''}, not {value!r}", name)
+            raise UsageError(f"must be {self.values()}{', or auto' if self.auto else ''}, not {value!r}", name)
 
     def span(self) -> str:
         """`of at least 1`, `from 0 to 6`."""
@@ -76,6 +75,12 @@ class Setting:
             return f"of at least {self.least:g}"
         most = f"{self.most:.0f}" if self.most >= 1.0 else f"{self.most:g}"
         return f"from {self.least:g} to {most}"
+
+    def values(self) -> str:
+        """`a whole number from 0 to 6`, `crisp or soft`."""
+        if self.kind in ("count", "number"):
+            return f"{'a whole number' if self.kind == 'count' else 'a number'} {self.span()}"
+        return listed(self.choices or ("true", "false"))
 
     def read(self, name: str, text: str) -> Any:
         """The value that a text stands for. Raises UsageError, naming the setting, if it stands for none."""

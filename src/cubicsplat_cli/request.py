@@ -87,7 +87,7 @@ class Request:
         None, "text", "Rectangle that matters 4 times as much.", metavar="X,Y,W,H", group=PHOTOS, parse=parse_focus
     )
     init: InitialDrawing | None = setting(None, "text", "Start from this drawing.", metavar="SVG", group=PHOTOS)
-    freeze: bool = setting(False, "flag", "Keep the curves of --init, and add to them.", group=PHOTOS)
+    freeze: bool = setting(False, "flag", "Keep the curves of --init, and add to them.", group=PHOTOS, hidden=True)
     max_bytes: int | None = setting(
         None, "count", "As much as fits: 20k, or 400gz after gzip.", least=1, optional=True, parse=parse_bytes
     )
@@ -111,33 +111,36 @@ class Request:
     )  # fmt: skip
     overlap: float | None = setting(
         None, "number", "Cutouts grow beneath their neighbours.", least=0.1, most=1000, metavar="PX", optional=True,
-        **_OF_DRAWINGS,
+        hidden=True, **_OF_DRAWINGS,
     )  # fmt: skip
     ground: str = setting(
         KEEP, "text", "keep, remove or a colour.", metavar="WHAT", parse=parse_ground,
         **_OF_DRAWINGS,
     )  # fmt: skip
-    units: str = setting("px", "choice", "Units of width and height.", choices=tuple(UNITS), group=STRUCTURE)
+    units: str = setting(
+        "px", "choice", "Units of width and height.", choices=tuple(UNITS), group=STRUCTURE, hidden=True
+    )
     width: str | None = setting(
         None, "text", "Width of the SVG, such as 80mm or 3in.", metavar="LENGTH", parse=parse_width, group=STRUCTURE
     )
-    png: bool = setting(True, "flag", "Also write the SVG as a rendered PNG.", **_OF_FILES)
+    png: bool = setting(True, "flag", "Also write the SVG as a rendered PNG.", hidden=True, **_OF_FILES)
     metrics: bool = setting(True, "flag", "Write no OUT.json.", option="json", only_off=True, hidden=True, **_OF_FILES)
-    measure: bool = setting(True, "flag", "Render and measure the SVG; else no PNG either.", **_OF_FILES)
+    measure: bool = setting(True, "flag", "Render and measure the SVG; else no PNG either.", hidden=True, **_OF_FILES)
     animation: Path | None = setting(
         None, "text", "Also write how the result develops: .webp, .gif.", metavar="FILE", parse=Path, **_OF_FILES
     )
     geometrize: Path | None = setting(
-        None, "text", "Also write the --shapes as Geometrize does.", metavar="OUT.json", parse=Path, **_OF_FILES
-    )
+        None, "text", "Also write the --shapes as Geometrize does.", metavar="OUT.json", parse=Path,
+        hidden=True, **_OF_FILES,
+    )  # fmt: skip
     also: tuple[str, ...] = ()
     dxf_tolerance: float = setting(
         DXF_TOLERANCE, "number", "How far a DXF may be off the outlines.", least=0.001, most=10, metavar="PX",
         hidden=True, **_OF_FILES,
     )  # fmt: skip
-    suffix: str = setting("", "text", "Add this to the names of the results.", metavar="TEXT", **_OF_FILES)
+    suffix: str = setting("", "text", "Add this to the names of the results.", metavar="TEXT", hidden=True, **_OF_FILES)
     skip_existing: bool = setting(False, "flag", "Skip pictures that have any SVG already.", hidden=True, **_OF_FILES)
-    data_uri: bool = setting(False, "flag", "Print the SVG as a data: URI on stdout.", **_OF_FILES)
+    data_uri: bool = setting(False, "flag", "Print the SVG as a data: URI on stdout.", hidden=True, **_OF_FILES)
     compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:

@@ -21,17 +21,8 @@ def check_request(request: Request) -> None:
         raise UsageError(
             f"is for photos, not for {request.style}; leave it out, or use style photo", request.of_photos()[0]
         )
-    if request.style == "pixel" and request.artwork.min_area:
-        raise UsageError("joins small regions, which pixel art keeps; use style artwork, or leave it out", "min_area")
-    if request.style == "pixel" and request.artwork.strokes:
-        raise UsageError("are what pixel art has none of; leave it out", "strokes")
-    if request.style == "pixel" and request.settings.mode is Mode.OPEN:
-        raise UsageError("open is for strokes, which pixel art has none of; leave it out", "mode")
-    if request.style == "pixel" and (request.max_bytes is not None or request.target_psnr is not None):
-        raise UsageError(
-            "leaves details out, which pixel art keeps; use style artwork, or leave it out",
-            "target_psnr" if request.max_bytes is None else "max_bytes",
-        )
+    if request.style == "pixel":
+        _check_pixels(request)
     if request.style == "photo" and request.of_artwork():
         raise UsageError("is for artwork, not for photos; leave it out, or use style artwork", request.of_artwork()[0])
     if request.of_photos() and request.of_artwork():
@@ -77,13 +68,28 @@ def check_request(request: Request) -> None:
         raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
 
 
+def _check_pixels(request: Request) -> None:
+    """Raise UsageError for what pixel art cannot have."""
+    if request.artwork.min_area:
+        raise UsageError("joins small regions, which pixel art keeps; use style artwork, or leave it out", "min_area")
+    if request.artwork.strokes:
+        raise UsageError("are what pixel art has none of; leave it out", "strokes")
+    if request.settings.mode is Mode.OPEN:
+        raise UsageError("open is for strokes, which pixel art has none of; leave it out", "mode")
+    if request.max_bytes is not None or request.target_psnr is not None:
+        raise UsageError(
+            "leaves details out, which pixel art keeps; use style artwork, or leave it out",
+            "target_psnr" if request.max_bytes is None else "max_bytes",
+        )
+    if request.group_by == OBJECT:
+        raise UsageError("object is of shapes, but pixel art has one path a colour; use color", "group_by")
+
+
 def _check_structure(request: Request) -> None:
     if request.layers is not None and request.group_by == OBJECT:
         raise UsageError("has a file for each colour; leave out --group-by object", "layers")
     if request.overlap is not None and request.group_by == OBJECT:
         raise UsageError("is drawn colour by colour; leave out --group-by object", "overlap")
-    if request.style == "pixel" and request.group_by == OBJECT:
-        raise UsageError("object is of shapes, but pixel art has one path a colour; use color", "group_by")
     unit = "" if request.width is None else length_of(request.width)[1]
     if unit and request.units not in ("px", unit):
         raise UsageError(f"{request.width} says its own unit; leave out --units {request.units}", "width")

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
+from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.evaluate.perceptual import WHITE, over, straight
+from cubicsplat_cli.evaluate.perceptual import WHITE, over, straight_rgba
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import mean, number, text_table, titled
@@ -37,7 +37,7 @@ def configuration_name(mode: str, curves: int) -> str:
 
 def quality_jobs(
     pictures: Sequence[Path], modes: Sequence[str], curves: Sequence[int], fit: Mapping[str, Any]
-) -> list[Fit]:
+) -> list[FitJob]:
     """Every picture with every mode and number of curves; all pictures of one configuration, then of the next.
 
     fit: settings by name, as `FitSettings.from_preset` takes them.
@@ -46,7 +46,7 @@ def quality_jobs(
     for mode in modes:
         for count in curves:
             settings = FitSettings.from_preset(mode=mode, curves=count, **fit)
-            jobs += [Fit(path, configuration_name(mode, count), settings) for path in pictures]
+            jobs += [FitJob(path, configuration_name(mode, count), settings) for path in pictures]
     return jobs
 
 
@@ -103,7 +103,7 @@ def sheet_png(runs: Sequence[tuple[FitFigures, bytes]], paths: Mapping[str, Path
 
 def _sheet_row(run: FitFigures, svg: bytes, path: Path) -> Image.Image:
     picture = load_picture(path)
-    original = over(straight(picture), WHITE)
+    original = over(straight_rgba(picture), WHITE)
     drawn = over(rerender(svg, picture.width, picture.height).pixels, WHITE)
     error = np.minimum(ERROR_GAIN * np.abs(original.astype(int) - drawn), 255).astype(np.uint8)
     level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"

@@ -30,7 +30,7 @@ Watch = Callable[[str], AbstractContextManager[Callable[[Progress], None] | None
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitJob:
     """One fit: which picture, with which settings, as a part of which configuration of the benchmark."""
 
     path: Path
@@ -81,7 +81,7 @@ class Runs:
 
 
 def run_all(
-    fits: Iterable[Fit],
+    fits: Iterable[FitJob],
     cache: Path | None,
     watch: Watch,
     tell: Callable[[str], None],
@@ -123,7 +123,7 @@ def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: 
 
 
 def _run(
-    fit: Fit, picture: Picture, cache: Path | None, watch: Watch, vectorized: Callable[..., Result]
+    fit: FitJob, picture: Picture, cache: Path | None, watch: Watch, vectorized: Callable[..., Result]
 ) -> tuple[FitFigures, bytes]:
     entry = None if cache is None else CacheEntry(cache, fit, picture)
     kept = None if entry is None else entry.read()
@@ -140,7 +140,7 @@ def _run(
     return run, svg
 
 
-def run_of_report(fit: Fit, report: Report) -> FitFigures:
+def run_of_report(fit: FitJob, report: Report) -> FitFigures:
     """The figures in the report of one picture, which was measured."""
     # As the report's file has them, so that a result is the same from the cache.
     report = Report.from_json(report.to_json())
@@ -169,7 +169,7 @@ def run_of_report(fit: Fit, report: Report) -> FitFigures:
 class CacheEntry:
     """Cache files of one fit: a JSON and an SVG, named by a hash of all that decides the result."""
 
-    def __init__(self, folder: Path, fit: Fit, picture: Picture, code: str | None = None) -> None:
+    def __init__(self, folder: Path, fit: FitJob, picture: Picture, code: str | None = None) -> None:
         decisive = fit.settings.public() | {
             "picture": picture.sha256,
             "precision": PRECISION,

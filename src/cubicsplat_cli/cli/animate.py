@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, takes_options
+from cubicsplat_cli.cli.options import Json, Quiet, Verbose, takes_options
 from cubicsplat_cli.clip_request import (
     ARTWORK,
     FIT_SETTINGS,
@@ -48,8 +48,6 @@ Output = Annotated[
         "--output", "-o", metavar="OUT", help="SVG, Lottie JSON (OUT.json) or folder to write.", show_default=False
     ),
 ]  # fmt: skip
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print settings and plain progress too.")]
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,7 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
         reporter.note(note)
     if report.interrupted:
         reporter.note(f"interrupted: the clip so far is written, {counted(report.input.frames, 'frame')}")
-    reporter.summary(summary_line(report))
+    reporter.summary(clip_summary(report))
     return report
 
 
@@ -195,7 +193,7 @@ def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Pla
     write_atomically(places.metrics, report.to_json().encode())
 
 
-def summary_line(report: ClipReport) -> str:
+def clip_summary(report: ClipReport) -> str:
     """`clip.svg  60 frames  256 curves  180 kB  SVG 27.9 dB  1.2 s a frame`."""
     output, quality = report.output, report.quality
     level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.1f} dB"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +21,12 @@ from cubicsplat_cli.options import listed
 _OWN_OPTIONS = ("--help", "-h", "--version", "--install-completion", "--show-completion")
 # Commands of `bench` that are now programs of a checkout, with the names of their modules.
 _MOVED = {name: name for name in ("ablation", "artwork", "paper", "peers")} | {"thorns": "spikes"}
+# The functions of the commands, in the modules of these names, and their classes; a typer of its own has none.
+_FUNCTIONS = {
+    "vectorize": ("vectorize", GroupedCommand), "animate": ("animate", Command), "eval": ("evaluate", Command),
+    "render": ("render", Command), "doctor": ("doctor", Command), "bench": ("bench", None),
+}  # fmt: skip
+COMMANDS = tuple(_FUNCTIONS)
 # All that the parser raises for wrong usage derives from what BadParameter derives from.
 _ParserError = typer.BadParameter.__mro__[2]
 
@@ -56,55 +63,13 @@ def application(*commands: str) -> typer.Typer:
     )
     app.callback()(_all_commands)
     for command in commands:
-        _ADDED[command](app)
+        name, kind = _FUNCTIONS[command]
+        function = getattr(import_module(f"cubicsplat_cli.cli.{command}"), name)
+        if kind is None:
+            app.add_typer(function, name=command)
+        else:
+            app.command(command, cls=kind)(function)
     return app
-
-
-def _add_vectorize(app: typer.Typer) -> None:
-    from cubicsplat_cli.cli.vectorize import vectorize
-
-    app.command("vectorize", cls=GroupedCommand)(vectorize)
-
-
-def _add_animate(app: typer.Typer) -> None:
-    from cubicsplat_cli.cli.animate import animate
-
-    app.command("animate", cls=Command)(animate)
-
-
-def _add_eval(app: typer.Typer) -> None:
-    from cubicsplat_cli.cli.eval import evaluate
-
-    app.command("eval", cls=Command)(evaluate)
-
-
-def _add_render(app: typer.Typer) -> None:
-    from cubicsplat_cli.cli.render import render
-
-    app.command("render", cls=Command)(render)
-
-
-def _add_doctor(app: typer.Typer) -> None:
-    from cubicsplat_cli.cli.doctor import doctor
-
-    app.command("doctor", cls=Command)(doctor)
-
-
-def _add_bench(app: typer.Typer) -> None:
-    from cubicsplat_cli.cli.bench import bench
-
-    app.add_typer(bench, name="bench")
-
-
-_ADDED = {
-    "vectorize": _add_vectorize,
-    "animate": _add_animate,
-    "eval": _add_eval,
-    "render": _add_render,
-    "doctor": _add_doctor,
-    "bench": _add_bench,
-}
-COMMANDS = tuple(_ADDED)
 
 
 def run_command(arguments: list[str]) -> int | None:

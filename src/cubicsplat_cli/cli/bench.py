@@ -20,7 +20,7 @@ from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.settings import FitSettings, Mode
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.bench.runs import Fit, Runs
+    from cubicsplat_cli.bench.runs import FitJob, Runs
 
 bench = typer.Typer(help="Measure the speed of a training step, and quality.")
 
@@ -135,14 +135,14 @@ def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     write_atomically(path, sheet_png(rows, {picture.name: picture for picture in pictures}))
 
 
-def parts_of(text: str) -> list[str]:
+def comma_parts(text: str) -> list[str]:
     """The parts of a value with commas in it, each once."""
     return list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
 
 
 def counts_of(text: str) -> list[int]:
     """The value of --curves: whole numbers with commas between them."""
-    parts = parts_of(text)
+    parts = comma_parts(text)
     if not parts or not all(part.isdecimal() for part in parts):
         raise UsageError(f"must be whole numbers with commas between them, not {text!r}", "curves")
     counts = [int(part) for part in parts]
@@ -153,7 +153,7 @@ def counts_of(text: str) -> list[int]:
 
 def modes_of(text: str) -> list[str]:
     """The value of --mode: closed, open, or both with a comma between them."""
-    modes, known = parts_of(text), [mode.value for mode in Mode]
+    modes, known = comma_parts(text), [mode.value for mode in Mode]
     if not modes or not set(modes) <= set(known):
         raise UsageError(f"must be {listed(known)}, or both with a comma, not {text!r}", "mode")
     return modes
@@ -183,7 +183,7 @@ def pictures_of(folder: Path, limit: int | None) -> list[Path]:
     return pictures_in(folder)[:limit]
 
 
-def run_fits(jobs: Sequence[Fit], cache: Path | None, reporter: Reporter) -> Runs:
+def run_fits(jobs: Sequence[FitJob], cache: Path | None, reporter: Reporter) -> Runs:
     """Carries out the fits and reports each on stderr. Raises InputError where all of them failed."""
     from cubicsplat_cli.bench.runs import run_all
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import MaxPixels, Renderer, check_csv, wanted_renderer, write_csv
+from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, wanted_renderer, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.formatting import mean, one_line
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.metrics import Quality
 
 
+_USUAL = ",".join(USUAL)
 Compare = Callable[[Path, Path], "Comparison"]
 
 
@@ -34,41 +35,47 @@ class ComparedPairs:
     extra: list[Path] = field(default_factory=list)
 
 
-def evaluate(
-    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="The picture to compare with, or a folder.")],
-    candidate: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CANDIDATE",
-            help="SVG (drawn at the reference's size) or picture to judge, - for standard input, or a folder whose"
-            " files are matched with the references by name.",
-        ),
-    ],
-    renderer: Renderer = "auto",
-    scale: Annotated[
-        int | None,
-        typer.Option(
-            "--scale", metavar="K", help="Also draw an SVG this many times as large, tile by tile, and average it down."
-        ),
-    ] = None,
-    threads: Annotated[
-        int | None,
-        typer.Option("--threads", metavar="N", help="CPU threads of the engine.  [default: one per core]"),
-    ] = None,
-    metrics: Annotated[str, typer.Option("--metrics", metavar="NAME,...", help=f"Of {', '.join(NAMES)}.")] = ",".join(
-        USUAL
+Reference = Annotated[Path, typer.Argument(metavar="REFERENCE", help="The picture to compare with, or a folder.")]
+Candidate = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CANDIDATE",
+        help="SVG (drawn at the reference's size) or picture to judge, - for standard input, or a folder whose files"
+        " are matched with the references by name.",
     ),
-    json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Also write the figures as a table, one row a pair.")
-    ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            "--report", metavar="OUT", help="Also write a page that shows the pair: OUT.html; of two folders a folder."
-        ),
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print no notes, only the result and errors.")] = False,
+]
+Scale = Annotated[
+    int | None,
+    typer.Option(
+        "--scale", metavar="K", help="Also draw an SVG this many times as large, tile by tile, and average it down."
+    ),
+]
+Threads = Annotated[
+    int | None, typer.Option("--threads", metavar="N", help="CPU threads of the engine.  [default: one per core]")
+]
+Metrics = Annotated[str, typer.Option("--metrics", metavar="NAME,...", help=f"Of {', '.join(NAMES)}.")]
+Csv = Annotated[
+    Path | None, typer.Option("--csv", metavar="FILE", help="Also write the figures as a table, one row a pair.")
+]
+Page = Annotated[
+    Path | None,
+    typer.Option(
+        "--report", metavar="OUT", help="Also write a page that shows the pair: OUT.html; of two folders a folder."
+    ),
+]
+
+
+def evaluate(
+    reference: Reference,
+    candidate: Candidate,
+    renderer: Renderer = "auto",
+    scale: Scale = None,
+    threads: Threads = None,
+    metrics: Metrics = _USUAL,
+    json: Json = False,
+    csv: Csv = None,
+    report: Page = None,
+    quiet: Quiet = False,
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
     """Say how close SVGs or pictures are to others: PSNR, SSIM."""

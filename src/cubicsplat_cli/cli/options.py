@@ -10,13 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
-from typer import Argument, Option
+from typer import Argument, Exit, Option, echo
 from typer.core import TyperCommand, TyperGroup
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import csv_text, did_you_mean
-from cubicsplat_cli.options import COMMON, GROUPS, RENAMED, Setting, settings_of
+from cubicsplat_cli.options import COMMON, FILES, GROUPS, RENAMED, Setting, settings_of
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
@@ -26,7 +26,10 @@ Renderer = Annotated[
 ]
 MaxPixels = Annotated[int, Option("--max-pixels", metavar="N", help="Refuse larger pictures.")]
 Json = Annotated[bool, Option("--json", help="Print everything as JSON.")]
-Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.", rich_help_panel=FILES)]
+Verbose = Annotated[
+    bool, Option("--verbose", "-v", help="Print settings and plain progress too.", rich_help_panel=FILES)
+]
 Pictures = Annotated[
     list[str],
     Argument(
@@ -81,6 +84,19 @@ def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, An
     return {**values, **dict(_override(text) for text in overrides)}
 
 
+def print_names(overrides: list[str]) -> list[str]:
+    """The values of --set; of `--set help` the command ends with all names, their defaults and what they mean."""
+    if "help" not in overrides:
+        return overrides
+    fit = FitSettings()
+    owners: dict[Any, Any] = {FitSettings: fit, Recipe: fit.recipe, ArtworkSettings: ArtworkSettings()}
+    for owner, each, spec in _settings(tuple(owners)):
+        if spec.by_set:
+            name, default = each.name.replace("_", "-"), str(getattr(owners[owner], each.name))
+            echo(f"{name:<21}{default:>10}  {spec.help}  [{spec.values()}]")
+    raise Exit
+
+
 def _override(text: str) -> tuple[str, Any]:
     """Name and value of `NAME=VALUE`; hyphens and underscores in names are the same."""
     said, equals, value = text.partition("=")
@@ -90,7 +106,7 @@ def _override(text: str) -> tuple[str, Any]:
         raise UsageError(f"--set takes NAME=VALUE, such as importance=visibility, not {text!r}")
     name = RENAMED.get(name, name)
     if name not in settings:
-        raise UsageError(f"--set knows no {said.strip()!r}{did_you_mean(name, settings)}; docs/cli.md lists the names")
+        raise UsageError(f"--set knows no {said.strip()!r}{did_you_mean(name, settings)}; --set help lists the names")
     return name, settings[name].read(f"set {name}", value)
 
 
@@ -156,9 +172,10 @@ def _value(parameter: Any, convert: Callable[[Any, Any], Any], kind: Any, contex
     if given is None or given == parameter.default:
         return convert(context, given) if parameter.required else given
     try:
-        return _READ[kind](given) if given else convert(context, given)
+        value = _READ[kind](given) if given else convert(context, given)
     except (KeyError, ValueError):
         return convert(context, given)
+    return value if parameter.callback is None else parameter.callback(context, parameter, value)
 
 
 def wanted_renderer(chosen: str) -> str | None:

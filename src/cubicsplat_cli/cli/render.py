@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Renderer, wanted_renderer
+from cubicsplat_cli.cli.options import Quiet, Renderer, wanted_renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
 from cubicsplat_cli.files.paths import (
@@ -71,7 +71,7 @@ def render(
         float, typer.Option("--dxf-tolerance", metavar="PX", help="How far a DXF may be off the outlines.")
     ] = DXF_TOLERANCE,
     renderer: Renderer = "auto",
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace an existing file that cubicsplat did not write.")
     ] = False,

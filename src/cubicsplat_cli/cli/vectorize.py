@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Pictures, chosen, takes_options
+from cubicsplat_cli.cli.options import Pictures, Quiet, Verbose, chosen, print_names, takes_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import parse_formats
 from cubicsplat_cli.files.paths import format_of
@@ -37,12 +37,17 @@ Jobs = Annotated[
 ]
 Cluster = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="ADDRESS", help="Run on a Ray cluster: host:port or auto.", rich_help_panel=BOTH),
+    typer.Option("--cluster", metavar="ADDRESS", help="Run on a Ray cluster: host:port or auto.", hidden=True),
 ]
 Overrides = Annotated[
     list[str],
     typer.Option(
-        "--set", metavar="NAME=VALUE", help="Change a number of the recipe (docs/cli.md).", rich_help_panel=BOTH
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change the recipe; `--set help` lists it.",
+        rich_help_panel=BOTH,
+        callback=print_names,
+        is_eager=True,
     ),
 ]
 Also = Annotated[
@@ -54,10 +59,6 @@ Also = Annotated[
 SvgOnly = Annotated[bool, typer.Option("--svg-only", help="Write no PNG and no JSON.", rich_help_panel=FILES)]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only list what would be made.", rich_help_panel=FILES)]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as lines of JSON.", rich_help_panel=FILES)]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=FILES)]
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Print settings and plain progress too.", rich_help_panel=FILES)
-]
 
 
 @takes_options()

@@ -8,7 +8,7 @@ from typing import Any
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
-from cubicsplat_cli.evaluate.perceptual import further, straight
+from cubicsplat_cli.evaluate.perceptual import further, straight_rgba
 from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
 from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
@@ -133,7 +133,7 @@ def compare_with(
         picture = load_picture(data, name=candidate_path, max_pixels=max_pixels, smaller="compare smaller copies")
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
         quality = compare_premultiplied(reference, picture.target())
-        further_figures = further(reference, straight(picture), measures) if measures else {}
+        further_figures = further(reference, straight_rgba(picture), measures) if measures else {}
         candidate = ComparedFile(candidate_path, data, None)
         return Comparison(reference, reference_path, candidate, quality, notes=notes, measures=further_figures)
     drawn = _draw_svg(reference, data, candidate_path, renderer, notes)

@@ -38,7 +38,7 @@ def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> 
     chosen = [name for name in names if name in FURTHER]
     if not chosen:
         return {}
-    first, second = straight(reference), _with_alpha(candidate)
+    first, second = straight_rgba(reference), _with_alpha(candidate)
     opaque = bool((first[..., 3] == 255).all() and (second[..., 3] == 255).all())
     figures: dict[str, float | None] = {}
     for name in chosen:
@@ -52,7 +52,7 @@ def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> 
     return figures
 
 
-def straight(picture: Picture) -> np.ndarray:
+def straight_rgba(picture: Picture) -> np.ndarray:
     """(H, W, 4) uint8 straight RGBA of a picture."""
     alpha = np.ones(picture.rgb.shape[:2], np.float32) if picture.alpha is None else picture.alpha
     return np.rint(np.dstack([picture.rgb, alpha]) * 255.0).astype(np.uint8)

@@ -19,7 +19,7 @@ from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpa
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.shading import without_shading
 from cubicsplat_cli.svg.untrusted import SvgSize
-from cubicsplat_cli.svg.values import Rgba, colour, length, share
+from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share
 
 Paint = Rgba | Gradient  # sRGB and opacity in [0, 1]; or a gradient in px, its stops with the shape's opacity
 
@@ -94,8 +94,8 @@ def _painted(
             return None
         fill, stroke = (_paint(shape, name, lines, matrix, gradients, left_out) for name in ("fill", "stroke"))
         style = shape.style
-        width = length(style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
-        limit = length(style["stroke-miterlimit"], 1.0)
+        width = parse_length(style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+        limit = parse_length(style["stroke-miterlimit"], 1.0)
     except TooLong:
         raise
     except (InputError, ValueError):

@@ -19,7 +19,7 @@ from cubicsplat_cli.files.paths import (
     is_ours,
     is_replaceable,
     is_there,
-    picture_of,
+    pictured_name,
     same_file,
 )  # fmt: skip
 from cubicsplat_cli.formatting import did_you_mean
@@ -157,7 +157,7 @@ def plan_outputs(
             exports, svg = (svg,), svg.with_suffix(suffix)
     if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
         raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg, suffix)}")
-    outputs = replace(beside(svg, png=png, metrics=metrics, source=source), exports=exports)
+    outputs = replace(outputs_beside(svg, png=png, metrics=metrics, source=source), exports=exports)
     for path in outputs.files():
         if source is not None and same_file(path, source):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
@@ -183,12 +183,12 @@ def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) 
     Whoever came first keeps the short name, so that no earlier results are replaced or left behind.
     """
     short = folder / f"{source.stem}{suffix}"
-    first = picture_of(short)
+    first = pictured_name(short)
     taken = shared if first is None else first != source.name and (shared or is_there(source.parent / first))
     return folder / f"{source.name}{suffix}" if taken else short
 
 
-def beside(svg: Path, *, png: bool, metrics: bool = True, source: Path | None = None) -> Outputs:
+def outputs_beside(svg: Path, *, png: bool, metrics: bool = True, source: Path | None = None) -> Outputs:
     """The SVG's companions: its picture and its figures.
 
     `photo.png` gives `photo.svg`, whose picture must not be `photo.png`; nor may it be any other picture that is
@@ -212,7 +212,7 @@ def names_a_folder(output: str) -> bool:
 
 
 @dataclass
-class Matches:
+class MatchedFolders:
     """pairs: (reference, candidate). missing: references without a candidate. extra: candidates without one."""
 
     pairs: list[tuple[Path, Path]] = field(default_factory=list)
@@ -231,7 +231,7 @@ def pictures_in(folder: Path) -> list[Path]:
     return pictures
 
 
-def match_folders(references: Path, candidates: Path) -> Matches:
+def match_folders(references: Path, candidates: Path) -> MatchedFolders:
     """Pairs the pictures of one folder with the SVGs, or else pictures, of the same stem in another.
 
     Raises InputError where the folders are one, cannot be read, or a stem is not unique in one of them.
@@ -243,7 +243,7 @@ def match_folders(references: Path, candidates: Path) -> Matches:
     drawings = _by_stem(_files(candidates, lambda path: path.suffix.lower() in SVG_SUFFIXES))
     # Beside each SVG that `vectorize` writes lies its picture.
     results = _by_stem([path for path in rasters if path.stem not in drawings]) | drawings
-    matches = Matches(extra=[path for stem, path in results.items() if stem not in pictures])
+    matches = MatchedFolders(extra=[path for stem, path in results.items() if stem not in pictures])
     for stem, path in pictures.items():
         if stem in results:
             matches.pairs.append((path, results[stem]))

@@ -129,7 +129,7 @@ def _is_in_report(path: Path) -> bool:
         return False
 
 
-def picture_of(path: Path) -> str | None:
+def pictured_name(path: Path) -> str | None:
     """The name of the picture that an SVG of ours was made of, which is its title; None where there is no such file."""
     try:
         head = read_head(path) if is_file(path) else b""

@@ -128,7 +128,7 @@ def _remove_left_behind(target: Path) -> None:
     pattern = re.compile(re.escape(f".{target.name[:_NAME_PART]}.") + r"[0-9a-f]{12}\.tmp")
     try:
         temporaries = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
-    except OSError:  # a folder that can be written but not listed: there is nothing to be temporaries out
+    except OSError:  # a folder that can be written but not listed: there is nothing to be found out
         return
     for path in temporaries:
         # An error here means that the file is in use, or gone already, or not ours to touch.

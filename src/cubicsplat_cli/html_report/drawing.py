@@ -35,7 +35,7 @@ class Shown:
     count: int
 
 
-def shown(svg: bytes, picture: Picture, threads: int | None = None) -> Shown | None:
+def shown_elements(svg: bytes, picture: Picture, threads: int | None = None) -> Shown | None:
     """The SVG as elements, with what each of them is worth; None where it is none of ours."""
     try:
         kind, scene, names = _scene(svg)

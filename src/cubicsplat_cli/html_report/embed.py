@@ -36,14 +36,14 @@ def picture_url(picture: Picture, data: bytes) -> str:
     mime = _mime(picture, data)
     if mime is not None:
         return data_url(mime, data)
-    image = Image.fromarray(eight_bit(picture))
+    image = Image.fromarray(eight_bit_pixels(picture))
     exact = _webp(image, lossless=True)
     return data_url("image/webp", exact if len(exact) <= len(data) else _webp(image, quality=_QUALITY))
 
 
 def picture_thumbnail(picture: Picture) -> str:
     """A data: URL of the picture, small."""
-    return thumbnail_url(eight_bit(picture))
+    return thumbnail_url(eight_bit_pixels(picture))
 
 
 def thumbnail_url(pixels: np.ndarray) -> str:
@@ -63,7 +63,7 @@ def data_url(mime: str, data: bytes) -> str:
     return f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def eight_bit(picture: Picture) -> np.ndarray:
+def eight_bit_pixels(picture: Picture) -> np.ndarray:
     """(H, W, 3), or straight (H, W, 4) where the picture has transparency; uint8."""
     channels = picture.rgb if picture.alpha is None else np.dstack([picture.rgb, picture.alpha])
     return np.round(channels * 255.0).astype(np.uint8)
@@ -81,7 +81,7 @@ def _mime(picture: Picture, data: bytes) -> str | None:
         if mime is None or turned or getattr(image, "n_frames", 1) > 1 or image.size != (picture.width, picture.height):
             return None
         plain = np.asarray(image.convert("RGBA"))
-    ours = eight_bit(picture)
+    ours = eight_bit_pixels(picture)
     alpha = 255 if picture.alpha is None else ours[..., 3]
     seen = plain[..., 3:] > 0
     same = bool((plain[..., 3] == alpha).all()) and np.array_equal(plain[..., :3] * seen, ours[..., :3] * seen)

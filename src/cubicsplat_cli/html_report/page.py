@@ -14,7 +14,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.formatting import counted, duration, file_size
 from cubicsplat_cli.html_report.charts import Chart, course, histogram
-from cubicsplat_cli.html_report.drawing import Shown, shown
+from cubicsplat_cli.html_report.drawing import Shown, shown_elements
 from cubicsplat_cli.html_report.embed import data_url, picture_url, rendered
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Setting, renamed, settings_of
@@ -76,7 +76,7 @@ class Fact:
 def page(subject: Subject, threads: int | None = None) -> bytes:
     """The HTML file. threads: of the engine, which measures what each curve is worth."""
     report, picture = subject.report, subject.picture
-    own = shown(subject.candidate, picture, threads) if subject.raster is None else None
+    own = shown_elements(subject.candidate, picture, threads) if subject.raster is None else None
     kind = "" if own is None else own.kind
     losses = [] if own is None else own.losses_db
     text = rendered(

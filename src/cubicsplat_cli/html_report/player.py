@@ -11,7 +11,7 @@ from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.formatting import counted, duration, file_size
 from cubicsplat_cli.html_report.charts import course
-from cubicsplat_cli.html_report.embed import eight_bit, picture_data_url, rendered
+from cubicsplat_cli.html_report.embed import eight_bit_pixels, picture_data_url, rendered
 from cubicsplat_cli.html_report.page import Fact, setting_texts
 
 # Of the clip, at most so many frames are on the page, of at most so many px a side.
@@ -27,7 +27,7 @@ def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: st
         begins.append(frame.begin)
         if index % every == 0:
             small = resize_picture(frame.picture, SIDE)
-            pictures.append({"begin": frame.begin, "url": picture_data_url(eight_bit(small))})
+            pictures.append({"begin": frame.begin, "url": picture_data_url(eight_bit_pixels(small))})
     known = [(begin, level["psnr_db"]) for begin, level in zip(begins, levels, strict=True) if level["psnr_db"]]
     charts = []
     if len(known) > 1:

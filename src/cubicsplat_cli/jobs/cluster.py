@@ -58,7 +58,7 @@ def run_on_cluster(
     # Ray prints what it has to say about its workers to standard output, which is for results.
     with contextlib.redirect_stdout(sys.stderr), _connected(address) as ray:
         share = divide(ray.cluster_resources(), request, count=count, limit=limit)
-        task = ray.remote(num_cpus=share.cpus, num_gpus=share.gpus, max_retries=RETRIES)(work)
+        task = ray.remote(num_cpus=share.cpus, num_gpus=share.gpus, max_retries=RETRIES)(run_remote_job)
         running: dict[Any, Job] = {}
         while not stopping():
             yield from _submit(ray, task, jobs, request, share, running, observer)
@@ -72,7 +72,7 @@ def run_on_cluster(
                 ray.cancel(reference)
 
 
-def work(job: Job, request: Request, threads: int) -> tuple[Outcome, dict[str, bytes]]:
+def run_remote_job(job: Job, request: Request, threads: int) -> tuple[Outcome, dict[str, bytes]]:
     """Run a job on the cluster; return its outcome, and its files by kind."""
     sink = MemorySink()
     outcome = attempt(job, request.with_threads(threads), sink=sink, observer=Observer())

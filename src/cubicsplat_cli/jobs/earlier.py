@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import is_edited, sha256_of
-from cubicsplat_cli.files.names import SVG_SUFFIXES, beside
+from cubicsplat_cli.files.names import SVG_SUFFIXES, outputs_beside
 from cubicsplat_cli.files.paths import (
     check_outputs,
     check_ownership,
@@ -24,7 +24,7 @@ from cubicsplat_cli.metrics import Report
 _PNG_END = b"IEND\xaeB`\x82"
 
 
-def prepare(job: Job, *, force: bool) -> None:
+def prepare_files(job: Job, *, force: bool) -> None:
     """Make the folders of `job`, and find out before the work whether its files can be written.
 
     Raises InputError where they cannot, UsageError where they may not: existing files that cubicsplat did not write, or
@@ -109,7 +109,7 @@ def forget_layers(job: Job, kinds: Iterable[str]) -> None:
 def _report_of(job: Job) -> Path | None:
     """Path of the JSON of an earlier run, even if this run writes none."""
     svg = job.outputs.svg
-    return job.outputs.metrics or (None if svg is None else beside(svg, png=False).metrics)
+    return job.outputs.metrics or (None if svg is None else outputs_beside(svg, png=False).metrics)
 
 
 def earlier_report(job: Job) -> Report | None:

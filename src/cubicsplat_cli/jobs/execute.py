@@ -12,7 +12,7 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, read_head
 from cubicsplat_cli.files.write import write_atomically
-from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
+from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare_files
 from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
 from cubicsplat_cli.jobs.run import (
     PLANNED,
@@ -21,7 +21,7 @@ from cubicsplat_cli.jobs.run import (
     attempt,
     export_of,
     failure,
-    layers_of,
+    layer_files,
     load_job,
 )
 from cubicsplat_cli.jobs.sinks import FileSink
@@ -115,7 +115,7 @@ def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome], ob
         outcome = look(job, request)
         if outcome.status == PLANNED:
             try:
-                prepare(job, force=request.force)
+                prepare_files(job, force=request.force)
             except CubicSplatError as error:
                 outcome = failure(job, error)
             else:
@@ -158,7 +158,7 @@ def _lacking_layers(job: Job) -> dict[Path, bytes]:
 
     svg = read_file(job.outputs.svg)
     mark = made_mark(sha256_of(svg)).encode()
-    found = [(job.outputs.place(kind), data) for kind, data in layers_of(svg).items()]
+    found = [(job.outputs.place(kind), data) for kind, data in layer_files(svg).items()]
     return {path: data for path, data in found if path and not (is_file(path) and mark in read_head(path))}
 
 

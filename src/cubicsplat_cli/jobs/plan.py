@@ -16,8 +16,8 @@ from cubicsplat_cli.files.names import (
     PLAIN,
     STDIO,
     Outputs,
-    beside,
     is_picture_name,
+    outputs_beside,
     place_for,
     plan_outputs,
 )  # fmt: skip
@@ -176,7 +176,7 @@ def plan_jobs(sources: list[Source], output: str | None, request: Request) -> li
         svg = place_for(source.path, _folder_of(source, output), suffix, shared=stem in shared)
         if (other := claimed.setdefault(_key(svg), source.path)) is not source.path:
             raise UsageError(f"{other} and {source.path} would both give {svg}; use two runs with different folders")
-        outputs = beside(svg, png=request.png, metrics=request.metrics)
+        outputs = outputs_beside(svg, png=request.png, metrics=request.metrics)
         jobs.append(Job(str(source.path), source.path, outputs, below=source.below))
     return jobs
 

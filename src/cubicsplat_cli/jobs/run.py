@@ -146,11 +146,11 @@ def _put_exports(job: Job, request: Request, svg: str, timer: StageTimer, sink: 
         sink.put(path.suffix[1:].lower(), export_of(path, svg.encode(), job, request, timer.note))
     if job.outputs.layers is not None:
         timer.observer.stage("export", job.name)
-        for kind, data in layers_of(svg.encode()).items():
+        for kind, data in layer_files(svg.encode()).items():
             sink.put(kind, data)
 
 
-def layers_of(svg: bytes) -> dict[str, bytes]:
+def layer_files(svg: bytes) -> dict[str, bytes]:
     """The files of the layers of an SVG by their kinds."""
     from cubicsplat_cli.export.layers import layers
 

@@ -26,7 +26,7 @@ class Source:
 
 
 @dataclass
-class Search:
+class PictureSearch:
     """Result of a search: pictures in a fixed order, and by name the arguments that failed."""
 
     sources: list[Source] = field(default_factory=list)
@@ -44,7 +44,7 @@ def is_batch(arguments: list[str]) -> bool:
     return len(arguments) > 1 or (first != STDIO and (is_folder(Path(first)) or _is_pattern(first)))
 
 
-def find_sources(arguments: list[str], *, recursive: bool) -> Search:
+def find_sources(arguments: list[str], *, recursive: bool) -> PictureSearch:
     """Follow every argument: a file as it is, a folder to the pictures in it (with `recursive` at any depth), and a
     pattern (`*`, `?`, `[]`, `**`) that no shell has resolved to the files that match.
 
@@ -53,7 +53,7 @@ def find_sources(arguments: list[str], *, recursive: bool) -> Search:
     """
     if STDIO in arguments:
         raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
-    search = Search()
+    search = PictureSearch()
     for argument in arguments:
         path = Path(argument)
         if is_folder(path):
@@ -70,14 +70,14 @@ def _is_pattern(argument: str) -> bool:
     return glob.has_magic(argument) and not os.path.lexists(argument)
 
 
-def _take_file(source: Source, search: Search) -> None:
+def _take_file(source: Source, search: PictureSearch) -> None:
     if is_ours(source.path):
         search.leave_out(source.path, "drawn by cubicsplat itself")
     else:
         search.sources.append(source)
 
 
-def _take_pattern(pattern: str, search: Search) -> None:
+def _take_pattern(pattern: str, search: PictureSearch) -> None:
     matches = sorted({path for path in _matching(pattern) if not is_folder(path)})
     if not matches:
         search.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
@@ -102,7 +102,7 @@ def _matching(pattern: str) -> Iterator[Path]:
                     yield path
 
 
-def _take_folder(folder: Path, recursive: bool, search: Search) -> None:
+def _take_folder(folder: Path, recursive: bool, search: PictureSearch) -> None:
     def unreadable(error: OSError) -> None:
         message = f"{error.filename}: folder cannot be read ({error.strerror}); check its permissions"
         search.problems.append((str(error.filename), InputError(message)))

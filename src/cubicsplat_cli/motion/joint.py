@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.motion.tracks import PAINTS, Tracks, gradients_of
+from cubicsplat_cli.motion.tracks import PAINTS, Tracks, track_gradients
 from cubicsplat_cli.progress import nothing, work
 from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.raster.engine import Engine
@@ -76,7 +76,7 @@ class JointFit:
         """One step by the gradient of a frame."""
         scene, seen = self.tracks.at(frame, self.lines, self.grid)
         _, found = self.engine.gradients(scene, self.raster, target=self.frames[frame])
-        for name, gradient in gradients_of(found).items():
+        for name, gradient in track_gradients(found).items():
             self.move(name, gradient, frame, seen, rates.of(name))
 
     def move(self, name: str, gradient: np.ndarray, frame: int, curves: np.ndarray, rate: float) -> None:

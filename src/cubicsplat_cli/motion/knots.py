@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.motion.tracks import PAINTS, KnotTrack, Tracks, gradients_of
+from cubicsplat_cli.motion.tracks import PAINTS, KnotTrack, Tracks, track_gradients
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
 
@@ -43,7 +43,7 @@ def sensitivity(
         count[seen] += 1.0
         signs = 2.0 * generator.integers(0, 2, (scene.height, scene.width, scene.channels)) - 1.0
         _, found = engine.gradients(scene, raster, gradient=signs.astype(np.float32))
-        for name, gradient in gradients_of(found).items():
+        for name, gradient in track_gradients(found).items():
             sums[name][seen] += gradient.astype(np.float64) ** 2
     return {name: total / np.maximum(count, 1.0) for name, total in sums.items()}
 

@@ -129,12 +129,12 @@ class Tracks:
         found = {
             name: lines[name].at(track.values, frame, seen, steps.get(name)) for name, track in self.by_name.items()
         }
-        return scene_of(self.scene, found), seen
+        return engine_scene(self.scene, found), seen
 
     def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:
         """The same with the values of knots as a file has them."""
         by_name = {
-            name: replace(track, values=rounded(track.values, grid[name])) for name, track in self.by_name.items()
+            name: replace(track, values=rounded_to(track.values, grid[name])) for name, track in self.by_name.items()
         }
         return replace(self, by_name=by_name)
 
@@ -145,7 +145,7 @@ class Tracks:
         frames, curves = shapes.shape[:2]
         knots = np.logical_or.reduce([self._written(name) for name in TRACKS])
         points = shapes[..., :-1].reshape(frames, curves, -1, 2) + offsets[:, :, None]
-        base = scene_of(self.scene, {name: track.values[0] for name, track in whole.items()})
+        base = engine_scene(self.scene, {name: track.values[0] for name, track in whole.items()})
         return MovingScene(
             Scene(
                 base.mode, base.width, base.height, base.points, base.colours, base.opacities, base.half_widths,
@@ -172,12 +172,12 @@ def grid_of(points: int, precision: int) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def rounded(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def rounded_to(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Values (..., C) as the nearest multiples of steps (C,), float32."""
     return (np.rint(values / steps) * steps).astype(np.float32)
 
 
-def scene_of(scene: Scene, values: dict[str, np.ndarray]) -> EngineScene:
+def engine_scene(scene: Scene, values: dict[str, np.ndarray]) -> EngineScene:
     """A scene on another's canvas with these numbers of its curves, (N, C) of each track."""
     shapes = values["shapes"]
     points = shapes[:, :-1].reshape(len(shapes), -1, 2) + values["offsets"][:, None]
@@ -188,7 +188,7 @@ def scene_of(scene: Scene, values: dict[str, np.ndarray]) -> EngineScene:
     )  # fmt: skip
 
 
-def gradients_of(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def track_gradients(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Of each track, (N, C): an engine's gradients by a frame's points, colours, opacities and half-widths."""
     points = found["points"]
     return {

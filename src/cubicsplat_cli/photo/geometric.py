@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 
-from cubicsplat_cli.photo.segments import SegmentIndices, cross, interleaved, length, points_at, segments_of
+from cubicsplat_cli.photo.segments import SegmentIndices, cross, interleaved, lengths, points_of_segments, segments_of
 from cubicsplat_cli.photo.slivers import sliver_gradient
 from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode, Recipe
@@ -76,7 +76,7 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     of_last = factor[..., None] * of_last
     starts, ends = -of_first, xp.zeros_like(of_last[:, :1])
     if mode is Mode.CLOSED:
-        starts = starts + points_at(of_last, found.before) * found.real[..., None]
+        starts = starts + points_of_segments(of_last, found.before) * found.real[..., None]
     else:
         starts, ends = starts + xp.concat((ends, of_last[:, :-1]), axis=1), of_last[:, -1:]
     return interleaved(starts, of_first, -of_last, ends, mode)
@@ -90,32 +90,32 @@ def spike_gradient(
     height of the canvas, px. ring_ends: as in `Scene`.
     """
     xp, found = namespace(points), segments_of(points, mode, ring_ends)
-    joins, joined = points_at(points, 3 * found.index), found.real
+    joins, joined = points_of_segments(points, 3 * found.index), found.real
     if mode is Mode.OPEN:
         joined = joined & (found.index > 0)
     x, y = joins[..., 0], joins[..., 1]
     joined = joined & (x >= 0.0) & (x <= size[0]) & (y >= 0.0) & (y <= size[1])
-    arriving = joins - points_at(points, 3 * found.before + 2)
-    leaving = points_at(points, 3 * found.index + 1) - joins
+    arriving = joins - points_of_segments(points, 3 * found.before + 2)
+    leaving = points_of_segments(points, 3 * found.index + 1) - joins
     turn, of_arriving, of_leaving = _turn(arriving, leaving)
     factor = xp.astype((turn > SPIKE_TURN) & joined, points.dtype)[..., None]
     of_arriving, of_leaving = factor * of_arriving, factor * of_leaving
     nothing = xp.zeros_like(of_arriving[:, :1])
     if mode is Mode.CLOSED:
-        thirds = -points_at(of_arriving, found.after) * found.real[..., None]
+        thirds = -points_of_segments(of_arriving, found.after) * found.real[..., None]
     else:
         thirds = -xp.concat((of_arriving[:, 1:], nothing), axis=1)
     gradient = interleaved(of_arriving - of_leaving, of_leaving, thirds, nothing, mode)
     # The angle at a handle of no length may change at any rate.
-    long = xp.clip(length(gradient)[..., None], min=1e-9)
+    long = xp.clip(lengths(gradient)[..., None], min=1e-9)
     return weight * gradient * xp.clip(1.0 / (LEAST_ARM * long), max=1.0)
 
 
 def _handles(points: Array, mode: Mode, found: SegmentIndices) -> tuple[Array, Array, Array]:
     """First and last handle (N, M, 2) of each cubic, and (N, M) -1 where it turns left between them, else 1."""
     xp = namespace(points)
-    a, b, c = (points_at(points, 3 * found.index + k) for k in range(3))
-    d = points_at(points, 3 * found.after)
+    a, b, c = (points_of_segments(points, 3 * found.index + k) for k in range(3))
+    d = points_of_segments(points, 3 * found.after)
     first, middle, last = b - a, c - b, d - c
     return first, last, 1.0 - 2.0 * xp.astype(cross(first, middle) > 0, points.dtype)
 
@@ -123,7 +123,7 @@ def _handles(points: Array, mode: Mode, found: SegmentIndices) -> tuple[Array, A
 def _cosine(u: Array, v: Array, least: float) -> tuple[Array, Array, Array]:
     """u v / max(|u| |v|, least) of vectors (..., 2), and its derivatives by u and by v."""
     xp = namespace(u)
-    product = length(u) * length(v)
+    product = lengths(u) * lengths(v)
     divisor = xp.clip(product, min=least)[..., None]
     cosine = xp.sum(u * v, axis=-1)[..., None] / divisor
     through = cosine * (product >= least)[..., None]

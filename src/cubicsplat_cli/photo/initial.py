@@ -90,7 +90,7 @@ def random_ring(n: int, k: int, generator: np.random.Generator) -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def colours_at(centres: Array, target: Array) -> Array:
+def picture_colours_at(centres: Array, target: Array) -> Array:
     """Logits (n, 3) of the target's colour (H, W, C) at the centres; straight colour where it is premultiplied."""
     xp, (height, width, _) = namespace(centres), target.shape
     x = xp.astype(xp.clip(centres[:, 0], 0.0, width - 1.0), xp.int64)
@@ -122,7 +122,7 @@ def choose_background(target: Array, settings: FitSettings, weights: Array | Non
     return mean[0], mean[1], mean[2]
 
 
-def curves_of(
+def curves_to_fit(
     scene: Scene, settings: FitSettings, width: int, height: int, background: Background = None
 ) -> FitCurves:  # fmt: skip
     """A scene's curves as a fit has them, on a canvas of width x height px.

@@ -10,7 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import DeviceError, EngineError
 from cubicsplat_cli.photo.evaluator import Evaluator
-from cubicsplat_cli.photo.initial import choose_background, curves_of, keep_frozen, warmed
+from cubicsplat_cli.photo.initial import choose_background, curves_to_fit, keep_frozen, warmed
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
 from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.schedule import Schedule, gini
@@ -77,7 +77,7 @@ class FitLoop:
         if background is not None and self.settings.background == "auto" and start.background is not None:
             background = start.background
         height, width, _ = self.target.shape
-        curves = curves_of(start.as_kind_of(self.goal), self.settings, width, height, background)
+        curves = curves_to_fit(start.as_kind_of(self.goal), self.settings, width, height, background)
         return self._resized_to_count(curves)
 
     def _resized_to_count(self, curves: FitCurves) -> FitCurves:

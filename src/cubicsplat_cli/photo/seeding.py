@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.photo.initial import colour_to_logits, colours_at, control_points, new_curves, random_ring
+from cubicsplat_cli.photo.initial import colour_to_logits, control_points, new_curves, picture_colours_at, random_ring
 from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, namespace
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -52,7 +52,7 @@ class Seeder:
         """The usual start of a fit: discs or strokes at random places."""
         centres = random_centres(self.settings.curves, self.target, self.generator, self.weights)
         points = control_points(centres, self.settings.recipe.start_size * self.unit, self.settings, self.generator)
-        return self._curves(points, colours_at(centres, self.target))
+        return self._curves(points, picture_colours_at(centres, self.target))
 
     def seeds(self, count: int, image: Array) -> FitCurves:
         """New curves where the picture (H, W, C) is far from the target."""
@@ -64,7 +64,7 @@ class Seeder:
             blobs = find_blobs(centres, image, self.target, size, self.generator, self.weights)
             return self._curves(blob_points(blobs, self.settings, self.generator), blobs.colour_logits)
         points = control_points(centres, size, self.settings, self.generator)
-        return self._curves(points, colours_at(centres, self.target))
+        return self._curves(points, picture_colours_at(centres, self.target))
 
     def _curves(self, points: Array, colours: Array) -> FitCurves:
         height, width, _ = self.target.shape

@@ -47,12 +47,12 @@ def interleaved(starts: Array, seconds: Array, thirds: Array, end: Array, mode: 
     return found if mode is Mode.CLOSED else xp.concat((found, end), axis=1)
 
 
-def points_at(values: Array, index: Array) -> Array:
+def points_of_segments(values: Array, index: Array) -> Array:
     """Of (N, K, 2) those at (N or 1, M) places of each curve: (N, M, 2)."""
     return namespace(values).take_along_axis(values, index[..., None], axis=1)
 
 
-def length(u: Array) -> Array:
+def lengths(u: Array) -> Array:
     xp = namespace(u)
     return xp.sqrt(xp.sum(u * u, axis=-1))
 

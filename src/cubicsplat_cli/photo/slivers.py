@@ -8,7 +8,7 @@ from ctypes import c_float, c_int32, c_void_p
 
 import numpy as np
 
-from cubicsplat_cli.photo.segments import SegmentIndices, interleaved, length, points_at, segments_of
+from cubicsplat_cli.photo.segments import SegmentIndices, interleaved, lengths, points_of_segments, segments_of
 from cubicsplat_cli.raster.cpu import library
 from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace
 from cubicsplat_cli.settings import Mode
@@ -66,10 +66,10 @@ def _gradient(points: Array, found: SegmentIndices, real: Array, size: tuple[int
     t = xp.arange(EDGES + 1, dtype=points.dtype, device=points.device) / EDGES
     basis = xp.stack(((1 - t) ** 3, 3 * (1 - t) ** 2 * t, 3 * (1 - t) * t * t, t**3), axis=1)
     places = [*(3 * found.index + k for k in range(3)), 3 * found.after]
-    corners = xp.stack([points_at(points, place) for place in places], axis=2)
+    corners = xp.stack([points_of_segments(points, place) for place in places], axis=2)
     vertices = xp.matmul(basis, corners)  # (n, m, EDGES + 1, 2)
     starts, ends = (xp.reshape(v, (n, m * EDGES, 2)) for v in (vertices[:, :, :-1], vertices[:, :, 1:]))
-    long = xp.clip(length(ends - starts), min=_LEAST_LENGTH)
+    long = xp.clip(lengths(ends - starts), min=_LEAST_LENGTH)
     along = (ends - starts) / long[..., None]
     force, share = _forces(starts, ends, along, long, xp.repeat(real, EDGES, axis=1), size)
     normals = xp.stack((-along[..., 1], along[..., 0]), axis=-1)
@@ -81,7 +81,7 @@ def _gradient(points: Array, found: SegmentIndices, real: Array, size: tuple[int
     of_vertices = xp.concat((xp.reshape(of_starts, (n, m, EDGES, 2)), nothing), axis=2)
     of_vertices = of_vertices + xp.concat((nothing, xp.reshape(of_ends, (n, m, EDGES, 2))), axis=2)
     a, b, c, d = (xp.matmul(basis.T, of_vertices)[:, :, k] for k in range(4))
-    a = a + points_at(d, found.before) * real[..., None]
+    a = a + points_of_segments(d, found.before) * real[..., None]
     return interleaved(a, b, c, nothing[:, 0], Mode.CLOSED)
 
 

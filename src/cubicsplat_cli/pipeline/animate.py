@@ -52,7 +52,7 @@ def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -
     with task.timer("fit"):
         style = style_of(task)
         work = Work(task.on_progress, task.deadline, task.request.settings.threads or cpu_count())
-        animation = drawn(task, work) if style.name == ARTWORK else fitted(task, work)
+        animation = drawn_clip(task, work) if style.name == ARTWORK else fitted_clip(task, work)
     with task.timer("write"):
         write(animation)
     with task.timer("measure"):
@@ -89,7 +89,7 @@ def style_of(task: ClipTask) -> Style:
     return made.style
 
 
-def fitted(task: ClipTask, work: Work) -> Animation:
+def fitted_clip(task: ClipTask, work: Work) -> Animation:
     """Curves that move from frame to frame, as many as fit into the bytes where these are limited."""
     settings, most = task.request.settings, task.request.max_bytes
     with under_way(work):
@@ -170,7 +170,7 @@ def _size(animation: Animation, task: ClipTask) -> int:
     return sum(len(gzip.compress(data, mtime=0) if packed else data) for data in files)
 
 
-def drawn(task: ClipTask, work: Work) -> Animation:
+def drawn_clip(task: ClipTask, work: Work) -> Animation:
     """The drawings of the frames as shapes that stand still, move, or are shown in some of them."""
     from cubicsplat_cli.artwork.moving import moving_drawing
     from cubicsplat_cli.svg.moving_drawing import write_moving_drawing

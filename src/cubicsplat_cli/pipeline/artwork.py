@@ -101,10 +101,12 @@ def drawn_outlines(
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.target.target()
         prepared = prepare(target)
+        noise = prepared.condition.noise
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
         def add_sketch(sketch: Drawing) -> None:
-            on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
+            made = result_of_drawing(scaled_drawing(sketch, *task.picture.size), task.request)
+            on_sketch(replace(made, blur=blur, noise=noise))
 
         drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)
@@ -114,17 +116,18 @@ def drawn_outlines(
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
-    return replace(
-        made, notes=notes, facts=facts, may_be_photo=not prepared.scanned, of_scan=prepared.scanned, blur=blur
-    )  # fmt: skip
+    made = replace(made, notes=notes, facts=facts, blur=blur, noise=noise)
+    return replace(made, may_be_photo=not prepared.scanned, of_scan=prepared.scanned)
 
 
-def plain(fill: Rgba, task: Task) -> Made:
+def result_of_one_fill(fill: Rgba, task: Task) -> Made:
     """A picture of one colour: its ground and no curve, in either style."""
     request = task.request
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == PHOTO:
-        return replace(drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
+        return replace(
+            result_of_drawing(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style
+        )
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
@@ -157,7 +160,7 @@ def _structured(drawing: Drawing, request: Request) -> Made:
         drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
     if request.group_by == COLOR:
         drawing = structure.grouped_by_colour(drawing)
-    return replace(drawn(drawing, request), notes=notes)
+    return replace(result_of_drawing(drawing, request), notes=notes)
 
 
 def _precision(drawing: Drawing, request: Request) -> int:
@@ -173,7 +176,7 @@ def _ground_notes(request: Request, found: bool) -> list[str]:
     return ["the figures compare the drawing with the picture as it was, on its own ground"]
 
 
-def drawn(drawing: Drawing, request: Request) -> Made:
+def result_of_drawing(drawing: Drawing, request: Request) -> Made:
     """A finished drawing as a result."""
     from cubicsplat_cli.artwork.geometry.outlines import Ring
     from cubicsplat_cli.artwork.geometry.stroke import Chain
@@ -202,7 +205,7 @@ def drawn(drawing: Drawing, request: Request) -> Made:
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
-    """The members of the report that add_sketch of shapes, none of which is anything but a path of one colour."""
+    """The members of the report about a drawing whose shapes are paths of one colour each."""
     colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}
 

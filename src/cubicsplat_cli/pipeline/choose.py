@@ -9,20 +9,18 @@ from dataclasses import replace
 from cubicsplat_cli.artwork.plain import only_fill
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
+from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.request import Request
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
-BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
-LEAST_BYTES = 5.0  # of a line or cubic in a file
-FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see. A quick photo is behind one that is fitted
 # to its end by so much at least.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
@@ -64,7 +62,7 @@ def _first(task: Task) -> Made:
         require_gpu()  # which a drawing would not ask for
     fill = only_fill(task.picture)
     if fill is not None:
-        return plain(fill, task)
+        return result_of_one_fill(fill, task)
     asked = _asked_for(request)
     if asked is not None:
         page = _page(task)
@@ -224,7 +222,7 @@ def _or_shaded(task: Task, drawing: Made) -> Made:
     """A drawing; or a shaded one, where that is asked for, the picture has shading, and that is plainly nearer."""
     if not task.request.may_shade or not drawing.may_be_photo or drawing.interrupted:
         return drawing
-    drawn_db = _seen_db(task, drawing, ENOUGH_DB)
+    drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return drawing
     from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # which few pictures need
@@ -234,6 +232,11 @@ def _or_shaded(task: Task, drawing: Made) -> Made:
         return drawing
     shaded = drawn_shaded(task, objects)
     return shaded if _seen_db(task, shaded) > drawn_db + MARGIN_DB else drawing
+
+
+def _enough_db(drawing: Made) -> float:
+    """Level of a drawing that has lost nothing, or nothing but the noise of its picture."""
+    return min(ENOUGH_DB, decibels((drawing.noise / 255.0) ** 2) - MARGIN_DB) if drawing.noise else ENOUGH_DB
 
 
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
@@ -265,15 +268,6 @@ def _failure(style: str, error: Exception) -> str:
     return f"{style} failed ({type(error).__name__}: {one_line(error)}); this is a bug, please report it"
 
 
-def _curves_of(task: Task, made: Made) -> int:
-    """The curves of a photo that takes as many bytes as a drawing; those of large drawings are not counted."""
-    most = task.request.settings.curves or MOST
-    if made.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
-        return most
-    size = len(made.write(task.title, task.comment()).encode())
-    return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
-
-
 def check_worth_finishing(task: Task, sketch: Made) -> None:
     """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
     reason = photo_is_nearer(task, sketch, SKETCH_DB, SKETCH_ERROR)
@@ -287,12 +281,12 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
     scale. Raises what a fit raises, and KeyboardInterrupt.
     """
-    drawn = _seen_db(task, made, ENOUGH_DB)
+    drawn = _seen_db(task, made, _enough_db(made))
     if math.isinf(drawn):
         return None
     rest = 10.0 ** (-0.1 * drawn) - fall
     rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
-    curves = _curves_of(task, made)
+    curves = curves_of_equal_bytes(task, made)
     if curves not in task.quick_photos:
         task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, made.samples))
     fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB - QUICK_BEHIND_DB)

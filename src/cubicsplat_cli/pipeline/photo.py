@@ -37,6 +37,9 @@ FINISH_SCALE = 3
 # is looked at, and by how many dB it rises from there to the end at most, as it does for airbrush: by half for photos.
 QUICK_SIDE, QUICK_STEPS = 192, 300
 QUICK_LOOKS = ((0.15, 11.0), (0.4, 6.0), (0.65, 3.0), (1.0, 0.0))
+FEWEST = 8  # curves of a quick fit; it has no more than the photo would
+BYTES_PER_CURVE = 170.0  # at the usual precision
+LEAST_BYTES = 5.0  # of a line or cubic in a file
 
 
 def fitted_photo(task: Task) -> Made:
@@ -77,6 +80,15 @@ class PhotoFit:
     def finished(self) -> Made:
         """The result of the whole fit."""
         return _made_of(self._photo, Within(self._fitting.finish(), []))
+
+
+def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
+    """The curves of a photo that takes as many bytes as a drawing; those of large drawings are not counted."""
+    most = task.request.settings.curves or USUAL_CURVES
+    if drawing.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
+        return most
+    size = len(drawing.write(task.title, task.comment()).encode())
+    return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
 
 
 class QuickPhoto:

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.shading.paints import FULL, base_paint, shown
 from cubicsplat_cli.artwork.shading.silhouettes import CLEAR, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.vectorize import draw_flat
-from cubicsplat_cli.pipeline.artwork import drawn
+from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
 from cubicsplat_cli.raster import ndimage
@@ -88,7 +88,7 @@ def drawn_shaded(task: Task, objects: Objects) -> Made:
     most = int(request.shading) if request.shading.isdecimal() else None
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
         drawing = shaded_drawing(objects, task.settings(), most)
-    made = drawn(scaled_drawing(drawing, *task.picture.size), request)
+    made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
     facts = {**made.facts, "interrupted": doing.interrupted}
     return replace(made, facts=facts, may_be_photo=True)
 

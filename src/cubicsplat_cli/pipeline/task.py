@@ -102,7 +102,8 @@ class Made:
     cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
     the style's. style: and why; set by `candidates`. may_be_photo: whether to ask if a photo would be nearer to the
     picture, as of all drawings but those of cells and of scans; may_be_drawn: the same of a photo. of_scan: a drawing
-    without the paper. blur: px by which the target has been blurred since it was drawn, as the drawing is not.
+    without the paper. blur: px by which the target has been blurred since it was drawn, as the drawing is not; noise:
+    standard deviation in levels of what was added to it.
     """
 
     scene: Scene | LayeredScene | None
@@ -116,6 +117,7 @@ class Made:
     may_be_drawn: bool = False
     of_scan: bool = False
     blur: float = 0.0
+    noise: float = 0.0
 
     @property
     def interrupted(self) -> bool:

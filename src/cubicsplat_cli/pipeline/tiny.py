@@ -35,7 +35,7 @@ from cubicsplat_cli.svg.polygons import (
     grid_size,
     is_colour,
     moved,
-    on_grid,
+    polygons_on_grid,
     with_more,
     without,
 )
@@ -69,7 +69,9 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
     settings = settings.with_(curves=count, time_limit=half)
     fitted = fit(target.target(), settings, task.on_progress, task.recorder, FitInputs(weights))
     with closing(CpuEngine(settings.threads)) as engine:
-        search = TinySearch(on_grid(fitted.scene, grid_size(width, height, units)), target, weights, engine, settings)
+        search = TinySearch(
+            polygons_on_grid(fitted.scene, grid_size(width, height, units)), target, weights, engine, settings
+        )
         interrupted = search.run(most, deadline)
     return search.polygons, replace(fitted, interrupted=fitted.interrupted or interrupted)
 

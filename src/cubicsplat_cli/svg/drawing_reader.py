@@ -22,7 +22,7 @@ from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_writer import CURVES_ID
 from cubicsplat_cli.svg.shading import ISOLATED, SCALES, ShadedShape
-from cubicsplat_cli.svg.values import hex_colour, number
+from cubicsplat_cli.svg.values import hex_colour, parse_number
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
@@ -210,14 +210,14 @@ def _fill(given: dict[str, str], kind: str) -> Rgba:
 
 
 def _opacity(given: dict[str, str], kind: str) -> float:
-    opacity = number(given.get(f"{kind}-opacity", "1"))
+    opacity = parse_number(given.get(f"{kind}-opacity", "1"))
     if not 0.0 <= opacity <= 1.0:
         raise ValueError(f"has the opacity {opacity:g}, not one in 0..1")
     return opacity
 
 
 def _coordinate(text: str) -> float:
-    value = number(text)
+    value = parse_number(text)
     if abs(value) > MAX_COORDINATE:
         raise ValueError(f"has the number {text!r}, more than {MAX_COORDINATE:.0f} px")
     return value

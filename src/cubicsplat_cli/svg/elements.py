@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.svg.values import Rgba, colour, length, share, transform_matrix, translation
+from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share, transform_matrix, translation
 
 SVG = "{http://www.w3.org/2000/svg}"
 XLINK_HREF = "{http://www.w3.org/1999/xlink}href"
@@ -67,7 +67,7 @@ class StyledShape:
         """An attribute in user units, 0 where there is none; ValueError where it is no length."""
         across, down = self.view
         whole = across if attribute in _WIDE else down if attribute in _HIGH else ((across**2 + down**2) / 2.0) ** 0.5
-        return length(self.element.get(attribute, "0"), whole)
+        return parse_length(self.element.get(attribute, "0"), whole)
 
     def path_data(self) -> str:
         """Its outline as path data in its own units. Raises ValueError where a length of it cannot be read."""
@@ -177,7 +177,7 @@ class StyledTree:
         if target is None or target is use:
             self.left_out["use of nothing"] += 1
             return
-        x, y = (length(use.get(name, "0"), whole) for name, whole in zip(("x", "y"), inner.view, strict=True))
+        x, y = (parse_length(use.get(name, "0"), whole) for name, whole in zip(("x", "y"), inner.view, strict=True))
         kept = {k: v for k, v in use.attrib.items() if k not in (XLINK_HREF, "href", "x", "y", "width", "height", "id")}
         move = f"{use.get('transform', '')}translate({x!r} {y!r})"
         group = ElementTree.Element(f"{SVG}g", kept | {"transform": move})
@@ -207,9 +207,11 @@ def _canvas(
     """The matrix inside an element with a viewBox, and the size of that; the box is fitted in and centred."""
     width, height = view
     if nested:
-        x, y = (length(element.get(name, "0"), whole) for name, whole in zip(("x", "y"), view, strict=True))
+        x, y = (parse_length(element.get(name, "0"), whole) for name, whole in zip(("x", "y"), view, strict=True))
         matrix = matrix @ translation(x, y)
-        width, height = (length(element.get(n, "100%"), w) for n, w in zip(("width", "height"), view, strict=True))
+        width, height = (
+            parse_length(element.get(n, "100%"), w) for n, w in zip(("width", "height"), view, strict=True)
+        )
     box = [float(part) for part in element.get("viewBox", "").replace(",", " ").split()]
     if len(box) != 4 or min(box[2:]) <= 0.0:
         return matrix, (width, height)

@@ -23,7 +23,7 @@ from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, apart, cubi
 from cubicsplat_cli.svg.scene_reader import read_svg
 from cubicsplat_cli.svg.stroke_outlines import stroke_rings
 from cubicsplat_cli.svg.untrusted import check_untrusted
-from cubicsplat_cli.svg.values import Rgba, colour, length, share
+from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share
 
 ASPECT_TOLERANCE = 0.01  # sides of canvases are whole pixels
 _SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
@@ -119,7 +119,7 @@ class _Collected:
             lines = cubic_subpaths(shape.path_data())
             self.segments += sum(len(line.cubics) for line in lines)
             fill, stroke = (self._paint(tree, shape, name) for name in ("fill", "stroke"))
-            width = length(shape.style["stroke-width"], shape.view[0])
+            width = parse_length(shape.style["stroke-width"], shape.view[0])
         except TooLong:
             raise
         except (InputError, ValueError):
@@ -154,7 +154,7 @@ class _Collected:
                 cubics = mapped.ring() if line.closed else mapped.cubics
                 self._keep([cubics], paint, half * math.sqrt(abs(np.linalg.det(matrix[:2, :2]))))
             else:
-                limit = length(style["stroke-miterlimit"], 1.0)
+                limit = parse_length(style["stroke-miterlimit"], 1.0)
                 around = stroke_rings(line, half, style["stroke-linecap"], style["stroke-linejoin"], limit)
                 self._keep([Subpath(ring, True).mapped(matrix).cubics for ring in around], paint, 0.0)
 

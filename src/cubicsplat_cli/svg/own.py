@@ -19,7 +19,7 @@ from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 from cubicsplat_cli.svg.paths import PathSegment, subpaths
 from cubicsplat_cli.svg.shapes import ATTRIBUTES
-from cubicsplat_cli.svg.values import hex_colour, is_transform, number, share, transform_matrix
+from cubicsplat_cli.svg.values import hex_colour, is_transform, parse_number, share, transform_matrix
 
 MAX_OWN_BYTES = 256 * 1024 * 1024
 MAX_ELEMENTS = 2_000_000  # of any SVG that is read
@@ -273,7 +273,7 @@ def _stop(attributes: dict[str, str], before: list[Stop]) -> Stop:
 def _place(text: str, name: str, relative: bool) -> float:
     """A coordinate in px, or where it is relative a share of the bounding box."""
     try:
-        return number(text.removesuffix("%")) / 100.0 if relative and text.endswith("%") else number(text)
+        return parse_number(text.removesuffix("%")) / 100.0 if relative and text.endswith("%") else parse_number(text)
     except ValueError as error:
         raise ValueError(f"has {name}={text!r}, which is no number" + ("" if relative else " in px")) from error
 

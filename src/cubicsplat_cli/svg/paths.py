@@ -229,7 +229,11 @@ class Subpath:
     def ring(self) -> np.ndarray:
         """Its cubics, the line back to its start included where it is not there."""
         start, end = self.cubics[0, 0], self.cubics[-1, 3]
-        return self.cubics if np.array_equal(start, end) else np.concatenate([self.cubics, straight(end, start)[None]])
+        return (
+            self.cubics
+            if np.array_equal(start, end)
+            else np.concatenate([self.cubics, line_as_cubic(end, start)[None]])
+        )
 
 
 def cubic_subpaths(d: str) -> list[Subpath]:
@@ -245,7 +249,7 @@ def cubic_subpaths(d: str) -> list[Subpath]:
     return result
 
 
-def straight(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def line_as_cubic(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """A line as a cubic (4, 2)."""
     return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
 
@@ -281,7 +285,7 @@ def _cubics(segment: PathSegment) -> list[np.ndarray]:
     if len(segment.handles) == 1:
         middle = np.array(segment.handles[0])
         return [np.stack([start, (start + 2.0 * middle) / 3.0, (end + 2.0 * middle) / 3.0, end])]
-    return _arc_cubics(segment) if segment.is_arc else [straight(start, end)]
+    return _arc_cubics(segment) if segment.is_arc else [line_as_cubic(start, end)]
 
 
 def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:

@@ -85,7 +85,7 @@ def grid_size(width: int, height: int, units: int) -> tuple[float, float]:
     return (best, other) if width >= height else (other, best)
 
 
-def on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
+def polygons_on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
     """The polygons of a scene of numpy arrays, whose curves' anchors are their vertices, rounded to a grid."""
     vertices = np.rint(scene.points[:, ::3] * (np.array(size) / (scene.width, scene.height))).astype(np.int64)
     background = None if scene.background is None else np.rint(LEVELS * np.array(scene.background)).astype(np.int64)

@@ -28,7 +28,7 @@ from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
 from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
-from cubicsplat_cli.svg.values import hex_colour, number
+from cubicsplat_cli.svg.values import hex_colour, parse_number
 
 _DECIMALS = 9  # more than any file has
 _ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
@@ -229,7 +229,7 @@ def _colour(text: str) -> tuple[float, float, float]:
 
 
 def _at_most(text: str, largest: float) -> float:
-    value = number(text)
+    value = parse_number(text)
     if not 0.0 <= value <= largest:
         raise ValueError(f"has the number {text!r}, which is not in 0..{largest:g}")
     return value

@@ -14,7 +14,7 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.scene.shapes import lengths, nearest_shape, shape_points
 from cubicsplat_cli.svg.markup import format_number
-from cubicsplat_cli.svg.values import number
+from cubicsplat_cli.svg.values import parse_number
 
 ANGLE_DECIMALS = 2
 # The attributes of each element beside its fill.
@@ -50,11 +50,11 @@ def shape_element(kind: str, points: np.ndarray) -> tuple[str, dict[str, str]]:
 def points_of_element(tag: str, attributes: Mapping[str, str]) -> np.ndarray:
     """The control points (K, 2) of an element that `shape_element` gave. Raises ValueError for any other."""
     if tag == "polygon":
-        vertices = np.array([number(text) for text in attributes.get("points", "").split(" ")])
+        vertices = np.array([parse_number(text) for text in attributes.get("points", "").split(" ")])
         if vertices.size < 6 or vertices.size % 2:
             raise ValueError("has a polygon of fewer than three points")
         return shape_points("polygon", vertices[None])[0]
-    one, two, three, four = (number(attributes.get(name, "")) for name in ATTRIBUTES[tag][:4])
+    one, two, three, four = (parse_number(attributes.get(name, "")) for name in ATTRIBUTES[tag][:4])
     kind, middle, half = "ellipse", (one, two), (three, four)
     if tag == "rect":
         kind, middle, half = "rectangle", (one + three / 2.0, two + four / 2.0), (three / 2.0, four / 2.0)

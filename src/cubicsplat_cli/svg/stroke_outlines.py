@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.svg.paths import Subpath, halves, straight
+from cubicsplat_cli.svg.paths import Subpath, halves, line_as_cubic
 
 _SHORT = 1e-9
 
@@ -77,9 +77,9 @@ def _joint(
     if outer and join == "round":
         return _around(corner, u, v, half)
     if not outer or not pointed:
-        return [straight(end, start)]
+        return [line_as_cubic(end, start)]
     tip = corner + half / (1.0 + cosine) * (u + v)
-    return [straight(end, tip), straight(tip, start)]
+    return [line_as_cubic(end, tip), line_as_cubic(tip, start)]
 
 
 def _around(
@@ -107,7 +107,7 @@ def _cap(end: np.ndarray, start: np.ndarray, half: float, cap: str) -> np.ndarra
     ahead = half * np.array([across[1], -across[0]])
     if cap == "square":
         corners = [end, end + ahead, start + ahead, start]
-        return np.stack([straight(*pair) for pair in itertools.pairwise(corners)])
+        return np.stack([line_as_cubic(*pair) for pair in itertools.pairwise(corners)])
     if cap != "round":
-        return straight(end, start)[None]
+        return line_as_cubic(end, start)[None]
     return np.stack(_around((end + start) / 2.0, -across, across, half, ahead / half))

@@ -24,7 +24,7 @@ _COUNTS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3
 Rgba = tuple[float, float, float, float]  # sRGB and opacity, each in [0, 1]
 
 
-def number(text: str) -> float:
+def parse_number(text: str) -> float:
     """A finite number without a unit. Raises ValueError for anything else."""
     value = float(text) if NUMBERS.fullmatch(text) else math.nan
     if not math.isfinite(value):
@@ -32,7 +32,7 @@ def number(text: str) -> float:
     return value
 
 
-def length(text: str, whole: float) -> float:
+def parse_length(text: str, whole: float) -> float:
     """A length in px; a percentage is one of `whole`. Raises ValueError for anything else."""
     match = _LENGTH.fullmatch(text)
     if match is None or not math.isfinite(float(match[1])):
@@ -50,7 +50,7 @@ def absolute_length(text: str | None) -> float | None:
 
 def share(text: str) -> float:
     """A number or a percentage, clipped to [0, 1]. Raises ValueError for anything else."""
-    return min(1.0, max(0.0, length(text, 1.0)))
+    return min(1.0, max(0.0, parse_length(text, 1.0)))
 
 
 def hex_colour(text: str) -> tuple[int, int, int]:

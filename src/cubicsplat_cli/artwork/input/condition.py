@@ -15,9 +15,10 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import edge_variances, second_differences
 from cubicsplat_cli.raster.unmix import spread
 
-# Levels: pixels whose 5 x 5 neighbours span less are away from edges; a second difference that an even or shaded
+# Levels: pixels whose 5 x 5 neighbours span less are away from edges, by the first of these limits that half of the
+# picture keeps to (25 normal deviates span 5 of their standard deviations); a second difference that an even or shaded
 # picture does not have.
-QUIET, ROUGH = 24.0, 3.0
+QUIET, ROUGH = (24.0, 48.0, 96.0), 3.0
 # Of a second difference of normal noise of 1: the standard deviation; and over that, of the largest one in two
 # directions and three channels, the median and the root of the mean square.
 SECOND, LARGER_MEDIAN, LARGER = 6.0**0.5, 1.56, 1.7
@@ -89,6 +90,11 @@ class Condition:
         return self.noise * (COARSE if self.coarse else JPEG_EDGES if self.jpeg else 1.0)
 
     @property
+    def noise_of_means(self) -> float:
+        """Levels of noise that the means of 3 x 3 px have: a third, but where those next to each other are alike."""
+        return self.noise if self.jpeg or self.coarse else self.noise / 3.0
+
+    @property
     def restored_error(self) -> float:
         """Levels by which pixels on edges are off in the restored picture."""
         return math.hypot(self.edge_error, BLUR_ERROR * self.blur)
@@ -112,19 +118,43 @@ def condition_of(levels: np.ndarray) -> Condition:
         return CLEAN
     luma = levels @ LUMA
     second = second_differences(levels)
-    quiet = spread(levels, 5, 5) < QUIET
+    spans = spread(levels, 5, 5)
+    quiet = _quiet(spans)
     if not quiet.any():
         return CLEAN
-    everywhere = float(np.median(second[quiet])) / (SECOND * LARGER_MEDIAN)
+    noise = _usual(second[quiet])
     rough = quiet & (second >= ROUGH)
-    noise = everywhere if everywhere >= LEAST_NOISE else 0.0
     jpeg = _compressed(levels, luma, rough, quiet, noise)
+    if noise and not jpeg:
+        whole = _within(levels)
+        noise = max(noise, _usual(second[whole][_quiet(spans[whole])]))
     if jpeg:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
     blur = edge_blur(levels, noise) or 0.0
     condition = Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
     return replace(condition, aliased=condition.clean and aliased(levels))
+
+
+def _usual(second: np.ndarray) -> float:
+    """Levels of noise, by second differences (n,) away from edges; 0 where they are no more than rounding."""
+    noise = float(np.median(second)) / (SECOND * LARGER_MEDIAN) if len(second) else 0.0
+    return noise if noise >= LEAST_NOISE else 0.0
+
+
+def _within(levels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels whose noise is whole, since nothing near is at an end of the scale in all channels."""
+    colours = levels[..., :3]
+    ends = ((colours <= 0.0) | (colours >= 255.0)).all(axis=2)
+    return ~ndimage.maximum_filter(ends, 5)
+
+
+def _quiet(spans: np.ndarray) -> np.ndarray:
+    """Which pixels are away from edges, bool, of those with such spans. Where noise or dithering is all over, they span
+    more than otherwise."""
+    least = spans < QUIET[0]
+    found = next((quiet for quiet in (spans < limit for limit in QUIET) if 2 * quiet.sum() > quiet.size), least)
+    return found if found.sum() > 2 * least.sum() else least
 
 
 def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise: float) -> bool:

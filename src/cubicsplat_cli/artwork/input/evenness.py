@@ -22,6 +22,10 @@ TILE, BLOCKS = 16, 4  # px and blocks of a tile's side; where all of it is alike
 # than half of the latter; and in blocks, where photos with noise, as JPEG or blurred have 0.33 and more.
 MOST_LITTLE, LEAST_ALIKE = 0.12, 0.6
 MOST_LITTLE_BLOCKS, LEAST_ALIKE_BLOCKS = 0.35, 0.2
+# The median difference of blocks is that of pixels over their side where these have white noise, and more in photos
+# with such noise (1.24 and more): up to WHITE times as much counts as noise. By NOISE times as much blocks differ at
+# most that are alike but for it.
+WHITE, NOISE = 1.2, 2.5
 # Of the neighbours that are not alike, what may differ a little: where hardly any have an edge between them it
 # is a soft photo.
 SOFT = 0.85
@@ -48,7 +52,10 @@ def even(levels: np.ndarray) -> tuple[bool, Evenness]:
     clean = _drawn(found, LEAST_ALIKE, MOST_LITTLE)
     if clean or shorter < 2 * side:
         return clean, found
-    found = evenness(in_blocks(levels, side), BLOCKS)
+    blocks = in_blocks(levels, side)
+    noise = _usual_step(levels) / side
+    white = _usual_step(blocks) <= WHITE * noise
+    found = evenness(blocks, BLOCKS, max(ALIKE, NOISE * noise) if white else ALIKE)
     return _drawn(found, LEAST_ALIKE_BLOCKS, MOST_LITTLE_BLOCKS), found
 
 
@@ -56,14 +63,22 @@ def _drawn(found: Evenness, least_alike: float, most_little: float) -> bool:
     return found.alike >= least_alike and found.little <= min(most_little, SOFT * (1.0 - found.alike) + 1e-9)
 
 
-def evenness(levels: np.ndarray, tile: int) -> Evenness:
-    """Of a picture (H, W, C) in 0..255 where tiles of tile x tile px are not all alike."""
+def _usual_step(levels: np.ndarray) -> float:
+    """The median difference of neighbours, in levels: 0 but in noise and in texture."""
+    return float(np.median(np.concatenate([step.ravel() for step in steps(levels)])))
+
+
+def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
+    """Of a picture (H, W, C) in 0..255 where tiles of tile x tile px are not all alike.
+
+    even: levels by which neighbours differ that are alike.
+    """
     pairs, alike, little = (np.zeros(levels.shape[:2], dtype=np.int32) for _ in range(3))
     for step in steps(levels):
         at = tuple(slice(side) for side in step.shape)
         pairs[at] += 1
-        alike[at] += step <= ALIKE
-        little[at] += (step > ALIKE) & (step <= EDGE)
+        alike[at] += step <= even
+        little[at] += (step > even) & (step <= EDGE)
     pairs, alike, little = (_tiled(counts, tile) for counts in (pairs, alike, little))
     busy = alike < pairs
     if not busy.any():

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.raster import ndimage
 
-# Levels: what differs less is one fill, or times the noise.
-SAME, SAME_NOISE = 8.0, 4.0
+# Levels: what differs less is one fill, or times the noise of the means of 3 x 3 px. Between two fills lies a valley,
+# with fewer px by this share than have the rarer one; without it, one is what noise makes of the other.
+SAME, SAME_NOISE, VALLEY = 8.0, 4.0, 0.7
 CALM = 1.5  # times the noise that 3 x 3 px may deviate, and a level for rounding
 FEWEST, LEAST_SHARE = 16, 1e-4  # calm pixels that show a fill, and their share of the picture
 MOST = 64
@@ -32,27 +34,34 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
     return deviation <= CALM * noise + 1.0, mean
 
 
-def noisy_fills(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarray:
-    """(P, 4) float64 the fills of a picture (H, W, 4) in levels, the commonest first.
+def reach_of(condition: Condition) -> float:
+    """Levels within which means of 3 x 3 px are of one fill."""
+    return max(SAME, SAME_NOISE * condition.noise_of_means)
 
-    seen: (H, W, 4) the picture in coordinates whose distances tell fills apart. noise: its standard deviation in
-    levels.
+
+def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> np.ndarray:
+    """(P, 4) float64 the fills of a picture (H, W, 4) in levels and of a condition, the commonest first.
+
+    seen: (H, W, 4) the picture in coordinates whose distances tell fills apart.
     """
+    noise, reach = condition.noise, reach_of(condition)
     calm, mean = calm_pixels(seen, noise)
     spread = ndimage.maximum_filter(seen, (3, 3, 1)) - ndimage.minimum_filter(seen, (3, 3, 1))
     edge = spread.max(axis=-1) > max(EDGE, 8.0 * noise)
     away = calm & ~ndimage.maximum_filter(edge, 2 * NEAR + 1)
-    reach = max(SAME, SAME_NOISE * noise)
     least = max(FEWEST, LEAST_SHARE * levels[..., 0].size)
     fills: list[np.ndarray] = []
     sizes: list[float] = []
     places = np.zeros((0, 4))
     for where, apart in ((away, 0.0), (calm & ~away, FAR * reach)):
-        new = modes(mean[where], reach, least, places)
+        new = _peaks(mean[where], modes(mean[where], reach, least, places), reach)
         known = list(fills)
-        for place in new:
-            own = where & (np.abs(mean - place).max(axis=-1) <= reach)
-            fill = np.median(levels[own], axis=0)
+        y, x = np.nonzero(where)
+        off = [np.abs(mean[y, x] - place).max(axis=-1) for place in new]
+        nearest = np.argmin(off, axis=0) if off else np.zeros(len(y), int)
+        for k in range(len(new)):
+            own = (off[k] <= reach) & (nearest == k)
+            fill = np.median(levels[y[own], x[own]], axis=0)
             if len(fills) < MOST and all(np.abs(fill - other).max() > apart for other in known):
                 fills.append(fill)
                 sizes.append(float(own.sum()))
@@ -62,10 +71,25 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarra
     return np.array(fills, dtype=float)[np.argsort(-np.array(sizes), kind="stable")]
 
 
+def _peaks(values: np.ndarray, places: np.ndarray, reach: float) -> np.ndarray:
+    """(k, 4) those of some places among values (n, 4) that have a valley between them and each denser one near."""
+
+    def density(at: np.ndarray) -> int:
+        return int(np.count_nonzero((np.abs(values - at) <= 0.5 * reach).all(axis=1)))
+
+    found: list[np.ndarray] = []
+    densities = [density(place) for place in places]
+    for k in np.argsort(densities, kind="stable")[::-1]:
+        near = [peak for peak in found if np.abs(peak - places[k]).max() <= 3.0 * reach]
+        if all(density(0.5 * (places[k] + peak)) <= VALLEY * densities[k] for peak in near):
+            found.append(places[k])
+    return np.array(found).reshape(-1, 4)
+
+
 def missing_colours(
-    levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray, space: np.ndarray, noise: float, *, jpeg: bool
+    levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray, space: np.ndarray, condition: Condition
 ) -> np.ndarray:
-    """(k, 4) fill colours in levels that areas of a picture (H, W, 4) have and its palette (P, 4) lacks.
+    """(k, 4) fill colours in levels that areas of a picture (H, W, 4) of a condition have and its palette (P, 4) lacks.
 
     nearest: (H, W) the colour of the palette nearest to each pixel. space: (4, 4) what rows of RGBA are multiplied by
     for luma and chroma.
@@ -76,18 +100,21 @@ def missing_colours(
     share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
     mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
     square = ndimage.uniform_filter(residual * residual, (WINDOW, WINDOW, 1)) / share
-    unlike = np.abs(mean) - UNLIKE
-    if jpeg:
+    # What a JPEG is off is alike over its blocks, and so no less in a mean.
+    off_by = 0.0 if condition.jpeg else SAME_NOISE * condition.noise / WINDOW / np.sqrt(share)
+    unlike = np.abs(mean) - np.maximum(UNLIKE, off_by)
+    if condition.jpeg:
         for block, channels in BLOCKS:
             size, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
             spread = ndimage.maximum_filter(values, size) - ndimage.minimum_filter(values, size)
             unlike[..., channels] -= RINGING * spread
-    calm, _ = calm_pixels(seen, noise)
+    calm, _ = calm_pixels(seen, condition.noise)
     off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > EXPLAINED * square.sum(axis=-1))
     values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
+    reach = reach_of(condition)
     found = [
-        np.median(levels[off][np.abs(values - place).max(axis=-1) <= SAME], axis=0)
-        for place in modes(values, SAME, LEAST_MISSING, np.zeros((0, 4)))
+        np.median(levels[off][np.abs(values - place).max(axis=-1) <= reach], axis=0)
+        for place in modes(values, reach, LEAST_MISSING, np.zeros((0, 4)))
     ]
     return np.array(found, dtype=float).reshape(-1, 4)
 

@@ -27,6 +27,7 @@ GRAIN, LIGHTEST, DARKEST, UNEVEN = (0.6, 14.0), 128.0, 0.3, 6.0
 # Shares of the pixels: paper, lighter than paper, and ink; and levels by which those are off the paper.
 PAPER, GLARE, FILL, OFF = 0.6, 0.004, 0.0005, 24.0
 FAINT, BESIDE = 4.0, 3  # standard deviations of smoothed grain that count as ink, and px around it that stay
+STEP = 7  # px of a square in which ink, which has edges even where a scan is soft, loses half of its depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +77,14 @@ def scan_of(levels: np.ndarray) -> Scan | None:
 
 
 def _ink(white: np.ndarray, grain: float) -> np.ndarray:
-    """(H, W) bool: what is ink on white paper (H, W, 3), and the pixels beside it; specks that are faint are grain."""
+    """(H, W) bool: what is ink on white paper (H, W, 3), and the pixels beside it; specks that are faint are grain, and
+    what darkens slowly is a shadow."""
     depth = ndimage.gaussian_filter(255.0 - (white @ LUMA), 1.0)
     parts, count = ndimage.label(depth > FAINT * grain, np.ones((3, 3)))
     deepest = ndimage.maximum(depth, parts, np.arange(count + 1))
-    clear = deepest > 2.0 * FAINT * grain
+    steps = ndimage.maximum_filter(depth, STEP) - ndimage.minimum_filter(depth, STEP)
+    steepest = ndimage.maximum(steps, parts, np.arange(count + 1))
+    clear = (deepest > 2.0 * FAINT * grain) & (steepest > deepest / 2.0)
     clear[0] = False
     return ndimage.binary_dilation(clear[parts], iterations=BESIDE)
 

@@ -14,7 +14,7 @@ import numpy as np
 from cubicsplat_cli.artwork.input.chroma import explained, missing_fills
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.mixture import mixture_of, with_shares
-from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, missing_colours, noisy_fills
+from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of
 from cubicsplat_cli.artwork.input.squares import square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import REACH, solid_labels, with_lines
@@ -82,16 +82,16 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         return FlatPicture(_sharpened(levels, condition.blur))
     space = seen_as(condition)
     seen = (levels @ space).astype(np.float32)
-    palette = noisy_fills(levels, seen, condition.noise)
+    palette = noisy_fills(levels, seen, condition)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = _nearest(seen, palette @ space)
-    new = missing_colours(levels, palette, nearest, LUMA_CHROMA, condition.noise, jpeg=condition.jpeg)
+    new = missing_colours(levels, palette, nearest, LUMA_CHROMA, condition)
     palette = np.vstack([palette, new])
     thick = len(palette)
     if thick <= MOST_THICK:
         _, gap = _nearest(seen, palette @ space)
         far = gap > MOST * sigma
-        reach = max(SAME, SAME_NOISE * condition.noise)
+        reach = reach_of(condition)
         # What a JPEG's chroma smears beside edges is no fill.
         apart = reach * (FAR if condition.jpeg else 1.0)
         palette = np.vstack([palette, square_fills(levels, seen, palette @ space, sigma, reach, apart)])

@@ -58,6 +58,10 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
         others = np.unique(np.concatenate([fills, colours]), axis=0)
         own = ~are_lines(levels, ~near, (colours, sizes), others, LINE)
         fills, weights = np.concatenate([fills, colours[own]]), np.concatenate([weights, sizes[own]])
+    clear = np.count_nonzero(levels[..., 3] < CLEAR)
+    if clear and not (fills[:, 3] < CLEAR).any():
+        # No blend has no opacity: one such pixel in a corner shows that the ground is clear.
+        fills, weights = np.vstack([fills, np.zeros(4)]), np.append(weights, clear)
     return _limited(fills, weights)
 
 

@@ -43,7 +43,7 @@ def _packages() -> list[Path]:
     return [Path(torch.__file__).parent, *map(Path, (nvidia and nvidia.submodule_search_locations) or ())]
 
 
-def candidates(
+def library_names(
     packages: Sequence[Path] | None = None, cuda: str | None = torch.version.cuda, platform: str = sys.platform
 ) -> list[str]:
     """Files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest.
@@ -68,9 +68,9 @@ def candidates(
 
 
 @lru_cache(maxsize=1)
-def library() -> Any:
+def nvrtc_library() -> Any:
     """The library with its prototypes. Raises EngineError where there is none that can be used."""
-    return loaded(candidates())
+    return loaded(library_names())
 
 
 def loaded(names: Sequence[str]) -> Any:
@@ -96,7 +96,7 @@ def _checked(function: str, *arguments: object, library: Any) -> None:
 @lru_cache(maxsize=1)
 def version() -> tuple[int, int]:
     """Version of NVRTC. Raises EngineError where there is none, or one that is too old."""
-    return version_of(library())
+    return version_of(nvrtc_library())
 
 
 def version_of(library: Any) -> tuple[int, int]:
@@ -110,7 +110,7 @@ def version_of(library: Any) -> tuple[int, int]:
 
 def architectures(of: Any = None) -> list[int]:
     """Compute capabilities that an NVRTC (default: `library`) compiles for, as 10 * major + minor, ascending."""
-    of = of or library()
+    of = of or nvrtc_library()
     count = c_int()
     _checked("nvrtcGetNumSupportedArchs", byref(count), library=of)
     numbers = (c_int * count.value)()
@@ -120,9 +120,9 @@ def architectures(of: Any = None) -> list[int]:
 
 def _result(handle: c_void_p, size_of: str, get: str) -> bytes:
     size = c_size_t()
-    _checked(size_of, handle, byref(size), library=library())
+    _checked(size_of, handle, byref(size), library=nvrtc_library())
     text = create_string_buffer(max(1, size.value))
-    _checked(get, handle, text, library=library())
+    _checked(get, handle, text, library=nvrtc_library())
     return text.raw[: size.value]
 
 
@@ -136,13 +136,15 @@ def compile_program(
     handle = c_void_p()
     names = (c_char_p * len(headers))(*(header.encode() for header in headers))
     texts = (c_char_p * len(headers))(*headers.values())
-    _checked("nvrtcCreateProgram", byref(handle), text, name.encode(), len(headers), texts, names, library=library())
+    _checked(
+        "nvrtcCreateProgram", byref(handle), text, name.encode(), len(headers), texts, names, library=nvrtc_library()
+    )
     try:
         chosen = (c_char_p * len(options))(*(option.encode() for option in options))
-        status = library().nvrtcCompileProgram(handle, len(options), chosen)
+        status = nvrtc_library().nvrtcCompileProgram(handle, len(options), chosen)
         log = _result(handle, "nvrtcGetProgramLogSize", "nvrtcGetProgramLog")
         kind = "PTX" if intermediate else "CUBIN"
         code = None if status else _result(handle, f"nvrtcGet{kind}Size", f"nvrtcGet{kind}")
         return code, log.rstrip(b"\0\n ").decode(errors="replace")
     finally:
-        library().nvrtcDestroyProgram(byref(handle))
+        nvrtc_library().nvrtcDestroyProgram(byref(handle))

@@ -1,0 +1,181 @@
+"""Pictures whose edges were blended otherwise: for subpixels, in linear light, not at all, or at the border."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.artwork.document import Document
+from cubicsplat_cli.artwork.geometry.outlines import Circle
+from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light
+from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
+from cubicsplat_cli.artwork.input.rim import without_rim
+from cubicsplat_cli.artwork.input.subpixels import without_subpixels
+from cubicsplat_cli.artwork.regions.sampling import aliased
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.files.convert import as_picture
+
+
+def _text(
+    filtered: tuple[int, ...] | None, order: int, fill=(20, 60, 160), ground=(243, 243, 243), half=0.7
+) -> np.ndarray:
+    """(40, 96, 4) levels: rings and strokes, half of whose width is some px, smoothed by whole pixels, or for an LCD's
+    subpixels by a filter of some taps, of which red or blue is the first.
+    """
+    y, x = (np.mgrid[0 : 40 * 4, 0 : 96 * 12] + 0.5) / np.array([4.0, 12.0])[:, None, None]
+    drawn = np.zeros(x.shape, dtype=bool)
+    for k in range(7):
+        middle = 9.3 + 12.37 * k
+        drawn |= np.abs(np.hypot(x - middle, y - 11.0) - 4.1) < half
+        drawn |= (np.abs(x - middle - 0.3 * (y - 28.0)) < half + 0.1) & (np.abs(y - 28.0) < 5.2)
+    thirds = drawn.reshape(40, 4, 96 * 3, 4).mean(axis=(1, 3))
+    if filtered is None:
+        shares = np.repeat(thirds.reshape(40, 96, 3).mean(axis=2, keepdims=True), 3, axis=2)
+    else:
+        taps = np.array(filtered) / sum(filtered)
+        shares = np.stack([np.convolve(row, taps, "same") for row in thirds]).reshape(40, 96, 3)[:, :, ::order]
+    colours = np.array(ground) + shares * (np.array(fill) - np.array(ground))
+    return np.dstack([np.rint(colours), np.full((40, 96), 255.0)]).astype(np.float32)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("taps", [(1, 1, 1), (8, 77, 86, 77, 8), (1, 2, 3, 2, 1)])
+def test_text_for_an_lcd_becomes_text_for_whole_pixels(taps, order):
+    plain = _text(None, 1)
+    came = _text(taps, order)
+    found = without_subpixels(came)
+    assert np.abs(found - plain).mean() < 0.15 * np.abs(came - plain).mean()
+    # All of its colours lie on the line between fill and ground.
+    share = (243.0 - found[..., 0]) / (243.0 - 20.0)
+    assert np.abs(found[..., :3] - (243.0 + share[..., None] * (np.array([20, 60, 160]) - 243.0))).max() <= 2.0
+
+
+def test_thin_words_go_with_those_that_are_text_for_an_lcd_for_certain():
+    """Of strokes below a px the slope of the coverage tells hardly half of the fringes."""
+    came = _text((1, 1, 1), 1, half=0.3)
+    found = without_subpixels(came)
+    share = (243.0 - found[..., 0]) / (243.0 - 20.0)
+    coloured = (
+        np.abs(found[..., :3] - (243.0 + share[..., None] * (np.array([20, 60, 160]) - 243.0))).max(axis=-1) > 4.0
+    )
+    fringes = np.abs(came - _text(None, 1, half=0.3)).max(axis=-1) > 4.0
+    assert coloured.sum() < 0.1 * fringes.sum()
+
+
+def test_a_picture_without_text_for_an_lcd_stays_as_it_is():
+    red, blue, plain = _text(None, 1, (200, 20, 20)), _text(None, 1, (20, 20, 200)), _text(None, 1)
+    sides = np.where(np.arange(96)[None, :, None] % 12 < 6, red, blue)  # letters of two colours
+    photo = np.random.default_rng(0).uniform(0.0, 255.0, plain.shape).astype(np.float32)
+    photo[..., 3] = 255.0
+    grey = _text((1, 2, 3, 2, 1), 1, (0, 0, 0), (255, 255, 255))
+    grey[..., :3] = grey[..., 1:2]
+    for levels in (plain, sides, photo, grey):
+        assert without_subpixels(levels) is levels
+
+
+def test_text_for_an_lcd_is_drawn_in_its_fill():
+    prepared = analysed(_text((8, 77, 86, 77, 8), 1) / 255.0)
+    assert any("LCD" in note for note in prepared.notes)
+    drawing = draw(_text((8, 77, 86, 77, 8), 1) / 255.0)
+    assert len(drawing.fills) == 2
+
+
+def disc_in_two_spaces(ink: tuple[int, int, int], ground: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Two (64, 64, 4) pictures in levels of a disc, blended as sRGB values and in linear light."""
+    at = (np.arange(64 * 16) + 0.5) / 16
+    fine = np.hypot(at[:, None] - 31.3, at - 32.1) < 24.7
+    share = fine.reshape(64, 16, 64, 16).mean(axis=(1, 3))[..., None]
+    light = share * light_of(np.array(ink)) + (1.0 - share) * light_of(np.array(ground))
+    values = np.arange(256)
+    in_light = np.abs(light_of(values) - light[..., None]).argmin(axis=-1)
+    as_values = np.rint(share * ink + (1.0 - share) * ground)
+    opaque = np.full((64, 64, 1), 255.0)
+    return tuple(np.concatenate([each, opaque], axis=2).astype(np.float32) for each in (as_values, in_light))
+
+
+@pytest.mark.parametrize(
+    ("ink", "ground"), [((0, 0, 0), (255, 255, 255)), ((20, 60, 200), (250, 220, 60)), ((255, 170, 0), (40, 40, 60))]
+)
+def test_edges_blended_in_linear_light_are_blended_again_as_viewers_do(ink, ground):
+    as_values, in_light = disc_in_two_spaces(ink, ground)
+    assert without_linear_light(as_values) is as_values
+    found = without_linear_light(in_light)
+    # Of an edge's shares rounding leaves more in the dark, where light is told by fewer levels.
+    assert np.abs(found - as_values).max() <= 8.0 < np.abs(in_light - as_values).max()
+    assert np.abs(found - as_values).mean() < 0.1 * np.abs(in_light - as_values).mean()
+
+
+def test_a_drawing_is_that_of_the_picture_blended_as_viewers_do():
+    as_values, in_light = disc_in_two_spaces((255, 170, 0), (40, 40, 60))
+    plain, found = (draw((each / 255.0)[..., :3]) for each in (as_values, in_light))
+    assert analysed((in_light / 255.0)[..., :3]).notes == [
+        "edges drawn where they are in linear light, in which they were blended"
+    ]
+    (one,), (other,) = (drawing.shapes[1].outlines for drawing in (plain, found))
+    assert isinstance(one, Circle) and isinstance(other, Circle)
+    assert abs(one.r - other.r) < 0.02
+
+
+IN_STEPS = '<path d="M0 0H96V96H0z" fill="#fff"/><circle cx="34.3" cy="40.2" r="24.6" fill="#1a4fa0"/>'
+LEVEL = "".join(f'<path d="M{12 * k} {8 * k}h11v{3 + k}h-11z" fill="#c03020"/>' for k in range(8))
+
+
+def in_steps(body: str, *, smooth: bool) -> np.ndarray:
+    """(96, 96, 4) float32 the picture of a drawing in [0, 1], with or without anti-aliasing."""
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 96">{body}</svg>'
+    return as_picture(Document(text.encode(), "x", 96).draw(smooth=smooth)).premultiplied()
+
+
+def test_edges_without_anti_aliasing_are_known_by_their_steps():
+    slanted = IN_STEPS + '<path d="M60 20L90 31L70 80z" fill="#f0a020"/>'
+    for body, expected in ((IN_STEPS, True), (slanted, True), (LEVEL, False)):
+        assert aliased(as_levels(in_steps(body, smooth=False))) is expected
+        assert not aliased(as_levels(in_steps(body, smooth=True)))
+    assert not aliased(np.repeat(np.repeat(as_levels(in_steps(IN_STEPS, smooth=False)), 3, axis=0), 3, axis=1))
+
+
+def test_what_has_no_anti_aliasing_is_drawn_through_its_steps():
+    drawing = draw(in_steps(IN_STEPS, smooth=False))
+    ((circle,),) = (shape.outlines for shape in drawing.shapes[1:])
+    assert isinstance(circle, Circle)
+    assert max(abs(circle.cx - 34.3), abs(circle.cy - 40.2), abs(circle.r - 24.6)) < 0.15
+    assert analysed(in_steps(IN_STEPS, smooth=False)).notes == [
+        "drawn through the steps of its edges, which have no anti-aliasing"
+    ]
+
+
+def inset(share: float, colours: list[tuple[int, int, int]], *, in_light: bool = False) -> np.ndarray:
+    """(96, 96, 4) levels of bands on a white page, each over all of the former, that begin `share` px from the left."""
+    out = np.full((96, 96, 4), 255.0)
+    for number, colour in enumerate(colours):
+        top = 16 * number
+        below, above = out[top : 96 - top, 0, :3], np.array(colour, dtype=float)
+        if in_light:
+            out[top : 96 - top, 0, :3] = levels_of((1.0 - share) * light_of(above) + share * light_of(below))
+        else:
+            out[top : 96 - top, 0, :3] = (1.0 - share) * above + share * below
+        out[top : 96 - top, 1:, :3] = above
+    return np.rint(out).astype(np.float32)
+
+
+@pytest.mark.parametrize("in_light", [False, True])
+@pytest.mark.parametrize("share", [0.08, 0.3])
+def test_a_drawing_within_its_border_is_continued_to_it(share, in_light):
+    levels = np.rot90(inset(share, [(55, 126, 63), (180, 10, 45)], in_light=in_light), 3).copy()
+    found = without_rim(levels, in_light=in_light)
+    assert (found[0] == levels[1]).all() and (found[1:] == levels[1:]).all()
+
+
+def test_what_the_border_of_a_picture_shows_alone_stays():
+    frame = inset(0.0, [(55, 126, 63), (180, 10, 45)])
+    frame[:, 0, :3] = 200.0
+    one = inset(0.2, [(55, 126, 63)])
+    clear = inset(0.2, [(55, 126, 63), (180, 10, 45)])
+    clear[..., 3] = 254.0
+    for levels in (frame, one, clear, inset(0.0, [(55, 126, 63), (180, 10, 45)])):
+        assert without_rim(levels, in_light=False) is levels
+
+
+def test_a_drawing_within_its_border_has_no_lines_along_it():
+    drawing = draw(inset(0.08, [(55, 126, 63), (255, 255, 255), (180, 10, 45)])[..., :3] / 255.0)
+    assert len(drawing.shapes) == 4  # green above and below
