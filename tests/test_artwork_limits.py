@@ -56,7 +56,7 @@ def test_no_region_of_a_page_is_lost_whatever_happened_to_the_picture(error, cap
     assert "too many" not in caplog.text
 
 
-def test_regularities_are_sought_in_a_page_of_very_many_shapes(monkeypatch):
+def test_regularities_are_sought_in_a_page_of_very_many_shapes(monkeypatch, caplog):
     """Of 900 like letters all but one are copies."""
     letters = 900
     dots = tuple(Circle(10.0 * (k % 30) + 5.2, 10.0 * (k // 30) + 5.3, 3.1) for k in range(letters))
@@ -66,7 +66,9 @@ def test_regularities_are_sought_in_a_page_of_very_many_shapes(monkeypatch):
     monkeypatch.setattr(regularities, "_tied", lambda state, tied, *_: tied if len(tied) > 1 else state)
     constraints = Constraints(300, 300)
     copies = regularities.with_copies(begin(drawing, goal), goal, constraints, 1.0, 0.0)
-    assert len(copies) == letters - 1
+    assert len(copies) == letters - 1 and not caplog.text
+    monkeypatch.setattr(limits, "MOST_POLISHED", letters - 1)
+    assert not limits.few_enough(drawing) and "symmetries and copies are not sought" in caplog.text
 
 
 @pytest.mark.parametrize(
