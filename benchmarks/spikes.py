@@ -17,7 +17,7 @@ import numpy as np
 import typer
 
 from benchmarks import main
-from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.cli.bench import Markdown, print_json
 from cubicsplat_cli.cli.options import Json
 from cubicsplat_cli.errors import InputError

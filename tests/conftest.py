@@ -149,6 +149,16 @@ def logo(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
+def two_pictures(tmp_path: Path) -> Path:
+    """A folder of two pictures, the second with transparency."""
+    path = tmp_path / "pictures"
+    path.mkdir()
+    Image.fromarray(smooth_pixels(32, 20)).save(path / "a.png")
+    Image.fromarray(smooth_pixels(24, 24, alpha=True)).save(path / "b.png")
+    return path
+
+
+@pytest.fixture
 def noisy_file(noisy: np.ndarray, tmp_path: Path) -> Path:
     """The picture that a test file calls noisy, as a file."""
     path = tmp_path / "noisy.png"

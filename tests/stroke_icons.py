@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.svg.paths import subpaths
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import run_here
+from conftest import rest_slow
 from PIL import Image, ImageDraw
 
 import cubicsplat_cli
@@ -165,7 +166,7 @@ def test_an_interrupt_writes_the_clip_so_far():
     assert made.report.interrupted and 1 <= made.report.input.frames <= 5
 
 
-@pytest.mark.parametrize("most", ["4k", "1kgz"])
+@pytest.mark.parametrize("most", rest_slow("1kgz", "4k"))
 def test_as_much_as_fits_into_the_bytes(clip, tmp_path, most):
     options = ("--steps", 200, "--threads", 1, "--max-bytes", most)
     done = run_here("animate", clip, "-o", tmp_path / "disc.svg", *options)

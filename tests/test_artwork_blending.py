@@ -7,9 +7,8 @@ import pytest
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle
-from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light
+from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light, without_rim
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
-from cubicsplat_cli.artwork.input.rim import without_rim
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.sampling import aliased
 from cubicsplat_cli.artwork.vectorize import draw

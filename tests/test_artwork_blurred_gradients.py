@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
+from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import PreparedInput
 from cubicsplat_cli.artwork.input.restore import restored

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -185,8 +186,9 @@ def test_cells_beneath_a_jpegs_artefacts(times, quality):
     assert np.median(off) <= 8.0
 
 
-@pytest.mark.parametrize("name", ["bird", "fish", "badge"])
-@pytest.mark.parametrize("side", [64, 160])
+@pytest.mark.parametrize(
+    ("name", "side"), rest_slow(("bird", 160), ("badge", 64), *product(("bird", "fish", "badge"), (64, 160)), fast=2)
+)
 def test_a_drawing_without_smoothing_has_no_cells(name, side):
     file = SAMPLES / "artwork" / f"{name}.svg"
     large = np.asarray(Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_path=str(file), width=8 * side)))))

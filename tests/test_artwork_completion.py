@@ -8,19 +8,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
-from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
-from cubicsplat_cli.artwork.layers.continuation import continued
-from cubicsplat_cli.artwork.layers.ends import End
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent
-from cubicsplat_cli.artwork.layers.holes import without_stray_holes
+from cubicsplat_cli.artwork.layers.completion import hidden_runs
+from cubicsplat_cli.artwork.layers.ends import End, continued
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.raster.ndimage import holes_of
+from cubicsplat_cli.raster.outlines import coverage
 
 FINE = 8
 
@@ -125,13 +123,11 @@ def test_a_limb_goes_on_by_half_its_width(slant):
     sigma = np.full(len(points), 0.05)
     sigma[-39:] = np.inf
     nothing = np.zeros((200, 200), dtype=bool)
-    loop = HiddenLoop(points, sigma, lambda _: 99, Room(0, 0, nothing, nothing, nothing, (200, 200)), (200, 200))
+    loop = HiddenLoop(points, sigma, lambda _: 99, Room(0, 0, nothing, nothing, nothing, (200, 200)))
     found = [way for way in ways_on(loop, hidden_runs(sigma)[0]) if len(way.corners) == 2]
     assert found[0].points[found[0].corners] == pytest.approx(np.array([[70.0, 80.0], [30.0, 80.0]]), abs=0.01)
     # Sides that are too far apart for their headings, or not parallel, are no limb's.
-    wide = HiddenLoop(
-        points + np.where(points[:, :1] > 50.0, [100.0, 0.0], 0.0), sigma, lambda _: 99, loop.room, (200, 200)
-    )
+    wide = HiddenLoop(points + np.where(points[:, :1] > 50.0, [100.0, 0.0], 0.0), sigma, lambda _: 99, loop.room)
     ways = [way for way in ways_on(wide, hidden_runs(sigma)[0]) if len(way.corners)]
     assert all(way.points[way.corners, 1].min() > 85.0 for way in ways)
     points[: len(left), 0] -= 0.6 * np.arange(20.0)
@@ -211,7 +207,7 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
     square = np.array([[10.0, 20.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]])
     contour = Contour(square, np.full(4, 0.1), False)
     extent = Extent(0, 20, 10, shown, shown, np.zeros_like(shown), (contour,))
-    window = _Window.of(extent, (40, 40))
+    window = Window.of(extent, (40, 40))
     assert len(window.wrong(polygon(square))) == 0
     # Two sides go on until they meet, beyond the canvas.
     assert len(window.wrong(polygon(np.array([[10.0, 20.0], [20.0, -50.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]]))))
@@ -226,7 +222,7 @@ def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():
         for a, b, hole in ((10, 30, False), (12, 28, True))
     ]
     extent = Extent(0, 0, 0, shown, shown, holes_of(shown), tuple(contours))
-    window = _Window.of(extent, (40, 40)).hole(contours[1], extent)
+    window = Window.of(extent, (40, 40)).hole(contours[1], extent)
     assert len(window.wrong(polygon(contours[1].points))) == 0
     # Nothing of the thin shape itself is so far from its edges that a hole surely must not have it.
     assert len(window.wrong(Circle(20.0, 4.0, 24.0)))

@@ -12,7 +12,7 @@ from image_files import recoded
 from PIL import Image
 from skimage import data
 
-from cubicsplat_cli.artwork.input.contrasts import contrasts
+from cubicsplat_cli.artwork.input.evenness import contrasts
 from cubicsplat_cli.artwork.style import choose_style
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples" / "artwork"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from red_rings import RED, assert_jacobian, red_picture
 from test_artwork_finish import covered
 
 from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
@@ -16,23 +17,16 @@ from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
-WIDTH, HEIGHT, FINE = 160, 96, 8
+WIDTH, HEIGHT = 160, 96
 DROP = "M0 -26C12 -14 20 -4 18 8 16 22 -10 24 -16 12 -20 2 -8 -12 0 -26z"
-RED = (204, 34, 0, 255)
 
 
 def pictured(*placed):
     """The picture of the drop, once for each transform."""
-    text = f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}">'
-    text += '<rect width="100%" height="100%" fill="#fff"/>'
-    text += "".join(f'<path d="{DROP}" transform="{place}" fill="#c20"/>' for place in placed) + "</svg>"
-    fine = rerender(text.encode(), WIDTH * FINE, HEIGHT * FINE, renderer="resvg").pixels.astype(float)
-    levels = np.rint(fine.reshape(HEIGHT, FINE, WIDTH, FINE, 4).mean(axis=(1, 3)))
-    return (levels / 255.0).astype(np.float32)
+    return red_picture(DROP, placed, WIDTH, HEIGHT)
 
 
 def drops(picture):
@@ -184,10 +178,7 @@ def test_one_that_is_hardly_alike_does_not_keep_the_others_from_being_copies():
 def test_the_jacobian_of_a_copy_matches_finite_differences():
     ring = Circle(20.0, 19.0, 9.3).ring()
     copy = CopyParameters(parametrised(ring, Constraints(64, 64)), RigidTransform((-1.0, 1.0), (60.0, 3.0), 0.4), 0)
-    jacobian = copy.jacobian.toarray()
-    for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
-        change = (copy.moved(step).cubics - copy.moved(-step).cubics).ravel() / 2e-5
-        assert np.allclose(change, jacobian[:, i], atol=2e-3)
+    assert_jacobian(copy)
     assert isinstance(copy.outline(), Ring)
 
 

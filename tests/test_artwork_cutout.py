@@ -12,12 +12,12 @@ from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, polygon, ring_of_cubics
 from cubicsplat_cli.artwork.planar.cutout import cut_out
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.svg import read_drawing, write_drawing
 from cubicsplat_cli.svg.paths import subpaths

@@ -152,7 +152,7 @@ def test_large_shapes_only_and_no_more_than_asked_for() -> None:
     assert len(explained(plain(), target, most=3).shapes) == 3
 
 
-@pytest.mark.parametrize("asked", [{"colors": 3}, {"palette": (WHITE[:3], BLUE[:3], RED[:3])}, {"curves": 3}])
+@pytest.mark.parametrize("asked", [{"palette": (WHITE[:3], BLUE[:3], RED[:3])}, {"curves": 3}])
 def test_what_was_given_up_on_request_is_no_detail(asked: dict[str, Any]) -> None:
     target = picture(truth(DOTS)).astype(np.float32)
     assert len(vectorize.draw(target, ArtworkSettings(**asked)).shapes) < len(vectorize.draw(target).shapes)

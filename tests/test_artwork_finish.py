@@ -6,12 +6,12 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.finish import NOTICED, begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster.outlines import coverage
 
 RED, BLUE, YELLOW = (255, 0, 0, 255), (0, 0, 255, 255), (255, 230, 0, 255)
 

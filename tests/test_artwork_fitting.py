@@ -9,7 +9,6 @@ import pytest
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.artwork import vectorize
-from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -17,11 +16,11 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Rectangle,
     Ring,
     flattened,
+    points_at,
     polygon,
     signed_area,
 )
-from cubicsplat_cli.artwork.tracing.fitting import fit_outline, fit_outlines
-from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
+from cubicsplat_cli.artwork.tracing.fitting import fit_outline, fit_outlines, fit_primitive
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.files.convert import as_picture

@@ -286,7 +286,7 @@ def test_of_a_clean_picture_there_is_nothing_to_say():
     assert analysed(target("clean")).notes == []
 
 
-def test_an_fill_of_thin_lines_alone_is_found_and_drawn():
+def test_a_fill_of_thin_lines_alone_is_found_and_drawn():
     lines = "".join(f'<path d="M0 {y}L160 {y + 40}" stroke="#000" stroke-width="1.8"/>' for y in range(-10, 110, 30))
     body = f'<path d="M0 0H160V160H0z" fill="#fff"/><path d="M0 0H80V160H0z" fill="#0071bd"/>{lines}'
     levels = as_levels(target("jpeg", body))

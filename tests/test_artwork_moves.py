@@ -9,7 +9,6 @@ from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, round
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.finish.moves import as_path
 from cubicsplat_cli.artwork.finish.polish import polish
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -21,6 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     signed_area,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_outline
+from cubicsplat_cli.raster.outlines import coverage
 
 RED = (255, 0, 0, 255)
 SQUARE = polygon(np.array([[8.0, 8.0], [40.0, 8.0], [40.0, 40.0], [8.0, 40.0]]))

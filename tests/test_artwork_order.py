@@ -7,16 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.ends import heading
 from cubicsplat_cli.artwork.layers.extents import extents
-from cubicsplat_cli.artwork.layers.junctions import junction_votes
-from cubicsplat_cli.artwork.layers.rounds import round_votes
+from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
 from cubicsplat_cli.artwork.layers.stacking import Stack, StackedShape, _without_cycles, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, edge_positions
+from cubicsplat_cli.raster.outlines import coverage
 
 FINE = 8
 SIZE = 100

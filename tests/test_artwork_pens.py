@@ -11,14 +11,12 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from stroke_icons import ICONS, SIZE, line_of, svg_of
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.outlines import signed_area
+from cubicsplat_cli.artwork.geometry.outlines import points_at, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import pieces_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.paper import scan_of
-from cubicsplat_cli.artwork.input.pens import Pens, pens_of
+from cubicsplat_cli.artwork.input.pens import Pens, pens_of, sharpened
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
-from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
 from cubicsplat_cli.artwork.vectorize import draw

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from test_artwork_fitting import sampled, star
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, bernstein, derivatives, points_at
 from cubicsplat_cli.artwork.tracing.variables import Feet, Pieces, Variables, refine
 from cubicsplat_cli.raster.cubics import divided_run
 from cubicsplat_cli.raster.outlines import corners_of

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from red_rings import assert_jacobian, red_outline, red_picture
 
 from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
 from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.rotational import Rotation, rotated, rotational
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
-SIZE, FINE, RED = 128, 8, (204, 34, 0, 255)
+SIZE = 128
 
 
 def corners(*radii, degrees=0.0):
@@ -31,16 +31,7 @@ def path_of(points):
 
 
 def drawn(path, place="translate(63.3 64.6)"):
-    text = f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" viewBox="0 0 {SIZE} {SIZE}">'
-    text += f'<rect width="100%" height="100%" fill="#fff"/><path d="{path}" transform="{place}" fill="#c20"/></svg>'
-    fine = rerender(text.encode(), SIZE * FINE, SIZE * FINE, renderer="resvg").pixels.astype(float)
-    picture = (np.rint(fine.reshape(SIZE, FINE, SIZE, FINE, 4).mean(axis=(1, 3))) / 255.0).astype(np.float32)
-    return draw(picture)
-
-
-def ring_of(drawing):
-    (red,) = (shape for shape in drawing.shapes if shape.fill == RED)
-    return red.outlines[0]
+    return draw(red_picture(path, [place], SIZE, SIZE))
 
 
 def unlike(ring, parts):
@@ -56,22 +47,22 @@ STAR = corners(*(50.0, 21.0) * 5, degrees=7.0)
 
 def test_a_star_is_exactly_its_own_image_by_fifths_of_a_turn():
     drawing = drawn(path_of(STAR))
-    ring = ring_of(drawing)
+    ring = red_outline(drawing)
     assert ring.pieces == 10 and unlike(ring, 5) < 1e-6
     assert ring.anchors.mean(axis=0) == pytest.approx([63.3, 64.6], abs=0.01)
     # In the file to half a step of every coordinate, 0.001 px.
-    assert unlike(ring_of(read_drawing(write_drawing(drawing, title="x", comment="y"))), 5) < 0.003
+    assert unlike(red_outline(read_drawing(write_drawing(drawing, title="x", comment="y"))), 5) < 0.003
 
 
 def test_a_gear_is_so_by_its_teeth():
     teeth = corners(*(40.0, 40.0, 48.0, 48.0) * 9, degrees=3.0)
-    assert unlike(ring_of(drawn(path_of(teeth))), 9) < 1e-6
+    assert unlike(red_outline(drawn(path_of(teeth))), 9) < 1e-6
 
 
 @pytest.mark.parametrize("off", [0.5, -0.5])
 def test_a_star_with_a_tip_that_is_longer_or_shorter_stays_so(off):
     points = STAR * np.where(np.arange(10) == 2, 1.0 + off / 50.0, 1.0)[:, None]
-    ring = ring_of(drawn(path_of(points)))
+    ring = red_outline(drawn(path_of(points)))
     reach = np.sort(np.hypot(*(ring.anchors - [63.3, 64.6]).T))[-5:]
     assert (reach[-1] - reach[:-1].mean() if off > 0 else reach[0] - reach[1:].mean()) == pytest.approx(off, abs=0.1)
 
@@ -80,7 +71,7 @@ def test_a_star_with_a_tip_that_is_two_degrees_aside_stays_so():
     angle = np.radians(2.0)
     points = STAR.copy()
     points[2] = points[2] @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
-    found = ring_of(drawn(path_of(points))).anchors - [63.3, 64.6]
+    found = red_outline(drawn(path_of(points))).anchors - [63.3, 64.6]
     assert np.hypot(*(found[:, None] - points).transpose(2, 0, 1)).min(axis=0).max() < 0.1
 
 
@@ -122,10 +113,7 @@ def test_such_a_ring_stays_one_however_it_moves(steps):
 
 def test_its_jacobian_matches_finite_differences():
     parameters = rotational(parametrised(pinwheel(), Constraints(64, 64)), Rotation(3, np.array([32.0, 32.0])))
-    jacobian = parameters.jacobian.toarray()
-    for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
-        change = (parameters.moved(step).cubics - parameters.moved(-step).cubics).ravel() / 2e-5
-        assert np.allclose(change, jacobian[:, i], atol=2e-3)
+    assert_jacobian(parameters)
 
 
 def test_what_is_small_or_uneven_is_no_rotation():

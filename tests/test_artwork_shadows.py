@@ -11,8 +11,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, shaded
-from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
+from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, box_of, shaded
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.vectorize import draw
@@ -248,7 +247,7 @@ def test_two_layers_as_pages_have_them():
     assert found.shadow is not None and [len(cast.layers) for cast in found.shadow.casts] == [2]
 
 
-@pytest.mark.parametrize("kind", rest_slow("plain", "glow", "ramp", fast=2))
+@pytest.mark.parametrize("kind", rest_slow("glow", "plain", "ramp"))
 def test_cards_and_gradients_without_a_shadow_stay_as_they_are(kind):
     shape = box(*CARD, 8.0)
     plain = over(np.full((HEIGHT, WIDTH, 3), 240.0), shape, BLUE)

@@ -10,7 +10,7 @@ import resvg_py
 from PIL import Image
 
 from cubicsplat_cli.artwork.input.condition import condition_of
-from cubicsplat_cli.artwork.input.squares import SMALL, square_fills
+from cubicsplat_cli.artwork.input.palette import SMALL, square_fills
 from cubicsplat_cli.artwork.vectorize import draw
 
 GROUND = (255.0, 255.0, 255.0, 255.0)
@@ -43,7 +43,7 @@ def test_parts_of_a_few_px_keep_their_fills(sigma):
     assert len(drawing.shapes) <= 12
 
 
-def test_a_square_shows_an_fill_and_a_ramp_none():
+def test_a_square_shows_a_fill_and_a_ramp_none():
     levels = np.full((24, 24, 4), 255.0, np.float32)
     levels[4:7, 4:7, :3] = (200.0, 30.0, 60.0)
     # Two columns of the blend between two grounds.

@@ -12,10 +12,8 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, edge_positions
-from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
-from cubicsplat_cli.artwork.translucent.merging import Overlay, with_covered
-from cubicsplat_cli.artwork.translucent.paint import FULL, Paint, likeliest, paint_of
-from cubicsplat_cli.artwork.translucent.parts import without_overlays
+from cubicsplat_cli.artwork.translucent.merging import FULL, Overlay, Paint, likeliest, paint_of, with_covered
+from cubicsplat_cli.artwork.translucent.parts import goes_on, meetings, without_overlays
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg import read_drawing, write_drawing
 

@@ -37,27 +37,17 @@ def quiet(_name: str):
     return nullcontext(None)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """Two pictures, the second with transparency."""
-    path = tmp_path / "pictures"
-    path.mkdir()
-    Image.fromarray(smooth_pixels(32, 20)).save(path / "a.png")
-    Image.fromarray(smooth_pixels(24, 24, alpha=True)).save(path / "b.png")
-    return path
-
-
-def jobs_of(folder: Path, **overrides):
+def jobs_of(two_pictures: Path, **overrides):
     settings = {"steps": 12, "threads": 1} | overrides
-    return quality_jobs(sorted(folder.iterdir()), ["closed"], [5], {"preset": "draft", **settings})
+    return quality_jobs(sorted(two_pictures.iterdir()), ["closed"], [5], {"preset": "draft", **settings})
 
 
 # --- quality -----------------------------------------------------------------------------------------------
 
 
-def test_quality_reports_what_the_files_are_worth(folder, tmp_path):
+def test_quality_reports_what_the_files_are_worth(two_pictures, tmp_path):
     cache = tmp_path / "cache"
-    done = run("quality", folder, "--curves", "5,8", "--mode", "closed,open", *SHORT, "--cache", cache, "--json")
+    done = run("quality", two_pictures, "--curves", "5,8", "--mode", "closed,open", *SHORT, "--cache", cache, "--json")
     assert done.exit_code == 0, done.exception
     found = strict(done.stdout)
     assert list(found["means"]) == ["closed 5", "closed 8", "open 5", "open 8"]
@@ -65,7 +55,7 @@ def test_quality_reports_what_the_files_are_worth(folder, tmp_path):
     kept = {path.name.rsplit("-", 1)[0]: path for path in cache.glob("*.svg")}
     for figures in found["runs"]:
         svg = kept[f"{Path(figures['picture']).stem}-{figures['mode']}-{figures['curves']}"].read_bytes()
-        picture = load_picture(folder / figures["picture"])
+        picture = load_picture(two_pictures / figures["picture"])
         quality = compare(picture, rerender(svg, picture.width, picture.height).pixels)
         assert figures["psnr_db"] == pytest.approx(quality.psnr_db, abs=1e-3)
         assert figures["bytes"] == len(svg)
@@ -80,50 +70,52 @@ def test_quality_reports_what_the_files_are_worth(folder, tmp_path):
     assert (mean["pictures"], found["failed"]) == (2, [])
 
 
-def test_tables_have_a_mean_row_per_configuration_and_a_table_of_means(folder):
-    done = run("quality", folder, "--curves", "4,6", *SHORT)
+def test_tables_have_a_mean_row_per_configuration_and_a_table_of_means(two_pictures):
+    done = run("quality", two_pictures, "--curves", "4,6", *SHORT)
     assert done.exit_code == 0
     lines = done.stdout.splitlines()
     assert [line for line in lines if re.fullmatch(r"closed \d|means", line)] == ["closed 4", "closed 6", "means"]
     assert sum(line.startswith("mean of 2") for line in lines) == 2
     assert [line.split()[:2] for line in lines[-2:]] == [["closed", "4"], ["closed", "6"]]
     assert [line.split(":")[0] for line in done.stderr.splitlines()][:2] == ["a.png, closed 4", "b.png, closed 4"]
-    done = run("quality", folder, "--curves", 4, "--limit", 1, "--markdown", "-q", *SHORT)
+    done = run("quality", two_pictures, "--curves", 4, "--limit", 1, "--markdown", "-q", *SHORT)
     assert done.stderr == ""
     assert done.stdout.startswith("### closed 4\n\n| picture ")
     assert "| a.png " in done.stdout
     assert "b.png" not in done.stdout
 
 
-def test_csv_has_a_row_per_fit(folder, tmp_path):
+def test_csv_has_a_row_per_fit(two_pictures, tmp_path):
     table = tmp_path / "table.csv"
-    assert run("quality", folder, "--curves", "4", *SHORT, "--csv", table).exit_code == 0
+    assert run("quality", two_pictures, "--curves", "4", *SHORT, "--csv", table).exit_code == 0
     rows = list(csv.DictReader(table.open()))
     assert [row["picture"] for row in rows] == ["a.png", "b.png"]
     assert float(rows[0]["psnr_db"]) > 5
 
 
-def test_a_bad_picture_is_reported_once_and_the_others_go_on(folder):
-    (folder / "aa.png").write_text("no picture")
-    done = run("quality", folder, "--curves", "4,5", *SHORT, "--json")
+def test_a_bad_picture_is_reported_once_and_the_others_go_on(two_pictures):
+    (two_pictures / "aa.png").write_text("no picture")
+    done = run("quality", two_pictures, "--curves", "4,5", *SHORT, "--json")
     assert done.exit_code == 1
     found = strict(done.stdout)
     assert len(found["runs"]) == 4
     assert [failure["picture"] for failure in found["failed"]] == ["aa.png"]
     assert done.stderr.splitlines()[-1].startswith("cubicsplat: failed: aa.png: ")
-    for path in folder.iterdir():
+    for path in two_pictures.iterdir():
         path.write_text("no picture")
-    assert isinstance(run("quality", folder, *SHORT).exception, InputError)
+    assert isinstance(run("quality", two_pictures, *SHORT).exception, InputError)
 
 
-def test_a_fit_that_breaks_down_is_reported_with_its_configuration(folder):
+def test_a_fit_that_breaks_down_is_reported_with_its_configuration(two_pictures):
     def sometimes(picture, request, **options):
         if request.settings.curves == 5:
             raise EngineError("the fit broke\ndown")
         return vectorize_picture(picture, request, **options)
 
     said: list[str] = []
-    fits = quality_jobs(sorted(folder.iterdir()), ["closed"], [4, 5], {"preset": "draft", "steps": 12, "threads": 1})
+    fits = quality_jobs(
+        sorted(two_pictures.iterdir()), ["closed"], [4, 5], {"preset": "draft", "steps": 12, "threads": 1}
+    )
     found = run_all(fits, None, quiet, said.append, sometimes)
     assert found.failed == [(name, "closed 5", "the fit broke down") for name in ("a.png", "b.png")]
     assert "a.png, closed 5: failed: the fit broke down" in said
@@ -133,36 +125,36 @@ def test_a_fit_that_breaks_down_is_reported_with_its_configuration(folder):
 # --- the cache ---------------------------------------------------------------------------------------------
 
 
-def test_a_second_run_takes_everything_from_the_cache(folder, tmp_path):
+def test_a_second_run_takes_everything_from_the_cache(two_pictures, tmp_path):
     cache = tmp_path / "new" / "cache"
-    first = run_all(jobs_of(folder), cache, quiet, lambda _: None)
+    first = run_all(jobs_of(two_pictures), cache, quiet, lambda _: None)
     said: list[str] = []
-    second = run_all(jobs_of(folder), cache, quiet, said.append, lambda *_, **__: pytest.fail("fitted again"))
+    second = run_all(jobs_of(two_pictures), cache, quiet, said.append, lambda *_, **__: pytest.fail("fitted again"))
     assert [svg for _, svg in second.done] == [svg for _, svg in first.done]
     assert all(found.cached for found, _ in second.done)
     assert all("from the cache" in line for line in said)
     assert means(second.of("closed 5")) == means(first.of("closed 5"))
 
 
-def entry(folder: Path, code: str | None = None, **overrides) -> str:
-    (job, *_) = jobs_of(folder, **overrides)
+def entry(two_pictures: Path, code: str | None = None, **overrides) -> str:
+    (job, *_) = jobs_of(two_pictures, **overrides)
     return CacheEntry(Path("x"), job, load_picture(job.path), code).json.name
 
 
-def test_a_cached_result_counts_only_for_the_same_fit(folder):
-    kept = entry(folder)
-    assert kept == entry(folder)
-    assert kept != entry(folder, steps=13)
-    assert kept != entry(folder, seed=1)
-    assert kept != entry(folder, rate_colours=0.01)
-    assert kept != entry(folder, "other code")
-    Image.fromarray(smooth_pixels(32, 20) // 2).save(folder / "a.png")
-    assert kept != entry(folder), "another picture of the same name"
+def test_a_cached_result_counts_only_for_the_same_fit(two_pictures):
+    kept = entry(two_pictures)
+    assert kept == entry(two_pictures)
+    assert kept != entry(two_pictures, steps=13)
+    assert kept != entry(two_pictures, seed=1)
+    assert kept != entry(two_pictures, rate_colours=0.01)
+    assert kept != entry(two_pictures, "other code")
+    Image.fromarray(smooth_pixels(32, 20) // 2).save(two_pictures / "a.png")
+    assert kept != entry(two_pictures), "another picture of the same name"
 
 
 @pytest.mark.parametrize("damage", ["svg", "json", "member"])
-def test_damaged_entries_are_made_anew(folder, tmp_path, damage):
-    jobs = jobs_of(folder)[:1]
+def test_damaged_entries_are_made_anew(two_pictures, tmp_path, damage):
+    jobs = jobs_of(two_pictures)[:1]
     first = run_all(jobs, tmp_path / "c", quiet, lambda _: None)
     (svg,), (report,) = (tmp_path / "c").glob("*.svg"), (tmp_path / "c").glob("*.json")
     if damage == "svg":
@@ -179,7 +171,7 @@ def test_damaged_entries_are_made_anew(folder, tmp_path, damage):
     assert run_all(jobs, tmp_path / "c", quiet, lambda _: None).done[0][0].cached
 
 
-def test_an_interrupted_fit_ends_the_run_and_is_not_kept(folder, tmp_path):
+def test_an_interrupted_fit_ends_the_run_and_is_not_kept(two_pictures, tmp_path):
     def interrupt(_name: str):
         def callback(_progress):
             raise KeyboardInterrupt
@@ -187,17 +179,17 @@ def test_an_interrupted_fit_ends_the_run_and_is_not_kept(folder, tmp_path):
         return nullcontext(callback)
 
     with pytest.raises(KeyboardInterrupt):
-        run_all(jobs_of(folder), tmp_path / "c", interrupt, lambda _: None)
+        run_all(jobs_of(two_pictures), tmp_path / "c", interrupt, lambda _: None)
     assert not (tmp_path / "c").exists()
 
 
 # --- the sheet ---------------------------------------------------------------------------------------------
 
 
-def test_the_sheet_shows_original_svg_and_error(folder, tmp_path):
+def test_the_sheet_shows_original_svg_and_error(two_pictures, tmp_path):
     sheet = tmp_path / "sheet.png"
     cache = tmp_path / "c"
-    done = run("quality", folder, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache)
+    done = run("quality", two_pictures, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache)
     assert done.exit_code == 0, done.exception
     pixels = np.asarray(Image.open(sheet).convert("RGB")).astype(int)
     original = smooth_pixels(32, 20)
@@ -210,23 +202,23 @@ def test_the_sheet_shows_original_svg_and_error(folder, tmp_path):
     shown = pixels[top : top + 20, 2 * column - 6 : 2 * column + 26]
     assert np.abs(shown - error).max() <= 4
     assert error.max() > 20
-    assert run("quality", folder, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache).exit_code == 0
+    assert run("quality", two_pictures, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache).exit_code == 0
 
 
-def test_only_the_first_four_pictures_are_shown_and_large_ones_are_made_smaller(folder, tmp_path):
+def test_only_the_first_four_pictures_are_shown_and_large_ones_are_made_smaller(two_pictures, tmp_path):
     for name in "cdefg":
-        Image.fromarray(smooth_pixels(8, 8)).save(folder / f"{name}.png")
-    Image.fromarray(smooth_pixels(1000, 10)).save(folder / "a.png")
+        Image.fromarray(smooth_pixels(8, 8)).save(two_pictures / f"{name}.png")
+    Image.fromarray(smooth_pixels(1000, 10)).save(two_pictures / "a.png")
     sheet = tmp_path / "sheet.png"
-    assert run("quality", folder, "--curves", "2", "--steps", 3, "--threads", 1, "--sheet", sheet).exit_code == 0
+    assert run("quality", two_pictures, "--curves", "2", "--steps", 3, "--threads", 1, "--sheet", sheet).exit_code == 0
     with Image.open(sheet) as image:
         assert image.size == (3 * 768 + 4 * 6, 4 * (18 + 6) + 8 + 24 + 8 + 8)
 
 
-def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(folder):
-    before = (folder / "a.png").read_bytes()
-    assert isinstance(run("quality", folder, *SHORT, "--sheet", folder / "a.png").exception, UsageError)
-    assert (folder / "a.png").read_bytes() == before
+def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(two_pictures):
+    before = (two_pictures / "a.png").read_bytes()
+    assert isinstance(run("quality", two_pictures, *SHORT, "--sheet", two_pictures / "a.png").exception, UsageError)
+    assert (two_pictures / "a.png").read_bytes() == before
 
 
 # --- options -----------------------------------------------------------------------------------------------
@@ -239,10 +231,10 @@ def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(folder):
         ("--mode", ","), ("--csv", "t.txt"), ("--sheet", "s.jpg"),
     ],
 )  # fmt: skip
-def test_wrong_values_are_refused_before_any_work(folder, arguments):
-    for path in folder.iterdir():
+def test_wrong_values_are_refused_before_any_work(two_pictures, arguments):
+    for path in two_pictures.iterdir():
         path.write_text("a picture that would be refused")
-    assert isinstance(run("quality", folder, *arguments).exception, UsageError)
+    assert isinstance(run("quality", two_pictures, *arguments).exception, UsageError)
 
 
 def test_missing_and_empty_folders_are_one_clear_error(tmp_path):

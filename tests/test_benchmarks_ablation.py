@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
-from conftest import smooth_pixels
-from PIL import Image
 
 from benchmarks import ablation
 from cubicsplat_cli.bench import runs
@@ -21,16 +18,6 @@ def strict(text: bytes) -> dict:
     return json.loads(text, parse_constant=pytest.fail)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """Two pictures, the second with transparency."""
-    path = tmp_path / "pictures"
-    path.mkdir()
-    Image.fromarray(smooth_pixels(32, 20)).save(path / "a.png")
-    Image.fromarray(smooth_pixels(24, 24, alpha=True)).save(path / "b.png")
-    return path
-
-
 def test_ablation_rows_are_settings_that_exist_and_that_change_something():
     base = FitSettings.from_preset("standard", mode="closed")
     for row, changes in ablation.ABLATIONS.items():
@@ -40,9 +27,9 @@ def test_ablation_rows_are_settings_that_exist_and_that_change_something():
             assert getattr(settings if hasattr(settings, name) else settings.recipe, name) == value
 
 
-def test_ablation_table_and_json_agree(run_benchmark, folder, tmp_path):
+def test_ablation_table_and_json_agree(run_benchmark, two_pictures, tmp_path):
     options = ("--curves", "4,6", "--mode", "closed,open", "--rows", "opaque,no pruning", "--cache", tmp_path / "c")
-    done = run_benchmark("ablation", folder, *options, *SHORT, "--json")
+    done = run_benchmark("ablation", two_pictures, *options, *SHORT, "--json")
     assert done.returncode == 0, done.stderr
     found = strict(done.stdout)
     rows = found["rows"]
@@ -54,7 +41,7 @@ def test_ablation_table_and_json_agree(run_benchmark, folder, tmp_path):
         assert row["change_db"] == pytest.approx(change, abs=1e-3)
         assert row["steps_per_minute"] > 100
     assert any(abs(row["change_db"]) > 0.01 for row in rows)
-    table = run_benchmark("ablation", folder, *options, *SHORT, "--markdown", "-q").stdout.decode().splitlines()
+    table = run_benchmark("ablation", two_pictures, *options, *SHORT, "--markdown", "-q").stdout.decode().splitlines()
     assert [cell.strip() for cell in table[0].split("|")[1:6]] == [
         "row", "closed 4 dB", "change", "own - SVG", "steps/min",
     ]  # fmt: skip
@@ -64,7 +51,7 @@ def test_ablation_table_and_json_agree(run_benchmark, folder, tmp_path):
     assert float(opaque[1]) == pytest.approx(levels["opaque", "closed", 4], abs=0.006)
 
 
-def test_change_is_over_the_pictures_that_both_have(run_benchmark, folder, monkeypatch):
+def test_change_is_over_the_pictures_that_both_have(run_benchmark, two_pictures, monkeypatch):
     original = runs.vectorize_picture
 
     def fail_one(picture, request, **options):
@@ -73,7 +60,9 @@ def test_change_is_over_the_pictures_that_both_have(run_benchmark, folder, monke
         return original(picture, request, **options)
 
     monkeypatch.setattr(runs, "vectorize_picture", fail_one)
-    done = run_benchmark("ablation", folder, "--curves", 4, "--mode", "closed", "--rows", "opaque", *SHORT, "--json")
+    done = run_benchmark(
+        "ablation", two_pictures, "--curves", 4, "--mode", "closed", "--rows", "opaque", *SHORT, "--json"
+    )
     assert done.returncode == 1
     found = strict(done.stdout)
     base, opaque = found["rows"]

@@ -22,7 +22,11 @@ from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.artwork.scores import Truth, count, minified
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
-from cubicsplat_cli.svg.paths import count_numbers, path_segments
+from cubicsplat_cli.svg.paths import count_numbers, subpaths
+
+
+def segments_of(d: str):
+    return [segment for subpath in subpaths(d) for segment in subpath]
 
 
 def svg(body: str, width: int = 64, height: int = 48, root: str = "") -> bytes:
@@ -64,7 +68,7 @@ def test_without_smoothing_every_pixel_is_on_or_off():
 
 
 def test_path_data_is_made_absolute():
-    found = path_segments("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z")
+    found = segments_of("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z")
     assert "".join(piece.command for piece in found) == "HVLCSQTAZ"
     assert [piece.end for piece in found] == [
         (4, 2),
@@ -85,7 +89,7 @@ def test_path_data_is_made_absolute():
     assert count_numbers("M1-2.5.5 3") == 4
     for wrong in ("1 2", "M1", "M1 2C3 4", "M0 0z1", "M0 0 x", "M0 0a5 5 0 1 0 10z", "h3", "M0 0c" + "1 " * 7):
         with pytest.raises(InputError):
-            path_segments(wrong)
+            segments_of(wrong)
 
 
 def test_shapes_coordinates_and_primitives():

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, derivatives, points_at
 from cubicsplat_cli.raster.cubics import Joints, newton_steps, refined
 from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, nearest_primitive, parabolas
 

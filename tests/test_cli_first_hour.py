@@ -64,7 +64,7 @@ def test_a_file_that_was_edited_is_kept(suffix, edit, photo, run_cli):
     assert edited.read_bytes() != before
 
 
-@pytest.mark.parametrize(("suffix", "size"), [(".svg", 0), (".svg", 300), (".json", 0), (".json", 25), (".json", 400)])
+@pytest.mark.parametrize(("suffix", "size"), [(".svg", 300), (".json", 0), (".json", 25)])
 def test_what_a_crashed_disk_left_is_made_anew(suffix, size, photo, run_cli):
     assert run_cli("vectorize", photo, *SHORT).returncode == 0
     whole = photo.with_suffix(".svg").read_bytes()

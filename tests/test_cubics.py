@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
+from cubicsplat_cli.artwork.geometry.outlines import bernstein, derivatives, points_at
 from cubicsplat_cli.raster.cubics import divided_run, newton_steps
 
 RUNS, POINTS, ROUNDS = 7, 20, 3

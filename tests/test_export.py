@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.dxf import MM_PER_PX, arcs_along

@@ -291,24 +291,17 @@ def test_embedded_profile_is_applied(mode):
         assert picture.alpha[2, 2] == 1
 
 
-def test_srgb_profile_changes_nothing():
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [("sRGB", None), ("LAB", "does not fit"), (None, "profile")],  # None: no profile at all
+)
+def test_a_profile_that_changes_nothing_or_cannot_be_used(kind, said):
+    profile = b"not a profile at all"
+    if kind is not None:
+        profile = ImageCms.ImageCmsProfile(ImageCms.createProfile(kind)).tobytes()
     picture = load_picture(encode(Image.fromarray(NOISE), icc_profile=profile))
     assert np.array_equal(picture.rgb, NOISE.astype(np.float32) / 255)
-    assert picture.notes == ()
-
-
-def test_broken_profile_is_noted():
-    picture = load_picture(encode(Image.fromarray(NOISE), icc_profile=b"not a profile at all"))
-    assert np.array_equal(picture.rgb, NOISE.astype(np.float32) / 255)
-    assert any("profile" in note for note in picture.notes)
-
-
-def test_profile_of_another_colour_space_is_noted():
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()
-    picture = load_picture(encode(Image.fromarray(NOISE), icc_profile=profile))
-    assert np.array_equal(picture.rgb, NOISE.astype(np.float32) / 255)
-    assert any("does not fit" in note for note in picture.notes)
+    assert [said in note for note in picture.notes] == [True] * (said is not None)
 
 
 def flat_picture(rgb: np.ndarray, alpha: np.ndarray | None = None) -> Picture:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.regions.cracks import STEP, trace
+from cubicsplat_cli.artwork.tracing.contours import STEP, trace
 from cubicsplat_cli.raster.cubics import laid_out
 from cubicsplat_cli.raster.outlines import Hiding, corners_of, fewest_links, held_by_hull, hull_mask
 

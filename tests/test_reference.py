@@ -321,9 +321,15 @@ def without(scene: Scene, removed: int) -> Scene:
     return only(scene, [i for i in range(scene.curves) if i != removed])
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("background", BACKGROUNDS)
-@pytest.mark.parametrize("coverage", COVERAGES)
+@pytest.mark.parametrize(
+    ("mode", "background", "coverage"),
+    rest_slow(
+        (Mode.CLOSED, None, "exact"),
+        (Mode.OPEN, PAPER, "relaxed"),
+        *product(MODES, (PAPER, None), COVERAGES),
+        fast=2,
+    ),
+)
 def test_leave_one_out_importance_is_what_removing_costs(mode, background, coverage):
     # Five curves of opacity 0.7 at most leave 0.3^5 of the light: no pixel stops early.
     scene = random_scene(mode, 5, 3, 20, 18, seed=11, background=background, opacity=(0.3, 0.7), scale=0.35)

@@ -11,8 +11,7 @@ from PIL import Image
 from test_svg_viewers import AGREEMENT_DB, agreement, in_chromium
 
 from cubicsplat_cli.artwork.scene import picture_of
-from cubicsplat_cli.artwork.shading.objects import objects_of
-from cubicsplat_cli.artwork.shading.silhouettes import silhouettes
+from cubicsplat_cli.artwork.shading import objects_of, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender

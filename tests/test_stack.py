@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import Work, under_way
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces, Unknowns
 

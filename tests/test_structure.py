@@ -17,8 +17,7 @@ import cubicsplat_cli as cubicsplat
 from cubicsplat_cli import UsageError
 from cubicsplat_cli.artwork import structure
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, line_chain
-from cubicsplat_cli.artwork.planar.cutout import cut_out
-from cubicsplat_cli.artwork.planar.overlap import overlapping
+from cubicsplat_cli.artwork.planar.cutout import cut_out, overlapping
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted

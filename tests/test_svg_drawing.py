@@ -32,9 +32,13 @@ from cubicsplat_cli.svg.drawing_grid import grid_rings
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements
-from cubicsplat_cli.svg.paths import count_numbers, path_segments
+from cubicsplat_cli.svg.paths import count_numbers, subpaths
 
 RED, BLACK, GLASS = (255, 0, 0, 255), (0, 0, 0, 255), (0, 18, 171, 51)
+
+
+def segments_of(d: str):
+    return [segment for subpath in subpaths(d) for segment in subpath]
 
 
 def written(*shapes: Shape, precision: int | None = 2, size: tuple[int, int] = (200, 100)) -> list[ElementTree.Element]:
@@ -92,7 +96,7 @@ def test_holes_run_the_other_way_and_round_ones_are_arcs():
     )
     square = polygon(np.array([[0.0, 0.0], [0.0, 50.0], [50.0, 50.0], [50.0, 0.0]]))
     hole = polygon(np.array([[20.0, 20.0], [30.0, 20.0], [30.0, 30.0], [20.0, 30.0]]))
-    ends = [piece.end for piece in path_segments(path_of(square, hole))]
+    ends = [piece.end for piece in segments_of(path_of(square, hole))]
     areas = [
         sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(r, r[1:] + r[:1], strict=True)) for r in (ends[:4], ends[4:])
     ]
@@ -191,7 +195,7 @@ def smooth_ring(seed: int, joints: int) -> Ring:
 def test_the_path_says_what_the_grid_says(seed, joints, precision):
     ring = smooth_ring(seed, joints)
     grid = grid_rings([ring], precision)[0]
-    found = path_segments(path_of(ring, precision=precision))[:-1]
+    found = segments_of(path_of(ring, precision=precision))[:-1]
     unit = 10.0**-precision
     assert len(found) == grid.pieces
     for piece, control, end in zip(found, grid.controls, np.roll(grid.anchors, -1, axis=0), strict=True):
@@ -223,7 +227,7 @@ def _turn(handles: np.ndarray) -> np.ndarray:
 def test_lines_along_the_axes_and_shared_anchors_survive_rounding():
     # The same coordinate up to the noise of float arithmetic, on the border between two steps.
     ring = polygon(np.array([[1.005, 2.0], [9.0, 2.0], [9.0, 7.0], [1.005 + 1e-12, 7.0]]))
-    assert len(path_segments(path_of(ring))) == 4
+    assert len(segments_of(path_of(ring))) == 4
     assert "l" not in path_of(ring).lower()
 
 
@@ -305,7 +309,7 @@ def test_what_was_written_is_read_back():
 def test_reading_gives_the_numbers_of_the_file(seed, joints, precision):
     text = svg_of(shape(smooth_ring(seed, joints)), precision=precision)
     ring = read_drawing(text).shapes[0].outlines[0]
-    found = path_segments(ElementTree.fromstring(text)[1].get("d"))[:-1]
+    found = segments_of(ElementTree.fromstring(text)[1].get("d"))[:-1]
     assert np.array_equal(ring.anchors, [piece.start for piece in found])
     assert np.array_equal(ring.controls, [piece.handles for piece in found])
 

@@ -16,7 +16,7 @@ from benchmarks.artwork.scores import Scores
 from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.evaluate.perceptual import WHITE, over
 from cubicsplat_cli.svg.elements import SVG, StyledShape
-from cubicsplat_cli.svg.paths import PathSegment, path_segments
+from cubicsplat_cli.svg.paths import PathSegment, subpaths
 
 CELL = 640  # px, the longer side
 _ENLARGED = 4  # times
@@ -66,7 +66,8 @@ def wireframe(document: Document, pixel: float) -> bytes:
     for shape in document.shapes():
         root.append(_outline(shape, pixel))
         if shape.name == "path":
-            marks += _marks(path_segments(shape.path_data()), shape.matrix, pixel)
+            segments = [segment for subpath in subpaths(shape.path_data()) for segment in subpath]
+            marks += _marks(segments, shape.matrix, pixel)
     root.extend(marks)
     return ElementTree.tostring(root)
 

@@ -6,6 +6,8 @@ from functools import reduce
 
 import numpy as np
 
+LUMA = np.array([0.299, 0.587, 0.114])  # of red, green and blue, by Rec. 601
+
 
 def largest(values: np.ndarray) -> np.ndarray:
     """(...) the largest of the channels of (..., C): numpy's own, of an axis so short, takes ten times as long."""
@@ -20,3 +22,16 @@ def light_of_srgb(values: np.ndarray) -> np.ndarray:
 def srgb_of_light(light: np.ndarray) -> np.ndarray:
     """The sRGB values of linear light, both in [0, 1]: the inverse of `light_of_srgb`."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
+
+
+def blend_of(
+    values: np.ndarray, first: np.ndarray, second: np.ndarray, *, within: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Colours (..., C) as blends of two others: the shares (...) of the second one, and what these leave (..., C).
+
+    within: shares lie from 0 to 1; else anywhere on the line through both. Where the two are alike shares are 0.
+    """
+    span, off = second - first, values - first
+    share = (off * span).sum(axis=-1) / np.maximum((span * span).sum(axis=-1), 1e-9)
+    share = np.clip(share, 0.0, 1.0) if within else share
+    return share, off - share[..., None] * span

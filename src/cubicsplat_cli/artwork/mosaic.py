@@ -139,22 +139,11 @@ def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> 
         box = tuple(slice(max(0, side.start - 1), min(side.stop + 1, size)) for side, size in limits)
         mask = rank[box] == place
         if not abutting:
-            mask = mask | (_widened(mask) & (above[box] > place))
+            mask = mask | (ndimage.binary_dilation(mask, ndimage.SQUARE) & (above[box] > place))
         ends = (slice(side.start, side.stop + 1) for side in box)
         down, across = (where[side] for where, side in zip((y, x), ends, strict=True))
         layers.append(CellLayer(fill, mask, across, down))
     return Mosaic(width, height, tuple(layers))
-
-
-def _widened(mask: np.ndarray) -> np.ndarray:
-    """A mask (H, W) with the 8 neighbours of all that it has."""
-    for axis in (0, 1):
-        along = np.moveaxis(mask, axis, 0)
-        wide = along.copy()
-        wide[1:] |= along[:-1]
-        wide[:-1] |= along[1:]
-        mask = np.moveaxis(wide, 0, axis)
-    return mask
 
 
 def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.outlines import dense, flattened
+from cubicsplat_cli.artwork.geometry.outlines import dense, flattened, points_at
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape

@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import bends_and_steps
+from cubicsplat_cli.raster.unmix import spread
 
 LEAST_SIDE = 4 * TILE  # px
 FRAME = 8  # px of a frame around a photo, at most, and of an edge's blends
@@ -33,7 +34,6 @@ SOFT, FAINT = 2.0, 1e-6  # px over which a picture goes on beyond a mask; of its
 OTHER = 64.0  # levels that a fill may be nearer to what surrounds it for being another one than that of a part
 LEAST_REST = 0.002  # of the picture, in px away from the parts, at which something is drawn
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
-_SQUARE = np.ones((3, 3), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +104,10 @@ def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
     whole[part.window] = part.mask
     around = tuple(slice(max(0, side.start - 1), side.stop + 1) for side in part.window)
     crop, mask = flat[around], whole[around]
-    edge = mask & ndimage.binary_dilation(~mask, _SQUARE)
-    outside, inside = (_continued(crop, known) for known in (~mask, mask & ~ndimage.binary_dilation(edge, _SQUARE)))
+    edge = mask & ndimage.binary_dilation(~mask, ndimage.SQUARE)
+    outside, inside = (
+        _continued(crop, known) for known in (~mask, mask & ~ndimage.binary_dilation(edge, ndimage.SQUARE))
+    )
     # The share of the photo in a pixel that lies between both colours.
     apart = inside - outside
     share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), ALIKE**2)
@@ -125,13 +127,8 @@ def _even_areas(levels: np.ndarray) -> np.ndarray:
     """(H, W) int32 the number of the connected area in one colour or one linear gradient, of a TILE's square at least,
     that a pixel is in; 0 elsewhere.
     """
-    spread = ndimage.maximum_filter(levels, (3, 3, 1)) - ndimage.minimum_filter(levels, (3, 3, 1))
-    areas, count = ndimage.label(largest(spread) <= ALIKE)
-    sizes = np.bincount(areas.ravel(), minlength=count + 1)
-    large = sizes >= TILE**2
-    large[0] = False
-    areas = (np.cumsum(large) * large)[areas]
-    off = _off_planes(levels, areas, int(large.sum()))
+    areas, count = ndimage.large_parts(spread(levels, 3, 3) <= ALIKE, TILE**2)
+    off = _off_planes(levels, areas, count)
     kept = np.concatenate([[False], off <= GRAIN])
     return np.asarray((np.cumsum(kept) * kept)[areas], np.int32)
 
@@ -224,7 +221,7 @@ def _mask_of(own: np.ndarray, even: np.ndarray, box: Box) -> np.ndarray:
     counts = np.bincount(even.ravel())
     outside = np.bincount(inside.ravel(), minlength=len(counts)) < counts
     outside[0] = False
-    free = ~ndimage.binary_dilation(outside[inside], _SQUARE)
+    free = ~ndimage.binary_dilation(outside[inside], ndimage.SQUARE)
     labels, count = ndimage.label(_opened(free))
     sizes = np.bincount(labels.ravel(), own[top:bottom, left:right].ravel(), count + 1)
     sizes[0] = 0.0
@@ -270,7 +267,7 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
 
 def _drawn_share(flat: np.ndarray, parts: list[PhotoPart]) -> float:
     """The share of the pixels off the parts and what frames them that differ from a neighbour."""
-    differ = (ndimage.maximum_filter(flat, (3, 3, 1)) - ndimage.minimum_filter(flat, (3, 3, 1))).max(axis=2) > UNSEEN
+    differ = spread(flat, 3, 3) > UNSEEN
     for part in parts:
         rows, columns = (slice(max(0, each.start - FRAME), each.stop + FRAME) for each in part.window)
         differ[rows, columns] = False

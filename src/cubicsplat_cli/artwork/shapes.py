@@ -1,17 +1,23 @@
-"""A drawing: shapes in a fill, opaque or evenly translucent, or in a gradient, back to front."""
+"""A drawing: shapes in a fill, opaque or evenly translucent, or in a gradient, back to front; their names for an
+editor's list of layers.
+"""
 
 from __future__ import annotations
 
+import colorsys
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, reversed_ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
 from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 _ALIKE = 1e-3
+# Hues in degrees up to which a colour has this name.
+_HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (160, "green"), (195, "teal"), (255, "blue"), (290, "purple"))
+_HUES_END = ((335, "pink"), (361, "red"))
 
 
 @dataclass(frozen=True)
@@ -35,9 +41,11 @@ class Shape:
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
-        rings = [outline.ring() for outline in self.outlines]
-        wrong = [(signed_area(ring) > 0.0) == (i > 0) for i, ring in enumerate(rings)]
-        return tuple(reversed_ring(r) if turn else r for r, turn in zip(rings, wrong, strict=True))
+        return oriented([outline.ring() for outline in self.outlines])
+
+    def filled(self, fill: Rgba, width: int, height: int) -> Shape:
+        """The shape in a flat fill, on a canvas of width x height px, with the name of that."""
+        return replace(self, fill=fill, gradient=None, name=shape_name(fill, self.outlines, width, height))
 
     def box(self) -> Rectangle:
         """The box of whole px around its outlines."""
@@ -88,6 +96,11 @@ class Drawing:
         )
 
 
+def ground_shape(fill: Rgba, width: int, height: int) -> Shape:
+    """A rectangle of one fill over a whole canvas."""
+    return Shape(fill, (Rectangle(0.0, 0.0, float(width), float(height)),), "").filled(fill, width, height)
+
+
 def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
     """The drawing on a canvas of width x height px; the same object when it has that size already.
 
@@ -123,3 +136,31 @@ def scaled_outline(outline: Outline, across: float, down: float) -> Outline:
         return replace(ring, anchors=ring.anchors * factors, controls=ring.controls * factors)
     # Every number of a primitive but its angle is a length.
     return replace(outline, **{f.name: getattr(outline, f.name) * across for f in fields(outline) if f.name != "angle"})
+
+
+def shape_name(fill: Rgba, outlines: tuple[Outline, ...], width: int, height: int) -> str:
+    """ "background" for a rectangle over the whole canvas, else the plain name of the fill's colour."""
+    first = outlines[0]
+    if isinstance(first, Rectangle) and first.width >= width - 0.5 and first.height >= height - 0.5:
+        return "background"
+    return colour_name(fill)
+
+
+def colour_group(fill: Rgba) -> str:
+    """The name of a group of one colour, `color-ff8800`, with two more digits where it is translucent."""
+    return "color-{:02x}{:02x}{:02x}".format(*fill[:3]) + ("" if fill[3] == 255 else f"{fill[3]:02x}")
+
+
+def colour_name(fill: Rgba) -> str:
+    """The plain name of a colour: black, white, grey, brown, pink or a hue."""
+    hue, lightness, saturation = colorsys.rgb_to_hls(*(v / 255.0 for v in fill[:3]))
+    if lightness < 0.08:
+        return "black"
+    if lightness > 0.95:
+        return "white"
+    if saturation < 0.12:
+        return "grey"
+    name = next(word for end, word in _HUES + _HUES_END if hue * 360.0 < end)
+    if name in ("red", "orange") and lightness < 0.35:
+        return "brown"
+    return "pink" if name == "red" and lightness > 0.75 else name

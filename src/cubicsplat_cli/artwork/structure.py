@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle, flattened, signed_area
-from cubicsplat_cli.artwork.names import colour_group, shape_name
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, ground_shape
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 # A rectangle that ends so near to the canvas' edge covers it.
@@ -39,9 +38,7 @@ def ground_of(drawing: Drawing) -> Paint | None:
 
 def on_ground(drawing: Drawing, fill: Rgba) -> Drawing:
     """A drawing without a ground, on one of a fill."""
-    outlines = (Rectangle(0.0, 0.0, float(drawing.width), float(drawing.height)),)
-    ground = Shape(fill, outlines, shape_name(fill, outlines, drawing.width, drawing.height))
-    return replace(drawing, shapes=(ground, *drawing.shapes))
+    return replace(drawing, shapes=(ground_shape(fill, drawing.width, drawing.height), *drawing.shapes))
 
 
 def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
@@ -53,8 +50,7 @@ def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
         if paint_of(shape) != ground or (index and not drawing.abutting):
             shapes.append(shape)
         elif fill is not None:
-            name = shape_name(fill, shape.outlines, drawing.width, drawing.height)
-            shapes.append(replace(shape, fill=fill, gradient=None, name=name))
+            shapes.append(shape.filled(fill, drawing.width, drawing.height))
     return replace(drawing, shapes=tuple(shapes))
 
 

@@ -1,23 +1,26 @@
 """Whether a picture is pixel art, flat artwork or a photo: by its cells, by how even it is, or by how much of it fills
-and gradients explain.
+and gradients explain; and pictures of one colour, which nothing need be fitted to.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
-from cubicsplat_cli.artwork.input.contrasts import APART, contrasts
-from cubicsplat_cli.artwork.input.evenness import SMALL, even, in_blocks
+from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
+from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
+from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.scene.paint import Rgba
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
 # which edges, three pixels wide, never fill.
-FLAT_LEVELS = 3.0  # of 255
 MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
 COUNTED_FILLS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
@@ -31,6 +34,9 @@ _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer
 PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
 _BANDS_OF = 64  # rows
 _MOST_PIXELS = 2**20  # looked at
+_ROWS = 64
+# What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.
+_SPREAD = 2.0 / 255.0 + 1e-6
 
 
 @dataclass(frozen=True)
@@ -61,13 +67,13 @@ def choose_style(target: np.ndarray) -> Style:
     if _like_paper(levels) and _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
-    spread, straight = _spread(levels), _straight(levels)
-    if _texture((spread > FLAT_LEVELS) & ~straight, drawn) <= MOST_TEXTURE:
+    change, straight = spread(levels, 3, 3), _straight(levels)
+    if _texture((change > FLAT_RANGE) & ~straight, drawn) <= MOST_TEXTURE:
         shaded = _shaded(levels, drawn)
         reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
         if shaded >= LEAST_SHADED:
             return _unless_soft(levels, drawn, reason)
-    if _texture((spread > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
+    if _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
         return Style(PHOTO, reason)
     alike = _in_few_colours(levels, drawn, UNSEEN)
     if (alike & drawn).sum() < LEAST_DOUBTFUL * drawn.sum():
@@ -131,35 +137,17 @@ def _straight(levels: np.ndarray) -> np.ndarray:
     around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     across = np.abs(around[1:-1, :-2] - 2.0 * levels + around[1:-1, 2:]).max(axis=2)
     down = np.abs(around[:-2, 1:-1] - 2.0 * levels + around[2:, 1:-1]).max(axis=2)
-    return np.maximum(across, down) <= FLAT_LEVELS
+    return np.maximum(across, down) <= FLAT_RANGE
 
 
 def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
     """Share of the drawn pixels (H, W) bool in blocks of which all pixels are `rough` (H, W) bool; blocks of 7 px,
-    smaller in small pictures, and no larger than the picture's shorter side.
+    smaller in small pictures, and no larger than the picture.
     """
     longer = max(rough.shape)
-    block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *rough.shape)
-    whole = _over_blocks(rough, block, np.logical_and)
-    uneven = _over_blocks(np.pad(whole, block - 1), block, np.logical_or)
+    block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *(side - 1 + side % 2 for side in rough.shape))
+    uneven = ndimage.binary_opening(rough, np.ones((block, block), dtype=bool))
     return float((uneven & drawn).sum() / drawn.sum())
-
-
-def _spread(levels: np.ndarray) -> np.ndarray:
-    """(H, W) levels between the least and the greatest of 3 x 3 pixels, in the channel with most."""
-    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    return (_over_blocks(around, 3, np.maximum) - _over_blocks(around, 3, np.minimum)).max(axis=-1)
-
-
-def _over_blocks(values: np.ndarray, block: int, combine: np.ufunc) -> np.ndarray:
-    """(H - block + 1, W - block + 1, ...): every whole block of values (H, W, ...) combined.
-
-    In numpy, by rows and then by columns: photos, which need nothing else of scipy, are not kept waiting for it.
-    """
-    for _ in range(2):
-        count = max(0, len(values) - block + 1)
-        values = reduce(combine, (values[i : i + count] for i in range(block))).swapaxes(0, 1)
-    return values
 
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
@@ -168,7 +156,7 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
 
     step = 1 + max(levels.shape[:2]) // _SIDE
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
-    explained = _in_few_colours(levels, drawn, FLAT_LEVELS, 1)
+    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1)
     explained |= in_gradients(levels, _TRIES)
     return float((explained & drawn).sum() / drawn.sum())
 
@@ -180,4 +168,37 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
     code = (levels // width).astype(np.int64) @ (256 ** np.arange(levels.shape[2]))
     colours, counts = np.unique(code[drawn], return_counts=True)
     commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_FILLS]]
-    return np.isin(code, commonest) & (_spread(levels) <= flat)
+    return np.isin(code, commonest) & (spread(levels, 3, 3) <= flat)
+
+
+def only_fill(picture: Picture) -> Rgba | None:
+    """The colour of every pixel, (0, 0, 0, 0) where all are transparent; None where there are several.
+
+    Colours that are all but the same count as their mean; opacities must be the same.
+    """
+    if picture.alpha is not None and _mean(picture.alpha[..., None], 0.0) is None:
+        return None
+    colour = _mean(picture.rgb, _SPREAD)
+    if colour is None:
+        return None
+    red, green, blue = (round(255 * value) for value in colour)
+    return red, green, blue, 255 if picture.alpha is None else round(255 * float(picture.alpha[0, 0]))
+
+
+def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
+    """The mean of each channel of (H, W, C); None where one's values lie further apart than `spread`."""
+    least = most = plane[0, 0]
+    total = np.zeros(plane.shape[2])
+    # Most pictures are known by their first rows.
+    for top in range(0, plane.shape[0], _ROWS):
+        part = plane[top : top + _ROWS]
+        least, most = np.minimum(least, part.min((0, 1))), np.maximum(most, part.max((0, 1)))
+        if (most - least > spread).any():
+            return None
+        total += part.sum((0, 1), dtype=np.float64)
+    return [float(value) for value in total / (plane.shape[0] * plane.shape[1])]
+
+
+def plain_drawing(fill: Rgba, width: int, height: int) -> Drawing:
+    """A rectangle of one fill over the whole canvas; nothing where the fill is transparent."""
+    return Drawing(width, height, (ground_shape(fill, width, height),) if fill[3] else ())

@@ -14,17 +14,15 @@ from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.geometry.outlines import Outline
-from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
-from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
+from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
-from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
 from cubicsplat_cli.artwork.limits import blocks_of, enlarged, few_enough
-from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.artwork.regions.fills import eight_bit, picture_fills
@@ -34,8 +32,8 @@ from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.residual.added import with_added
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
-from cubicsplat_cli.artwork.shadows.placing import with_shadow
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shadows.slices import with_shadow
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.stack import Goal
@@ -176,7 +174,7 @@ def _versions(
 def _with_strokes(drawing: Drawing, goal: Goal | None, detail: float, error: float) -> Drawing:
     """The drawing with strokes in place of shapes of even width, fitted to its goal."""
     from cubicsplat_cli.artwork.strokes.find import with_strokes
-    from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
+    from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes
 
     with work().stoppable():
         work().at("finding strokes", 0.97)

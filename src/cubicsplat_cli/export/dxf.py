@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.export.shapes import Paint, PaintedShapes
 from cubicsplat_cli.scene.paint import mean_fill

@@ -6,7 +6,7 @@ import copy
 import re
 from xml.etree import ElementTree
 
-from cubicsplat_cli.artwork.names import colour_group
+from cubicsplat_cli.artwork.shapes import colour_group
 from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
 from cubicsplat_cli.options import length_of, length_text
 from cubicsplat_cli.scene.paint import mean_fill

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.scene.paint import Gradient

@@ -137,18 +137,10 @@ def _natural(path: Path) -> list[tuple[int, int, str]]:
 def _folder_clip(folder: Path, fps: float, most: int | None, max_pixels: int) -> ClipSource:
     paths = sorted(pictures_in(folder), key=_natural)[:most]
 
-    def frames() -> Iterator[Frame]:
-        size = None
-        for index, path in enumerate(paths):
-            picture = load_picture(path, max_pixels=max_pixels)
-            size = size or picture.size
-            _check_size(picture, size, printable(str(path)))
-            yield Frame(picture, index / fps, (index + 1) / fps)
+    def loaded() -> Iterator[tuple[Picture, str]]:
+        return ((load_picture(path, max_pixels=max_pixels), printable(str(path))) for path in paths)
 
-    looked = [(frame.picture.alpha is not None, frame.picture.sha256) for frame in frames()]
-    digest = sha256_of("".join(sha256 for _, sha256 in looked).encode())
-    transparent = any(alpha for alpha, _ in looked)
-    return ClipSource(printable(str(folder)), 0, 0, transparent, 0, len(paths), digest, frames)
+    return _clip_at(printable(str(folder)), loaded, fps)
 
 
 def clip_of_pictures(
@@ -157,23 +149,31 @@ def clip_of_pictures(
     """A clip of pictures that are no files. Raises InputError for what is none, and for fewer than two."""
     name = "<frames>"
 
+    def loaded() -> Iterator[tuple[Picture, str]]:
+        return ((as_picture(each), f"{name}: frame {index + 1}") for index, each in enumerate(pictures))
+
+    source = _clip_at(name, loaded, fps)
+    if len(pictures) < 2:
+        raise _single(name)
+    if max_size is not None:
+        source = replace(source, frames=_then(source.frames, lambda frames: _smaller(frames, max_size)))
+    first = next(source.frames()).picture
+    return replace(source, width=first.width, height=first.height)
+
+
+def _clip_at(name: str, loaded: Callable[[], Iterator[tuple[Picture, str]]], fps: float) -> ClipSource:
+    """A clip of so many frames a second, of pictures with their names. Its size is left open."""
+
     def frames() -> Iterator[Frame]:
         size = None
-        for index, each in enumerate(pictures):
-            picture = as_picture(each)
+        for index, (picture, shown) in enumerate(loaded()):
             size = size or picture.size
-            _check_size(picture, size, f"{name}: frame {index + 1}")
-            if max_size is not None:
-                picture = resize_picture(picture, max_size)
+            _check_size(picture, size, shown)
             yield Frame(picture, index / fps, (index + 1) / fps)
 
     looked = [(frame.picture.alpha is not None, frame.picture.sha256) for frame in frames()]
-    if len(looked) < 2:
-        raise _single(name)
-    first = next(frames()).picture
     digest = sha256_of("".join(sha256 for _, sha256 in looked).encode())
-    transparent = any(alpha for alpha, _ in looked)
-    return ClipSource(name, first.width, first.height, transparent, 0, len(looked), digest, frames)
+    return ClipSource(name, 0, 0, any(alpha for alpha, _ in looked), 0, len(looked), digest, frames)
 
 
 def _check_size(picture: Picture, size: tuple[int, int], shown: str) -> None:

@@ -11,10 +11,9 @@ from typing import Any
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.input.cells import Cells
-from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE
@@ -154,7 +153,7 @@ def _structured(drawing: Drawing, request: Request) -> Made:
         notes = _ground_notes(request, ground is not None)
         drawing = drawing if ground is None else structure.with_ground(drawing, ground, fill)
     if request.overlap is not None:
-        from cubicsplat_cli.artwork.planar.overlap import overlapping
+        from cubicsplat_cli.artwork.planar.cutout import overlapping
 
         drawing = structure.by_lightness(drawing)
         drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)

@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from cubicsplat_cli.artwork.plain import only_fill
-from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style, only_fill
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.formatting import counted, one_line

@@ -13,12 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.input.prepare import as_levels
-from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shading.objects import objects_of
-from cubicsplat_cli.artwork.shading.paints import FULL, base_paint, shown
-from cubicsplat_cli.artwork.shading.silhouettes import CLEAR, silhouettes
-from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
+from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
 from cubicsplat_cli.artwork.vectorize import draw_flat
 from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task

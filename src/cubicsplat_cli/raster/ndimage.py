@@ -24,6 +24,7 @@ _FLOATS = {np.dtype(np.float32): 3, np.dtype(np.float64): 4}
 _NUMBERS = {np.dtype(t): k for t, k in ((bool, 0), (np.uint8, 0), (np.int32, 1), (np.int64, 2))} | _FLOATS
 _MODES = ("reflect", "nearest", "constant")
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
+SQUARE = np.ones((3, 3), dtype=bool)  # the structure of a pixel and the eight around it
 
 
 def maximum_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
@@ -48,6 +49,11 @@ def maximum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str =
 def minimum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
     """The smallest of the neighbours in a box; see maximum_filter."""
     return _filtered(_SMALLEST, values, _boxes(size, values.ndim), mode)
+
+
+def alike(values: np.ndarray, size: int) -> np.ndarray:
+    """(H, W) bool: whether all neighbours in a box, `size` along both axes, have one value. None of scipy's."""
+    return np.asarray(maximum_filter(values, size) == minimum_filter(values, size))
 
 
 def uniform_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
@@ -82,6 +88,14 @@ def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.n
     found = np.empty(mask.shape, np.int32)
     diagonally = structure is not None and bool(structure[0, 0])
     return found, _native("cs_label", *mask.shape, mask, diagonally, found, result=c_int64)
+
+
+def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
+    """The same of at least so many pixels, numbered (H, W) int32 from 1 on, 0 elsewhere. None of scipy's."""
+    labels, count = label(pixels)
+    kept = np.bincount(labels.ravel(), minlength=count + 1) >= least
+    kept[0] = False
+    return (np.cumsum(kept, dtype=np.int32) * kept)[labels], int(kept.sum())
 
 
 def find_objects(labels: np.ndarray, max_label: int = 0) -> list[Any]:

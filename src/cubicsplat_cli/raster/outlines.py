@@ -1,5 +1,5 @@
-"""Boundaries and hulls of masks, local fits along chains of points, paths of straight lines, and primitives fitted to
-points, by the native library."""
+"""Boundaries and hulls of masks, local fits along chains of points, paths of straight lines, primitives fitted to
+points, and the coverage of pixels, by the native library."""
 
 from __future__ import annotations
 
@@ -228,3 +228,15 @@ def turns(
     tries = len(reaches), doubles(reaches), float(smooth), float(least)
     _native("cs_turns", *loop, len(behind), integers[2], *tries, turn, error)
     return turn, error
+
+
+def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height: int, width: int) -> np.ndarray:
+    """(height, width) float64 coverage, in [0, 1], of the pixels of a window by closed outlines.
+
+    cubics: (S, 4, 2) px, of which some are lines (S,) bool. A loop of an outline that crosses itself is filled. Raises
+    EngineError where the library or the memory is missing.
+    """
+    out = np.empty((height, width))
+    given = len(cubics), doubles(cubics), np.ascontiguousarray(lines, bool)
+    native("shapes", "cs_coverage", *given, left, top, width, height, out)
+    return out

@@ -15,7 +15,8 @@ import numpy as np
 from cubicsplat_cli.raster.cpu import doubles, native
 
 _native = partial(native, "regions")
-SLOTS = 4  # colours that are looked at near a pixel
+SLOTS, REACH = 4, 3  # colours that are looked at near a pixel, and px up to which they lie away
+STRANGE = 24.0  # levels of residual that the colours near a pixel do not explain: something thin lies there
 
 
 def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:

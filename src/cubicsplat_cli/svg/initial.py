@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import read_file

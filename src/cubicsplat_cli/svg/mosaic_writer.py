@@ -9,7 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.mosaic import CellLayer, Mosaic
-from cubicsplat_cli.artwork.names import colour_group, colour_name
+from cubicsplat_cli.artwork.shapes import colour_group, colour_name
 from cubicsplat_cli.svg.drawing_writer import group_element
 from cubicsplat_cli.svg.markup import Identifiers, document, empty_document, format_number, paint
 from cubicsplat_cli.svg.quantise import check_precision

@@ -13,6 +13,7 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Clip, MovingScene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE, check_precision
+from cubicsplat_cli.svg.values import unit_colour
 
 SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
 TIME_DECIMALS = 4  # of seconds
@@ -99,14 +100,10 @@ class GridClip:
         colours, opacities = (all_of(COLOUR) / 255.0).astype(np.float32), all_of(OPACITY)[..., 0]
         opacities = (opacities / 10.0**OPACITY_DECIMALS).astype(np.float32)
         half_widths = (all_of(WIDTH)[..., 0] / 10.0**self.width_decimals / 2.0).astype(np.float32)
-        background = None
-        if self.background is not None:
-            red, green, blue = self.background
-            background = (red / 255, green / 255, blue / 255)
         for frame in range(len(keys)):
             yield Scene(
                 self.mode, self.width, self.height, points[frame], colours[frame], opacities[frame],
-                half_widths[frame], background,
+                half_widths[frame], unit_colour(self.background),
             )  # fmt: skip
 
 

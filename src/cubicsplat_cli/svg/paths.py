@@ -119,13 +119,9 @@ def _arcs(d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
             return
 
 
-def path_segments(d: str) -> list[PathSegment]:
-    """All commands but M as absolute pieces; of S and T the mirrored handle too. An arc has no handles."""
-    return [piece for ring in subpaths(d) for piece in ring]
-
-
 def subpaths(d: str) -> list[list[PathSegment]]:
-    """The absolute pieces of each subpath, which ends with Z or before the next M.
+    """The absolute pieces of each subpath, which ends with Z or before the next M: all commands but M, of S and T the
+    mirrored handle too. An arc has no handles.
 
     Raises InputError for bad path data, TooLong for too much of it.
     """
@@ -229,11 +225,9 @@ class Subpath:
     def ring(self) -> np.ndarray:
         """Its cubics, the line back to its start included where it is not there."""
         start, end = self.cubics[0, 0], self.cubics[-1, 3]
-        return (
-            self.cubics
-            if np.array_equal(start, end)
-            else np.concatenate([self.cubics, line_as_cubic(end, start)[None]])
-        )
+        if np.array_equal(start, end):
+            return self.cubics
+        return np.concatenate([self.cubics, line_as_cubic(end, start)[None]])
 
 
 def cubic_subpaths(d: str) -> list[Subpath]:

@@ -19,6 +19,7 @@ from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.settings import PRECISION, Mode
 from cubicsplat_cli.svg.scene_gradients import as_written, paints_of
+from cubicsplat_cli.svg.values import unit_colour
 
 OPACITY_DECIMALS = 3
 # Whole pixels would make most strokes 0 or 1 px wide, so widths keep two decimals at least.
@@ -127,10 +128,6 @@ def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> n
 
 def to_scene(grid: GridScene) -> Scene:
     """The scene (numpy arrays) that the integers stand for."""
-    background = None
-    if grid.background is not None:
-        red, green, blue = grid.background
-        background = (red / 255, green / 255, blue / 255)
     return Scene(
         mode=grid.mode,
         width=grid.width,
@@ -139,7 +136,7 @@ def to_scene(grid: GridScene) -> Scene:
         colours=(grid.colours / 255.0).astype(np.float32),
         opacities=(grid.opacities / 10.0**OPACITY_DECIMALS).astype(np.float32),
         half_widths=(grid.stroke_widths / 10.0**grid.width_decimals / 2.0).astype(np.float32),
-        background=background,
+        background=unit_colour(grid.background),
         ring_ends=None if grid.ring_ends is None else grid.ring_ends.copy(),
         gradients=gradients_of([g and as_written(g, grid.precision) for g in grid.gradients]),
     )

@@ -62,6 +62,11 @@ def hex_colour(text: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
+def unit_colour(levels: tuple[float, ...] | None) -> tuple[float, float, float] | None:
+    """sRGB in [0, 1] of 8-bit levels, whose opacity is left out; None for none."""
+    return None if levels is None else (levels[0] / 255, levels[1] / 255, levels[2] / 255)
+
+
 def colour(text: str, current: str) -> Rgba | None:
     """Any colour of CSS; None for no paint. current: the value of `color`. Raises ValueError for anything else."""
     from PIL import ImageColor

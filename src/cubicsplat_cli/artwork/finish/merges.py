@@ -14,8 +14,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, trimmed, with_outlines
 from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
-from cubicsplat_cli.artwork.geometry.beziers import bernstein
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.raster.cubics import found_merges
 from cubicsplat_cli.raster.stack import Goal

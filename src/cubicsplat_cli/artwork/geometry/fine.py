@@ -65,8 +65,8 @@ def _turn(angle: float) -> np.ndarray:
     return np.array([[cos, sin], [-sin, cos]])
 
 
-def _arc(start: float, stop: float, count: int) -> np.ndarray:
-    """(count, 4, 2) cubics of a part of the unit circle."""
+def arc(start: float, stop: float, count: int) -> np.ndarray:
+    """(count, 4, 2) cubics of the unit circle from one angle to another, radians."""
     at = np.linspace(start, stop, count + 1)
     unit = np.stack([np.cos(at), np.sin(at)], axis=1)
     reach = 4.0 / 3.0 * np.tan((stop - start) / count / 4.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
@@ -75,7 +75,7 @@ def _arc(start: float, stop: float, count: int) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _round(ellipse: bool) -> _Template:
-    unit = _arc(0.0, 2.0 * np.pi, SIXTEENTHS)
+    unit = arc(0.0, 2.0 * np.pi, SIXTEENTHS)
     unit[-1, 3] = unit[0, 0]
     nothing = np.zeros_like(unit)
     lines = np.zeros(len(unit), dtype=bool)
@@ -93,10 +93,10 @@ def _box(rounded: bool) -> _Template:
     halves, rounds = [], []
     for k in range(4):
         corner, following = signs[(k + 1) % 4], signs[(k + 2) % 4]
-        arc = _arc((k - 1) * np.pi / 2.0, k * np.pi / 2.0, 2)
+        quarter = arc((k - 1) * np.pi / 2.0, k * np.pi / 2.0, 2)
         out = np.array([np.cos(k * np.pi / 2.0), np.sin(k * np.pi / 2.0)])
         halves += [np.tile(corner, (2, 4, 1)), (corner * (1.0 - thirds) + following * thirds)[None]]
         # Where the arc ends, as seen from the corner, and where the next one begins.
-        rounds += [arc - corner, ((out - corner) * (1.0 - thirds) + (out - following) * thirds)[None]]
+        rounds += [quarter - corner, ((out - corner) * (1.0 - thirds) + (out - following) * thirds)[None]]
     lines = np.tile([False, False, True], 4)
     return _Template(np.concatenate(halves), np.concatenate(rounds), lines)

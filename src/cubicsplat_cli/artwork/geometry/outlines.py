@@ -1,4 +1,5 @@
-"""Outlines of artwork: rings of lines and cubics, and the primitives that an artist would write as such.
+"""Outlines of artwork: rings of lines and cubics, the primitives that an artist would write as such, and
+cubics at parameters, by Bernstein's polynomials and de Casteljau's differences.
 
 Lengths are in px, y grows downwards, angles are in radians from the x axis towards the y axis.
 """
@@ -10,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
-from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
 
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
@@ -76,6 +75,23 @@ class Ring:
 def pieces_of_rings(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The cubics (S, 4, 2) of one or more rings, one ring after the other, and which of them are lines (S,) bool."""
     return np.concatenate([ring.cubics for ring in rings]), np.concatenate([ring.lines for ring in rings])
+
+
+def level_box(ring: Ring, off: float = 0.0) -> Rectangle | None:
+    """The level rectangle that a ring of four lines is, `off` px about its corners; None where it is none."""
+    if ring.pieces != 4 or not ring.lines.all():
+        return None
+    low, high = ring.anchors.min(axis=0), ring.anchors.max(axis=0)
+    sides = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
+    across = sides.argmin(axis=1)
+    level = sides.min(axis=1).max() <= off and (sides.max(axis=1) > off).all() and (across[:2] == across[2:]).all()
+    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist()) if level else None
+
+
+def oriented(rings: Sequence[Ring]) -> tuple[Ring, ...]:
+    """Rings with the first one clockwise as seen, and the others the other way: the nonzero rule leaves holes empty."""
+    wrong = [(signed_area(ring) > 0.0) == (index > 0) for index, ring in enumerate(rings)]
+    return tuple(reversed_ring(ring) if turn else ring for ring, turn in zip(rings, wrong, strict=True))
 
 
 def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
@@ -240,3 +256,35 @@ def reversed_ring(ring: Ring) -> Ring:
     order = (-np.arange(ring.pieces)) % ring.pieces
     pieces = (order - 1) % ring.pieces
     return Ring(ring.anchors[order], ring.controls[pieces][:, ::-1], ring.lines[pieces], ring.smooth[order])
+
+
+def bernstein(u: np.ndarray) -> np.ndarray:
+    """The Bernstein polynomials of degree 3 at u (...): (..., 4), the weights of a cubic's control points."""
+    v = 1.0 - u
+    return np.stack([v * v * v, 3.0 * v * v * u, 3.0 * v * u * u, u * u * u], axis=-1)
+
+
+def points_at(cubics: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Points (..., K, 2) of cubics (..., 4, 2) at u (..., K)."""
+    return bernstein(u) @ cubics
+
+
+def polyline_places(points: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """(n, 2) the places at lengths (n,), px, along the polyline through points (k, 2)."""
+    s = arc_lengths(points)
+    return np.stack([np.interp(lengths, s, points[:, c]) for c in (0, 1)], axis=1)
+
+
+def arc_lengths(points: np.ndarray) -> np.ndarray:
+    """(k,) px of the polyline through points (k, 2) up to each of them."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def derivatives(cubics: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives, each (P, K, 2), of the cubics (P, 4, 2) at u (P, K)."""
+    first, v = 3.0 * np.diff(cubics, axis=1), 1.0 - u
+    second = 2.0 * np.diff(first, axis=1)
+    return (
+        np.stack([v * v, 2.0 * v * u, u * u], axis=-1) @ first,
+        np.stack([v, u], axis=-1) @ second,
+    )

@@ -15,7 +15,6 @@ from cubicsplat_cli.artwork.gradients.parts import (
     CLEAR,
     LEAST_AREA,
     LEAST_PLATEAU,
-    PLUS,
     RING,
     Part,
     Patch,
@@ -97,10 +96,8 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
             search.found.append(ShadedArea(shade, _with_rests(part, off)))
             return
     if clear or even.mean() >= LEAST_PLATEAU:
-        first = len(search.found)
         for piece in part.pieces(~even):
             _fading(part, piece, fill, search, depth)
-        search.found[first:] = [_filled(part, area) for area in search.found[first:]]
         return
     _largest(part, search, depth)
 
@@ -108,24 +105,10 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
 def _with_rests(part: Part, off: np.ndarray) -> Patch:
     """The pixels that a gradient explains, and the few that it nearly does. off: (n,) levels that they are off it."""
     own = part.within(off <= CLOSE)
-    labels, count = ndimage.label(part.within((off > CLOSE) & (off <= NEARLY)).mask, PLUS)
+    labels, count = ndimage.label(part.within((off > CLOSE) & (off <= NEARLY)).mask)
     few = np.bincount(labels.ravel(), minlength=count + 1) < LEAST_AREA
     few[0] = False
     return replace(own, mask=own.mask | few[labels])
-
-
-def _filled(part: Part, area: ShadedArea) -> ShadedArea:
-    """The area with its holes that its gradient explains too: bands of it that were taken for another fill."""
-    patch = area.patch
-    holes = replace(patch, mask=ndimage.holes_of(patch.mask))
-    own = part.patch.at(*holes.places())
-    if not own.any():
-        return area
-    rows, columns = (at[own] for at in holes.places())
-    known = area.shade.explains(Pixels(columns + 0.5, rows + 0.5, part.levels[rows, columns]))
-    mask = patch.mask.copy()
-    mask[rows[known] - patch.top, columns[known] - patch.left] = True
-    return replace(area, patch=replace(patch, mask=mask))
 
 
 def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: int) -> None:

@@ -19,11 +19,10 @@ from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.raster.unmix import REACH, SLOTS, STRANGE
 from cubicsplat_cli.scene.paint import Gradient, painted
 
-REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many
 WIDER = 5.0  # standard deviations of a blur, by which paints are sought farther
-STRANGE = 24.0  # levels that no two paints explain: something thin lies there
 APART = 24.0  # levels between the fills that stand for gradients and all others
 LEAST_OPACITY, MOST_CLEAR = 32.0, 240.0  # levels of a fill for a gradient that is translucent somewhere
 SHIFTS = (0.0, 24.0, -24.0, 48.0, -48.0, 80.0, -80.0, 120.0, -120.0)
@@ -110,7 +109,7 @@ class Paints:
         inside = (self.paint >= 0) & (self.paint < count)
         out = self.levels.copy()
         out[inside] = self.fills[self.paint[inside]]
-        near = ndimage.binary_dilation(inside, np.ones((3, 3), dtype=bool), iterations=self.reach)
+        near = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=self.reach)
         y, x = np.nonzero(near & (self.paint < 0))
         if len(y) == 0:
             return out
@@ -163,7 +162,7 @@ def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarra
 def _standing_for(levels: np.ndarray, paint: np.ndarray, gradients: list[Gradient]) -> np.ndarray:
     """(G, 4) for each gradient a colour near its mean that no other paint has."""
     count = len(gradients)
-    taken = _some_colours(levels[paint >= count])
+    taken = some_colours(levels[paint >= count])
     inside = (paint >= 0) & (paint < count)
     sums = [np.bincount(paint[inside], levels[inside][:, k], count) for k in range(4)]
     means = np.stack(sums, axis=1) / np.bincount(paint[inside], minlength=count)[:, None]
@@ -171,22 +170,28 @@ def _standing_for(levels: np.ndarray, paint: np.ndarray, gradients: list[Gradien
     for mean, gradient in zip(means, gradients, strict=True):
         clear = any(stop.colour[3] < 255 for stop in gradient.stops)
         alpha = float(np.clip(mean[3], LEAST_OPACITY, MOST_CLEAR)) if clear else 255.0
-        best, most = None, -1.0
-        for shift in SHIFTS:
-            for channel in (0, 1, 2):
-                fill = np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha)
-                fill[channel] += shift
-                fill = np.rint(np.concatenate([np.clip(fill[:3], 0.0, alpha), fill[3:]]))
-                gap = float(largest(np.abs(taken - fill)).min(initial=255.0))
-                if gap > most + 1e-9 and most < APART:
-                    best, most = fill, gap
-        assert best is not None
-        fills.append(best)
-        taken = np.vstack([taken, best])
+        fills.append(placeholder(np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha), taken))
+        taken = np.vstack([taken, fills[-1]])
     return np.array(fills)
 
 
-def _some_colours(levels: np.ndarray) -> np.ndarray:
+def placeholder(fill: np.ndarray, taken: np.ndarray) -> np.ndarray:
+    """(4,) whole levels: the first of some colours near a fill (4,) that is APART from all those taken (n, 4), or the
+    one that is farthest from them.
+    """
+    best, most = fill, -1.0
+    for shift in SHIFTS:
+        for channel in (0, 1, 2):
+            trial = fill.copy()
+            trial[channel] += shift
+            trial = np.rint(np.append(np.clip(trial[:3], 0.0, fill[3]), fill[3]))
+            gap = float(largest(np.abs(taken - trial)).min(initial=255.0))
+            if gap > most + 1e-9 and most < APART:
+                best, most = trial, gap
+    return best
+
+
+def some_colours(levels: np.ndarray) -> np.ndarray:
     """(m, 4) the different colours, in whole levels, of pixels (n, 4): all of them or some thousands."""
     codes = np.rint(levels).astype(np.int64) @ (256 ** np.arange(4)[::-1])
     codes = np.unique(codes)

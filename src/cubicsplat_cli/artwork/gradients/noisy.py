@@ -1,6 +1,8 @@
 """Gradients of pictures with noise, JPEG artefacts or blur: found in the means of windows that a plane explains.
 
-The mean of a window is what a linear ramp has at its middle, and much less noisy than a pixel.
+The mean of a window is what a linear ramp has at its middle, and much less noisy than a pixel. In a picture that is
+only blurred they are sought as in clean ones, away from edges, or in windows, where these show clearly more; and
+followed up to the edges.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, Patch
+from cubicsplat_cli.artwork.gradients.parts import Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
@@ -35,6 +37,11 @@ GROWN, NEAR, NEAR_LEVELS, JPEG_NEAR, RESTORED = 5, 3.0, 2.0, 6.0, 2.0
 LARGEST_HOLE, MOST_OFF = 150, 64.0
 MEAN = 5  # px each way, of whose mean chroma tells as much as luma
 LEAST_EVEN = 40  # px of what is even: less is the rest of a gradient at its rim
+# Px that a gradient is followed for where there is no noise, and the share of an even part beside it that it must
+# explain for that to be its own.
+FARTHEST, MOSTLY = 40, 0.9
+EDGE = 6.0  # standard deviations of a blur, which an edge is wide
+MORE = 1.5  # times the pixels that windows must show gradients in
 
 
 def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flattened:
@@ -77,7 +84,7 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
 
 def _ramps(means: np.ndarray, smooth: np.ndarray) -> tuple[np.ndarray, int]:
     """(H, W) int32 numbers from 1 on of the connected windows among which colours change, 0 elsewhere; how many."""
-    labels, count = ndimage.label(ndimage.binary_opening(smooth, SQUARE), PLUS)
+    labels, count = ndimage.label(ndimage.binary_opening(smooth, ndimage.SQUARE))
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     number = np.zeros(count + 1, dtype=np.int32)
     for k, box in enumerate(ndimage.find_objects(labels), start=1):
@@ -108,7 +115,7 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, even: np.
     wide = (_widest if condition.jpeg else _wider)(levels, area.shade, area.patch, condition, even)
     mask = wide.mask
     inner = Patch(wide.top, wide.left, ndimage.holes_of(mask))
-    holes, count = ndimage.label(inner.mask, PLUS)
+    holes, count = ndimage.label(inner.mask)
     worst = np.zeros(count + 1)
     np.maximum.at(worst, holes[inner.mask], off_extended(area.shade, levels, inner))
     filled = (worst <= MOST_OFF) & (np.bincount(holes.ravel(), minlength=count + 1) <= LARGEST_HOLE)
@@ -133,14 +140,14 @@ def _widest(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition
 def _wider(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
     """The pixels of a patch, and those around it that a gradient explains and that hang together with them."""
     wide = patch.padded(GROWN, levels.shape)
-    near = beside(wide, ndimage.binary_dilation(wide.mask, SQUARE, iterations=GROWN))
+    near = beside(wide, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=GROWN))
     mask = wide.mask.copy()
     off = off_extended(shade, levels, near)
     known = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
     if condition.jpeg:
         known |= (even[near.places()] == 0) & _explained_at_edges(levels, shade, near, condition)
     mask[near.mask] = known
-    labels, _ = ndimage.label(mask, PLUS)
+    labels, _ = ndimage.label(mask)
     return replace(wide, mask=np.isin(labels, np.unique(labels[wide.mask])))
 
 
@@ -194,7 +201,47 @@ def off_extended(shade: Shade, levels: np.ndarray, patch: Patch) -> np.ndarray:
 def _even(levels: np.ndarray, noise: float) -> np.ndarray:
     """(H, W) int32 numbers from 1 on of what is of one colour but for the noise, 0 elsewhere."""
     calm, _ = calm_pixels(levels, noise)
-    labels, count = ndimage.label(calm, PLUS)
-    large = np.bincount(labels.ravel(), minlength=count + 1) >= LEAST_EVEN
-    large[0] = False
-    return np.where(large[labels], labels, 0)
+    return ndimage.large_parts(calm, LEAST_EVEN)[0]
+
+
+def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
+    """A picture (H, W, 4), premultiplied levels, without its gradients. blur: px, standard deviation."""
+    parts, count = smooth_parts(levels)
+    if not count:
+        return Flattened(levels, np.zeros((0, 4)), ())
+    # The rims of what is smooth are the last of blurred edges.
+    rim = max(1, round(blur))
+    inner = ndimage.binary_erosion(np.pad(parts > 0, rim, mode="edge"), ndimage.SQUARE, iterations=rim)[
+        rim:-rim, rim:-rim
+    ]
+    found = [area for area in gradient_areas(levels, *ndimage.label(inner)) if not is_step(area.shade, EDGE * blur)]
+    planes = plane_areas(levels, Condition(blur=blur))
+    if sum(area.patch.size for area in planes) > MORE * sum(area.patch.size for area in found):
+        areas = [_followed(levels, parts, area, GROWN) for area in planes]
+    else:
+        areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
+    return without_areas(levels, _rest(parts, areas), areas, blur)
+
+
+def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
+    """The area with what hangs on it that its gradient explains too: pixels within `rim` px, and tips."""
+    wide = area.patch.padded(FARTHEST, levels.shape)
+    near = beside(wide, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=FARTHEST))
+    explained = np.zeros_like(wide.mask)
+    explained[near.mask] = off_extended(area.shade, levels, near) <= NEAR_LEVELS
+    # A neighbour of about the colour in which the gradient ends is none of it, nor what goes on farther.
+    rests, count = ndimage.label((parts[wide.window] > 0) & ~wide.mask)
+    sizes = np.maximum(np.bincount(rests.ravel(), minlength=count + 1), 1)
+    own = np.bincount(rests.ravel(), explained.ravel(), count + 1) >= MOSTLY * sizes
+    own[0] = False
+    rimmed = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=rim)
+    mask = wide.mask | (explained & (rimmed | own[rests]))
+    return replace(area, patch=replace(wide, mask=ndimage.binary_propagation(wide.mask, None, mask)))
+
+
+def _rest(parts: np.ndarray, areas: list[ShadedArea]) -> np.ndarray:
+    """(H, W) int32 numbers from 1 on of what changes evenly and is in no area, 0 elsewhere."""
+    free = parts > 0
+    for area in areas:
+        free[area.patch.window] &= ~area.patch.mask
+    return ndimage.large_parts(free, LEAST_EVEN)[0]

@@ -24,8 +24,6 @@ SAME_FILL, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and 
 CLEAR = 0.5  # levels of opacity
 OUTER = 0.02  # share of a part's values at either end that do not count for its range
 RING = 4  # px of its surroundings that a part is looked at with
-PLUS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
-SQUARE = np.ones((3, 3), dtype=bool)
 
 
 def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, int]:
@@ -36,11 +34,11 @@ def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, in
     bends, steps = bends_and_steps(levels)
     smooth = (bends <= bend) & (steps <= 2.0 * STEEP * bend / BEND)
     # Opened with room around the canvas, so that its border takes nothing away.
-    opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), SQUARE)[2:-2, 2:-2]
+    opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), ndimage.SQUARE)[2:-2, 2:-2]
     # Flat pictures, most drawings, need no more than this.
     if (opened & (steps > 0.0)).sum() < FEW:
         return np.zeros(smooth.shape, dtype=np.int32), 0
-    return ndimage.label(opened, PLUS)
+    return ndimage.label(opened)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ class Patch:
     def grown(self, by: int, shape: tuple[int, ...]) -> Patch:
         """The pixels within so many px of these in a picture (H, W)."""
         wide = self.padded(by, shape)
-        return Patch(wide.top, wide.left, ndimage.binary_dilation(wide.mask, SQUARE, iterations=by))
+        return Patch(wide.top, wide.left, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=by))
 
     def meets(self, other: Patch) -> np.ndarray:
         """(n, 2) rows and columns of the pixels of both."""
@@ -129,8 +127,8 @@ class Part:
 
     def pieces(self, own: np.ndarray) -> list[Part]:
         """The largest connected parts of the pixels for which own (n,) holds, without what is thinner than 3 px."""
-        mask = ndimage.binary_opening(self.within(own).mask, SQUARE)
-        labels, count = ndimage.label(mask, PLUS)
+        mask = ndimage.binary_opening(self.within(own).mask, ndimage.SQUARE)
+        labels, count = ndimage.label(mask)
         boxes = ndimage.find_objects(labels)
         sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
         most = np.argsort(-sizes, kind="stable")[:MOST_PIECES]
@@ -168,6 +166,6 @@ def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
     fill = values[index.reshape(-1) == best].mean(axis=0)
     near = largest(np.abs(values - np.rint(values[first[best]]))) <= SAME_FILL
     # A gradient passes through its colours in bands; what is even around about is none of them.
-    even = ndimage.binary_erosion(part.within(near).mask, SQUARE, iterations=RING)
-    even = ndimage.binary_dilation(even, SQUARE, iterations=RING)
+    even = ndimage.binary_erosion(part.within(near).mask, ndimage.SQUARE, iterations=RING)
+    even = ndimage.binary_dilation(even, ndimage.SQUARE, iterations=RING)
     return fill, near & even[part.rows - part.patch.top, part.columns - part.patch.left]

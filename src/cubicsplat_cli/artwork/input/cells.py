@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import distinct, steps
 
 # Colours that any picture may have; larger ones as many as the square root of their cells. Chosen on drawn sprites and
@@ -277,13 +278,8 @@ def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:
     """Whether some of the colours of cells (R, C, 4), levels, are there to smooth edges."""
     blend = _between(levels) | _between(levels.swapaxes(0, 1)).swapaxes(0, 1)
     share = np.bincount(numbers[blend], minlength=count) / np.bincount(numbers.ravel(), minlength=count)
-    edge = np.zeros(numbers.shape, dtype=bool)
-    for axis in (0, 1):
-        differs = np.diff(numbers, axis=axis) != 0
-        ahead, behind = (np.zeros_like(edge) for _ in range(2))
-        np.moveaxis(ahead, axis, 0)[:-1] = np.moveaxis(differs, axis, 0)
-        np.moveaxis(behind, axis, 0)[1:] = np.moveaxis(differs, axis, 0)
-        edge |= ahead | behind
+    ends = [[f(numbers, 3, axis) for f in (ndimage.minimum_filter1d, ndimage.maximum_filter1d)] for axis in (0, 1)]
+    edge = np.logical_or.reduce([low != high for low, high in ends])
     return bool((blend & (share >= BLENDING)[numbers]).sum() > SMOOTHED * edge.sum())
 
 
@@ -292,12 +288,10 @@ def _between(levels: np.ndarray) -> np.ndarray:
     differs = steps(levels)[1] > 0.0
     y, x = np.nonzero(differs[:, :-1] & differs[:, 1:])
     before, here, after = (levels[y, x + k] for k in range(3))
-    span = after - before
-    length = (span * span).sum(axis=1)
-    t = ((here - before) * span).sum(axis=1) / np.maximum(length, 1e-6)
-    off = largest(np.abs(here - before - t[:, None] * span))
+    t, rest = blend_of(here, before, after)
+    away = np.minimum(t, 1.0 - t) * np.linalg.norm(after - before, axis=1)
     out = np.zeros(levels.shape[:2], dtype=bool)
-    out[y, x + 1] = (off <= OFF) & (np.minimum(t, 1.0 - t) * np.sqrt(length) > OFF)
+    out[y, x + 1] = (largest(np.abs(rest)) <= OFF) & (away > OFF)
     return out
 
 

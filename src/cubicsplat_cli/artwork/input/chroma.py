@@ -3,6 +3,8 @@
 A line of 2 px hardly shows its colour in any pixel, since chroma is a mean of 2 x 2 px, and is smoothed when it is made
 larger again. But the share that each fill has of each pixel tells what the chroma would be, so fills follow by linear
 least squares from all pixels together; and where these leave a residual, a fill is missing.
+
+Which fills a pixel is a blend of follows from its neighbours, once it is known which it has most of.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.mixture import Mixture
+from cubicsplat_cli.artwork.channels import blend_of
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.raster import ndimage
 
@@ -22,6 +24,8 @@ RESIDUAL, TIMES = 12.0, 5.0  # levels, and times the usual residual near edges, 
 LACKS = 0.4
 UNLIKE, ALIKE, FEWEST = 24.0, 20.0, 8  # levels off all blends, and of one colour; pixels of half the size that show it
 REWEIGHTED, PRIOR = 4, 2.0  # rounds of least squares, and px that each fill counts as before
+SNAP = 0.08  # shares this near to 0 or 1 are
+LEAST_CONTRAST = 3.0  # times the misfit, for shares of two fills to be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +44,7 @@ def explained(seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.nd
     alike; free: (P,) bool, those that are to be fitted; sigma: levels by which luma is off near edges.
     """
     fills, small = fills.copy(), _halved(seen)
-    mixed = ndimage.maximum_filter(mixture.labels, 5) != ndimage.minimum_filter(mixture.labels, 5)
-    mixed |= free[mixture.labels]
+    mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels]
     fills[:, 0], luma_cost = _luma(seen[..., 0], mixture, mixed, fills[:, 0], free, sigma)
     y, x = np.nonzero(_halved(mixed[..., None])[..., 0] > 0.0)
     columns = [_again(_halved(mixture.coverage(k)[..., None]))[y, x, 0] for k in range(len(fills))]
@@ -106,3 +109,65 @@ def _again(values: np.ndarray) -> np.ndarray:
     """Values of half the size (H, W, C) as they are once they were made larger and halved again."""
     down = ndimage.correlate1d(values, AGAIN, axis=0, mode="nearest")
     return np.asarray(ndimage.correlate1d(down, AGAIN, axis=1, mode="nearest"))
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """What pixels are blends of. labels, other: (H, W) int32 two fills; share: (H, W) of the second one."""
+
+    labels: np.ndarray
+    other: np.ndarray
+    share: np.ndarray
+
+    def coverage(self, fill: int) -> np.ndarray:
+        """(H, W) the share of a fill."""
+        own = np.where(self.labels == fill, 1.0 - self.share, 0.0)
+        return own + np.where(self.other == fill, self.share, 0.0)
+
+
+def with_shares(
+    seen: np.ndarray,
+    fills: np.ndarray,
+    labels: np.ndarray,
+    sigma: float,
+    blur: float,
+    palette: np.ndarray,
+    snap: float = SNAP,
+) -> np.ndarray:
+    """(H, W, 4) the picture of the labels, with the shares that edges had; blurred ones as they were before."""
+    out = palette[labels].astype(np.float32)
+    mixture = mixture_of(seen, fills, labels, sigma, blur, snap)
+    y, x = np.nonzero(mixture.share)
+    own, other = palette[labels[y, x]], palette[mixture.other[y, x]]
+    out[y, x] = own + mixture.share[y, x, None] * (other - own)
+    return out
+
+
+def mixture_of(
+    seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = SNAP
+) -> Mixture:
+    """What the pixels of a picture (H, W, 4) are blends of: of labels' fills (P, 4), alike, with one beside them."""
+    mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
+    reach = 1 if not blur else 2
+    y, x = np.nonzero(~ndimage.alike(labels, 2 * reach + 1))
+    if not len(y):
+        return mixture
+    own = labels[y, x]
+    padded = np.pad(labels, reach, mode="edge")
+    best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            beside = padded[y + reach + dy, x + reach + dx]
+            t, rest = blend_of(seen[y, x], fills[own], fills[beside])
+            left = (rest * rest).sum(axis=1) + 1e-3 * (dy * dy + dx * dx)
+            apart = np.linalg.norm(fills[beside] - fills[own], axis=1) > LEAST_CONTRAST * sigma
+            better = (beside != own) & apart & (left < best)
+            best[better], other[better], share[better] = left[better], beside[better], t[better]
+    if blur:
+        from scipy.special import ndtri  # takes a while to import, and few pictures are blurred
+
+        width = np.sqrt(blur**2 + 1.0 / 12.0)
+        share = np.clip(0.5 + width * ndtri(np.clip(share, 1e-3, 1.0 - 1e-3)), 0.0, 1.0)
+    mixture.other[y, x] = other
+    mixture.share[y, x] = np.where(share < snap, 0.0, np.where(share > 1.0 - snap, 1.0, share))
+    return mixture

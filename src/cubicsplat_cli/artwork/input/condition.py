@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import LUMA
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import edge_variances, second_differences
@@ -34,8 +35,6 @@ MORE_ZEROS, ERROR, FEWEST_BLOCKS = 1.25, 0.8, 20  # times as many; the differenc
 # in 0 to 0.5 in nine of ten WebPs, in 0.5 to 1 in clean pictures. Pale stripes and text on a grid of 8 px look like
 # blocks otherwise, and what many soft shadows are rounded to looks like ringing; over nothing, so do small gradients.
 MOST_EVEN, MOST_EVEN_CLEAR = 0.5, 0.33
-# Without such blocks: the roughness lies in blocks of 16 x 16 px with edges, and not in those half a block away.
-INSIDE, MUCH_LESS, LEAST_SIDE = 0.9, 0.3, 64  # shares, and px of the picture that tell them
 # Of the quiet pixels within so many px of one that is not, which wide margins leave as they are, the share that is
 # rough: up to 0.018 in nine of ten clean pictures, 0.05 and more in JPEGs and WebPs of quality 60 to 98.
 NEAR, LEAST_ROUGH = 4, 0.02
@@ -43,7 +42,7 @@ NEAR, LEAST_ROUGH = 4, 0.02
 # share that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80; that of smaller pictures ends before.
 FAR, LEAST_RINGING = 8, 0.003
 # Opacity counts as well: black on nothing has edges.
-LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
+SEEN = np.append(LUMA, 0.7).astype(np.float32)
 # Edges whose width is measured: levels of contrast, how many must be there, and are looked at each way.
 CONTRAST, FEWEST, MOST = 60.0, 40, 24_000
 OFF_LINE = 0.1  # of an edge's contrast, by which its pixels may be off the line between the colours that they blend
@@ -116,7 +115,7 @@ def condition_of(levels: np.ndarray) -> Condition:
     """The condition of a picture."""
     if min(levels.shape[:2]) < 2 * BLOCK:
         return CLEAN
-    luma = levels @ LUMA
+    luma = levels @ SEEN
     second = second_differences(levels)
     spans = spread(levels, 5, 5)
     quiet = _quiet(spans)
@@ -165,19 +164,14 @@ def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: 
     opaque, found = bool((levels[..., 3] >= 255.0).all()), _coefficients(luma, 0)
     if _even(levels, _busy(found)) >= (MOST_EVEN if opaque else MOST_EVEN_CLEAR):
         return False
-    return (opaque and _in_blocks(found, luma, rough, quiet)) or (not noise and _rings(levels, rough, quiet))
+    return (opaque and _in_blocks(found, luma)) or (not noise and _rings(levels, rough, quiet))
 
 
-def _in_blocks(found: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
-    """Whether the roughness of a picture keeps to the blocks of a JPEG. found: the coefficients of these."""
+def _in_blocks(found: np.ndarray, luma: np.ndarray) -> bool:
+    """Whether the coefficients of a picture's blocks, found, are nearly 0 more often than those half a block away."""
     own, number = _zeros(found)
     apart, _ = _zeros(_coefficients(luma, BLOCK // 2))
-    if number >= FEWEST_BLOCKS:
-        return own > MORE_ZEROS * apart and (own - apart) * number**0.5 > ERROR
-    if min(rough.shape) < LEAST_SIDE:
-        return False
-    inside = _inside(rough, quiet, 0)
-    return inside > INSIDE and inside - _inside(rough, quiet, BLOCK) > MUCH_LESS
+    return number >= FEWEST_BLOCKS and own > MORE_ZEROS * apart and (own - apart) * number**0.5 > ERROR
 
 
 def _zeros(coefficients: np.ndarray) -> tuple[float, int]:
@@ -215,13 +209,6 @@ def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
     return (edge_blur(levels, 0.0) or 0.0) < LEAST_BLUR_OF_JPEG
 
 
-def _inside(rough: np.ndarray, quiet: np.ndarray, start: int) -> float:
-    """The share of rough pixels that lie in blocks with edges."""
-    edges = ~_blocks(quiet, start, 2 * BLOCK).all(axis=(1, 2))
-    number = _blocks(rough, start, 2 * BLOCK).sum(axis=(1, 2))
-    return float(number[edges].sum() / max(1, number.sum()))
-
-
 def _blocks(values: np.ndarray, start: int, side: int) -> np.ndarray:
     """(n, side, side) the whole blocks of values (H, W), from a row and column on."""
     rows, columns = ((length - start) // side for length in values.shape)
@@ -232,7 +219,7 @@ def _blocks(values: np.ndarray, start: int, side: int) -> np.ndarray:
 def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     """px that the edges of a picture are wider than by their pixels, None where too few are fit to measure it."""
     even = max(2.0, 3.0 * noise)
-    found = edge_variances(levels, levels @ LUMA, MOST, even, CONTRAST, OFF_LINE)
+    found = edge_variances(levels, levels @ SEEN, MOST, even, CONTRAST, OFF_LINE)
     if len(found) < FEWEST:
         return None
     least, usual = np.sqrt(np.maximum(np.quantile(found, [0.25, 0.5]), 0.0))

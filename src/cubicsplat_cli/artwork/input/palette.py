@@ -1,12 +1,16 @@
-"""The fills of a picture with noise: where it is calm, the commonest colours and all that noise makes of them."""
+"""The fills of a picture with noise: where it is calm, the commonest colours and all that noise makes of them.
+
+In small ones also what fills squares of 2 x 2 px, where hardly anything fills more.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import spread
 
 # Levels: what differs less is one fill, or times the noise of the means of 3 x 3 px. Between two fills lies a valley,
 # with fewer px by this share than have the rarer one; without it, one is what noise makes of the other.
@@ -23,6 +27,11 @@ WINDOW, UNLIKE, EXPLAINED, LEAST_MISSING = 5, 6.0, 0.5, 60
 # What a JPEG leaves of edges, as a share of the range of values in the block around, px: of luma, and of chroma of half
 # the size.
 RINGING, BLOCKS = 0.05, ((8, slice(0, 1)), (16, slice(1, 3)))
+SMALL = 128  # px of the longer side, up to which details are so small
+FEWEST_SQUARES, MOST_SQUARES = 3, 24  # squares that show a fill, and fills
+# A square lies on a ramp where its colour is a blend of those up to so many px to either side of it: shares, and times
+# the misfit that it is off that and these are apart.
+REACH, BLENDED, MISFITS, CONTRAST = 2, (0.15, 0.85), 2.0, 6.0
 
 
 def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,8 +55,7 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> n
     """
     noise, reach = condition.noise, reach_of(condition)
     calm, mean = calm_pixels(seen, noise)
-    spread = ndimage.maximum_filter(seen, (3, 3, 1)) - ndimage.minimum_filter(seen, (3, 3, 1))
-    edge = spread.max(axis=-1) > max(EDGE, 8.0 * noise)
+    edge = spread(seen, 3, 3) > max(EDGE, 8.0 * noise)
     away = calm & ~ndimage.maximum_filter(edge, 2 * NEAR + 1)
     least = max(FEWEST, LEAST_SHARE * levels[..., 0].size)
     fills: list[np.ndarray] = []
@@ -95,7 +103,7 @@ def missing_colours(
     for luma and chroma.
     """
     seen = (levels @ space).astype(np.float32)
-    inner = ndimage.maximum_filter(nearest, 3) == ndimage.minimum_filter(nearest, 3)
+    inner = ndimage.alike(nearest, 3)
     residual = np.where(inner[..., None], seen - (palette @ space).astype(np.float32)[nearest], np.float32(0.0))
     share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
     mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
@@ -106,8 +114,8 @@ def missing_colours(
     if condition.jpeg:
         for block, channels in BLOCKS:
             size, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
-            spread = ndimage.maximum_filter(values, size) - ndimage.minimum_filter(values, size)
-            unlike[..., channels] -= RINGING * spread
+            ends = ndimage.maximum_filter(values, size), ndimage.minimum_filter(values, size)
+            unlike[..., channels] -= RINGING * (ends[0] - ends[1])
     calm, _ = calm_pixels(seen, condition.noise)
     off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > EXPLAINED * square.sum(axis=-1))
     values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
@@ -138,3 +146,57 @@ def modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> 
         found.append(colours[first])
         weight[own] = 0.0
     return np.array(found).reshape(-1, 4)
+
+
+def square_fills(
+    levels: np.ndarray, seen: np.ndarray, known: np.ndarray, sigma: float, reach: float, apart: float
+) -> np.ndarray:
+    """(k, 4) fills in levels that squares of 2 x 2 px show and that are none of those known, the commonest first.
+
+    levels: (H, W, 4) the picture; seen: (H, W, 4) the same in coordinates whose distances tell fills apart; known:
+    (P, 4) in these; sigma: levels by which pixels are off there; reach: levels within which colours are one fill;
+    apart: levels beyond which they are two.
+    """
+    if min(levels.shape[:2]) < 4 or max(levels.shape[:2]) > SMALL:
+        return np.zeros((0, 4))
+    corners = np.stack([seen[y : seen.shape[0] - 1 + y, x : seen.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)])
+    mean = corners.mean(axis=0)
+    calm = corners.std(axis=0).max(axis=-1) <= CALM * sigma
+    calm &= ~_on_ramps(seen, mean, sigma)
+    far = calm & (np.abs(mean[..., None, :] - known).max(axis=-1).min(axis=-1) > apart)
+    y, x = np.nonzero(far)
+    if not len(y):
+        return np.zeros((0, 4))
+    from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares
+
+    fills: list[np.ndarray] = []
+    while len(y) and len(fills) < MOST_SQUARES:
+        values = mean[y, x]
+        # As many of the squares as there are within reach of each.
+        around = cKDTree(values).query_ball_point(values, reach, p=np.inf, return_length=True)
+        densest = values[int(around.argmax())]
+        if around.max() < FEWEST_SQUARES:
+            break
+        gap = np.abs(values - densest).max(axis=1)
+        own = gap <= reach
+        fills.append(np.median([levels[y[own] + dy, x[own] + dx] for dy in (0, 1) for dx in (0, 1)], axis=(0, 1)))
+        y, x = y[gap > apart], x[gap > apart]
+    return np.array(fills, dtype=float).reshape(-1, 4)
+
+
+def _on_ramps(seen: np.ndarray, mean: np.ndarray, sigma: float) -> np.ndarray:
+    """(H - 1, W - 1) bool: the squares with means (H - 1, W - 1, 4) that blend what lies to either side of them."""
+    padded = np.pad(seen, ((REACH, REACH), (REACH, REACH), (0, 0)), mode="edge")
+    out = np.zeros(mean.shape[:2], dtype=bool)
+    for turned in (False, True):
+        around, middle = (padded.swapaxes(0, 1), mean.swapaxes(0, 1)) if turned else (padded, mean)
+        height, width = middle.shape[:2]
+        # The two pixels beside the square, in the rows or columns that it has.
+        pair = 0.5 * (around[REACH : REACH + height] + around[REACH + 1 : REACH + height + 1])
+        for off in range(1, REACH + 1):
+            before, after = pair[:, REACH - off :][:, :width], pair[:, REACH + 1 + off :][:, :width]
+            share, rest = blend_of(middle, before, after)
+            ramp = (share > BLENDED[0]) & (share < BLENDED[1]) & (np.linalg.norm(rest, axis=-1) <= MISFITS * sigma)
+            ramp &= np.linalg.norm(after - before, axis=-1) > CONTRAST * sigma
+            out |= ramp.T if turned else ramp
+    return out

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import LUMA
 from cubicsplat_cli.raster import ndimage
 
-LUMA = np.array([0.299, 0.587, 0.114])
 LEAST_SIDE, CELLS = 96, 48  # px, and along the longer side
 LIGHTER = 0.75  # of the pixels of a cell, ordered by lightness: at least a quarter of it is paper
 DEGREE, ROUNDS = 4, 12
@@ -80,7 +80,7 @@ def _ink(white: np.ndarray, grain: float) -> np.ndarray:
     """(H, W) bool: what is ink on white paper (H, W, 3), and the pixels beside it; specks that are faint are grain, and
     what darkens slowly is a shadow."""
     depth = ndimage.gaussian_filter(255.0 - (white @ LUMA), 1.0)
-    parts, count = ndimage.label(depth > FAINT * grain, np.ones((3, 3)))
+    parts, count = ndimage.label(depth > FAINT * grain, ndimage.SQUARE)
     deepest = ndimage.maximum(depth, parts, np.arange(count + 1))
     steps = ndimage.maximum_filter(depth, STEP) - ndimage.minimum_filter(depth, STEP)
     steepest = ndimage.maximum(steps, parts, np.arange(count + 1))

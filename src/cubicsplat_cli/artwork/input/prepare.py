@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
+from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.linear_light import without_linear_light
+from cubicsplat_cli.artwork.input.linear_light import without_linear_light, without_rim
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
-from cubicsplat_cli.artwork.input.rim import without_rim
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted

@@ -11,17 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.chroma import explained, missing_fills
+from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_shares
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.mixture import mixture_of, with_shares
-from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of
-from cubicsplat_cli.artwork.input.squares import square_fills
+from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
-from cubicsplat_cli.artwork.regions.hairlines import REACH, solid_labels, with_lines
+from cubicsplat_cli.artwork.regions.hairlines import solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import near_fills
+from cubicsplat_cli.raster.unmix import REACH, near_fills
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.
@@ -141,8 +139,7 @@ def _deep(labels: np.ndarray, count: int) -> np.ndarray:
 
 def _depth(labels: np.ndarray) -> np.ndarray:
     """(H, W) px from the edges between labels (H, W)."""
-    edge = ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)
-    return ndimage.distance_transform_cdt(~edge, metric="chessboard")
+    return ndimage.distance_transform_cdt(ndimage.alike(labels, 3), metric="chessboard")
 
 
 def in_colours(levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, painted: np.ndarray) -> np.ndarray:

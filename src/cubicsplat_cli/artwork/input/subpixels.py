@@ -14,7 +14,6 @@ import numpy as np
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
 
-SQUARE = np.ones((3, 3), dtype=bool)
 PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
 # What the filters of all programs have in common, and the widest one, five taps. Colour fringes that no other filter
 # leaves say which it was.
@@ -78,8 +77,8 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
 
 def _parts(colours: np.ndarray) -> _Parts | None:
     """The parts of a picture (H, W, 3) around which it has one colour; None where there are none."""
-    even = ndimage.binary_dilation(spread(colours, 3, 3) == 0.0, SQUARE)
-    labels, count = ndimage.label(~even, SQUARE)
+    even = ndimage.binary_dilation(spread(colours, 3, 3) == 0.0, ndimage.SQUARE)
+    labels, count = ndimage.label(~even, ndimage.SQUARE)
     beside = np.where(even, ndimage.maximum_filter(labels, 3), 0).ravel()
     around = np.flatnonzero(beside)
     if not len(around):

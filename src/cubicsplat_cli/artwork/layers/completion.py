@@ -7,26 +7,16 @@ way is good when the outline covers what shows and nothing else does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import (
-    Outline,
-    Rectangle,
-    Ring,
-    dense,
-    flattened,
-    polygon,
-)
-from cubicsplat_cli.artwork.layers.ends import End
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent
-from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
+from cubicsplat_cli.artwork.layers.min_link import SLACK, Room
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
-from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
-from cubicsplat_cli.artwork.tracing.primitives import dot_of
+from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.raster import ndimage
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
@@ -37,63 +27,10 @@ ASTRAY = 20  # px so covered or left, beyond which a way that certainly is hidde
 HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ
-MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
 SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
 DOT = 4  # px of a region, up to which it is a dot
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
-SQUARE = np.ones((3, 3), dtype=bool)
-
-
-@dataclass(frozen=True)
-class _Window:
-    """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
-    shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
-    lies outside of the outer one."""
-
-    top: int
-    left: int
-    must: np.ndarray
-    may: np.ndarray
-    canvas: tuple[int, int]
-
-    @classmethod
-    def of(cls, extent: Extent, canvas: tuple[int, int]) -> _Window:
-        edge = np.pad(extent.shown, 1, mode="edge")
-        must = ndimage.binary_erosion(edge, SQUARE)[1:-1, 1:-1]
-        # Where upper layers hide the edge it runs beneath them, not along it.
-        beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
-        must |= beneath & ~ndimage.binary_dilation(~extent.allowed, SQUARE, 2)
-        # An outer outline may go around holes, which have outlines of their own.
-        may = ndimage.binary_dilation(extent.allowed | extent.holes, SQUARE)
-        return cls(extent.top, extent.left, must, may, canvas)
-
-    def hole(self, contour: Contour, extent: Extent) -> _Window:
-        """The same of a contour of a hole of the extent."""
-        free = self._inside(polygon(contour.points)) & ~extent.allowed
-        return replace(self, must=ndimage.binary_erosion(free, SQUARE), may=self.may & ~self.must)
-
-    def _inside(self, ring: Ring) -> np.ndarray:
-        """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
-        return enclosed(ring, self.top, self.left, self.must.shape)
-
-    def wrong(self, outline: Outline) -> np.ndarray:
-        """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
-        ring = outline.ring()
-        points = dense(flattened(ring, 1.0), 1.0) - [self.left, self.top]
-        inside = self._inside(ring)
-        y, x = np.nonzero((inside & ~self.may) | (~inside & self.must))
-        within = np.stack([x + 0.5, y + 0.5], axis=1)
-        corner = np.array([self.left, self.top])
-        return np.concatenate([within, points[self._astray(points)]]) + corner
-
-    def _astray(self, points: np.ndarray) -> np.ndarray:
-        """(n,) bool: points of an outline beyond the window, though on the canvas."""
-        height, width = self.must.shape
-        x, y = points.T
-        beyond = (x < -1.0) | (y < -1.0) | (x > width + 1.0) | (y > height + 1.0)
-        x, y = x + self.left, y + self.top
-        return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
 
 
 def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
@@ -160,15 +97,15 @@ class _Surroundings:
     canvas: tuple[int, int]
 
     @cached_property
-    def window(self) -> _Window:
+    def window(self) -> Window:
         """That of the outer contour."""
-        return _Window.of(self.extent, self.canvas)
+        return Window.of(self.extent, self.canvas)
 
     @cached_property
     def room(self) -> Room:
         """The pixels in which hidden outlines may run."""
         e = self.extent
-        spare = ndimage.binary_dilation(e.allowed, SQUARE) & ~self.window.must
+        spare = ndimage.binary_dilation(e.allowed, ndimage.SQUARE) & ~self.window.must
         return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
 
 
@@ -177,12 +114,12 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
     window, room = surroundings.window, surroundings.room
     window = window.hole(contour, surroundings.extent) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
-        return _unseen(contour, window, room)
+        return few_lines(contour.points, SLACK)
 
     def wrong(points: np.ndarray) -> int:
         return len(window.wrong(polygon(points)))
 
-    loop = HiddenLoop(contour.points, contour.sigma, wrong, room, window.canvas)
+    loop = HiddenLoop(contour.points, contour.sigma, wrong, room)
     whole = whole and len(runs) <= SEVERAL
     left = [ways_on(loop, run) if whole else simply(loop, run) for run in runs]
     ways = [next(each) for each in left]
@@ -209,7 +146,7 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
         for outline in (fit_outline(contour.points, _known(contour.sigma), detail), few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
-    best = _as_box(best)
+    best = (level_box(best, LEVEL) or best) if isinstance(best, Ring) else best
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
 
 
@@ -224,24 +161,13 @@ def _known(sigma: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(sigma), sigma, HIDDEN_SIGMA)
 
 
-def _as_box(outline: Outline) -> Outline:
-    """A ring of four level and upright lines as the rectangle that it is."""
-    if not isinstance(outline, Ring) or outline.pieces != 4 or not outline.lines.all():
-        return outline
-    sides = np.abs(np.roll(outline.anchors, -1, axis=0) - outline.anchors)
-    if sides.min(axis=1).max() > LEVEL or (sides.argmin(axis=1)[:2] != sides.argmin(axis=1)[2:]).any():
-        return outline
-    low, high = outline.anchors.min(axis=0), outline.anchors.max(axis=0)
-    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
-
-
 def _with_corners(
     found: Outline,
     contour: Contour,
     runs: list[np.ndarray],
     ways: list[Completion],
     loop: HiddenLoop,
-    window: _Window,
+    window: Window,
     detail: float,
 ) -> Outline:
     """The outline with hidden corners where straight sides meet, if that is shorter and hidden as well."""
@@ -255,16 +181,6 @@ def _with_corners(
     outline = fit_outline(points, sigma, detail, corners)
     good = outline.coordinates <= found.coordinates and len(window.wrong(outline)) <= ALLOWED
     return outline if good else found
-
-
-def _unseen(contour: Contour, window: _Window, room: Room) -> Outline:
-    """Few straight lines in place of a contour of which hardly anything shows."""
-    end = End(contour.points[0], None, False)
-    for corners in min_link_path(contour.points, end, end, room):
-        outline = polygon(corners[:-1])
-        if len(corners) > MOST_TIPS and len(window.wrong(outline)) <= ALLOWED:
-            return outline
-    return few_lines(contour.points, SLACK)
 
 
 def _every_side_shows(contour: Contour, outline: Outline) -> bool:

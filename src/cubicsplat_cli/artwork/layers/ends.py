@@ -1,15 +1,24 @@
-"""The ends of an outline where it vanishes behind an upper layer, and their directions."""
+"""The ends of an outline where it vanishes behind an upper layer, their directions, and the cubic that joins two.
+
+Among the cubics that stay hidden, the one that bends least is taken, by the integral of the squared curvature.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
 from cubicsplat_cli.raster.outlines import end_heading
 
 REACH = 14.0  # px along an outline from which its tangent is taken
 STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
+HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, of the distance between the ends
+MOST_TRIED = 8
+SAMPLES = np.linspace(0.0, 1.0, 33)
+TOLERATED = 1  # px that a continuation may be wrong in
 
 
 @dataclass(frozen=True)
@@ -56,3 +65,48 @@ def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | No
     """
     found = end_heading(points, sigma, reach) if len(points) else None
     return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())
+
+
+def continued(
+    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, most: float, wrong: Callable[[np.ndarray], int]
+) -> np.ndarray | None:
+    """(len(run), 2) points along the cubic that continues a closed outline where it is hidden; None where none does.
+
+    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
+    that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
+    """
+    before, after = end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+    first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
+    span = float(np.hypot(*(last - first)))
+    if leaving is None or arriving is None or span < 1.0 or _turn(last - first, leaving, arriving) > most:
+        return None
+    cubics = np.array(
+        [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
+    )
+    for k in np.argsort(_bending(cubics), kind="stable")[:MOST_TRIED]:
+        trial = points.copy()
+        trial[run] = _spread(cubics[k], len(run))
+        if wrong(trial) <= TOLERATED:
+            return trial[run]
+    return None
+
+
+def _turn(way: np.ndarray, leaving: np.ndarray, arriving: np.ndarray) -> float:
+    """By how much the way from one end to the other turns off both tangents, radians."""
+    cosines = np.array([way @ leaving, -(way @ arriving)]) / max(float(np.hypot(*way)), 1e-9)
+    return float(np.arccos(np.clip(cosines, -1.0, 1.0)).sum())
+
+
+def _bending(cubics: np.ndarray) -> np.ndarray:
+    """(k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
+    first, second = derivatives(cubics, np.broadcast_to(SAMPLES, (len(cubics), len(SAMPLES))))
+    speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
+    cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
+    return (cross**2 / speed**5).mean(axis=1) * chord
+
+
+def _spread(cubic: np.ndarray, count: int) -> np.ndarray:
+    """(count, 2) points evenly along a cubic, its ends left out."""
+    fine = points_at(cubic, np.linspace(0.0, 1.0, 4 * count + 8))
+    return polyline_places(fine, (np.arange(count) + 1.0) / (count + 1.0) * arc_lengths(fine)[-1])

@@ -1,26 +1,29 @@
 """The extent of each layer: what shows, the holes that upper layers fill, and some way under its neighbours.
 
-The pixel masks decide only the topology; where the outlines run follows from the points that are visible.
+The pixel masks decide only the topology; where the outlines run follows from the points that are visible. Holes
+that an outline no longer goes around, once its hidden parts have been chosen, are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flattened, polygon
 from cubicsplat_cli.artwork.layers.stacking import Stack
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
+from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import contours_of, hull_mask
+from cubicsplat_cli.raster.outlines import contours_of, coverage, hull_mask
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
-# Levels of opacity from which a fill hides what is beneath it.
-OPAQUE = 254.0
 OVERLAY = -1  # in place of the layer of what is of none
+MOST_WRONG = 20  # px of holes that an outer outline may cut off or enclose
 
 
 @dataclass(frozen=True)
@@ -103,3 +106,80 @@ def _extent(
     loops = contours_of(part, shown, (top, left), found.native)
     contours = tuple(Contour(points, sigma, area < 0.0) for points, sigma, area in loops)
     return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), contours)
+
+
+def enclosed(ring: Ring, top: int, left: int, size: tuple[int, ...]) -> np.ndarray:
+    """(h, w) bool: the pixels of a window, by its corner and size in px, of which a ring encloses half or more."""
+    return coverage(ring.cubics, ring.lines, top, left, *size) > 0.5
+
+
+@dataclass(frozen=True)
+class Window:
+    """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
+    shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
+    lies outside of the outer one."""
+
+    top: int
+    left: int
+    must: np.ndarray
+    may: np.ndarray
+    canvas: tuple[int, int]
+
+    @classmethod
+    def of(cls, extent: Extent, canvas: tuple[int, int]) -> Window:
+        """That of the outer outline of an extent, on a canvas of such a height and width."""
+        edge = np.pad(extent.shown, 1, mode="edge")
+        must = ndimage.binary_erosion(edge, ndimage.SQUARE)[1:-1, 1:-1]
+        # Where upper layers hide the edge it runs beneath them, not along it.
+        beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
+        must |= beneath & ~ndimage.binary_dilation(~extent.allowed, ndimage.SQUARE, 2)
+        # An outer outline may go around holes, which have outlines of their own.
+        may = ndimage.binary_dilation(extent.allowed | extent.holes, ndimage.SQUARE)
+        return cls(extent.top, extent.left, must, may, canvas)
+
+    def hole(self, contour: Contour, extent: Extent) -> Window:
+        """The same of a contour of a hole of the extent."""
+        free = self._inside(polygon(contour.points)) & ~extent.allowed
+        return replace(self, must=ndimage.binary_erosion(free, ndimage.SQUARE), may=self.may & ~self.must)
+
+    def _inside(self, ring: Ring) -> np.ndarray:
+        """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
+        return enclosed(ring, self.top, self.left, self.must.shape)
+
+    def wrong(self, outline: Outline) -> np.ndarray:
+        """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
+        ring = outline.ring()
+        points = dense(flattened(ring, 1.0), 1.0) - [self.left, self.top]
+        inside = self._inside(ring)
+        y, x = np.nonzero((inside & ~self.may) | (~inside & self.must))
+        within = np.stack([x + 0.5, y + 0.5], axis=1)
+        corner = np.array([self.left, self.top])
+        return np.concatenate([within, points[self._astray(points)]]) + corner
+
+    def _astray(self, points: np.ndarray) -> np.ndarray:
+        """(n,) bool: points of an outline beyond the window, though on the canvas."""
+        height, width = self.must.shape
+        x, y = points.T
+        beyond = (x < -1.0) | (y < -1.0) | (x > width + 1.0) | (y > height + 1.0)
+        x, y = x + self.left, y + self.top
+        return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
+
+
+def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent) -> tuple[Outline, ...]:
+    """The outlines fitted to an extent's contours, the outer one first, less the holes that it no longer goes around.
+
+    Where the outer one is hidden it may go another way than its contour; holes outside of it would be filled. Where it
+    runs across what shows through a hole it follows its contour.
+    """
+    if len(fitted) == 1 or np.isfinite(extent.contours[0].sigma).all():
+        return fitted
+    size = extent.shown.shape
+    inside = enclosed(fitted[0].ring(), extent.top, extent.left, size)
+    kept, wrong = [fitted[0]], 0
+    for outline, contour in zip(fitted[1:], extent.contours[1:], strict=True):
+        own = enclosed(polygon(contour.points), extent.top, extent.left, size)
+        around = bool(inside[own].mean() >= 0.5) if own.any() else True
+        wrong += int((own & ~extent.allowed & (inside != around)).sum())
+        if around:
+            kept.append(outline)
+    return (few_lines(extent.contours[0].points), *fitted[1:]) if wrong > MOST_WRONG else tuple(kept)

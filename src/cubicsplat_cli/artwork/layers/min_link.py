@@ -21,7 +21,6 @@ RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tange
 # the run is narrow, nearer to it and at more.
 WIDE, NARROW = ((0.0, 3.0, 8.0, 16.0), 28), ((0.0, -1.5, 1.5), 64)
 # Pixels away from those that show the layer, or that it must not cover, where there is room.
-SQUARE = np.ones((3, 3), dtype=bool)
 # px from an end of the run in which lines may be nearer, and in which pixels that show the layer do not count.
 NEAR_END, AT_END = 6.0, 3.0
 SLACK = 1.0  # px that the lines along an edge may be off it
@@ -49,7 +48,7 @@ class Room:
     @cached_property
     def wide(self) -> np.ndarray:
         """(h, w) bool: hidden pixels far enough from all others."""
-        return np.asarray(ndimage.binary_erosion(self.hidden, SQUARE, border_value=1))
+        return np.asarray(ndimage.binary_erosion(self.hidden, ndimage.SQUARE, border_value=1))
 
     def at(self, mask: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(...) bool: a mask (h, w) at points (..., 2); beyond the window False."""

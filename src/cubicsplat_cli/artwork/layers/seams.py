@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 
@@ -102,10 +102,7 @@ def _odd(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray, 
     # Where three regions meet nothing is certain.
     two = (low == own) | (high == own)
     y, x, own, other = y[two], x[two], own[two], other[two]
-    base, span = regions.fills[own], regions.fills[other] - regions.fills[own]
-    value = levels[y, x]
-    t = np.clip(((value - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 1.0)
-    odd = np.abs(value - base - t[:, None] * span).max(axis=1) > ODD
+    odd = largest(np.abs(blend_of(levels[y, x], regions.fills[own], regions.fills[other])[1])) > ODD
     return y[odd], x[odd], other[odd]
 
 

@@ -14,8 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.layers.junctions import junction_votes
-from cubicsplat_cli.artwork.layers.rounds import round_votes
+from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
 from cubicsplat_cli.artwork.regions.regions import Regions

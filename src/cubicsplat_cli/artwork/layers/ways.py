@@ -1,7 +1,7 @@
 """The ways in which a hidden run of an outline may go on, from the shortest description to the longest.
 
 Straight sides go on until they meet; the rest of a primitive or of a smooth piece; one cubic that goes on smoothly at
-both ends; sides that leave the canvas unseen; a limb's end; the fewest straight lines that stay hidden; the upper
+both ends; a limb's end; the fewest straight lines that stay hidden; the upper
 layers' edge.
 """
 
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.layers.continuation import continued
-from cubicsplat_cli.artwork.layers.ends import REACH, End, end_of
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, polyline_places
+from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, end_of
 from cubicsplat_cli.artwork.layers.min_link import Room, along_edge, min_link_path
 
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
@@ -43,13 +43,12 @@ Wrong = Callable[[np.ndarray], int]
 @dataclass(frozen=True)
 class HiddenLoop:
     """A closed outline, some of it hidden. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: how many px an
-    outline of points (n, 2) covers or leaves wrongly; canvas: height and width, px."""
+    outline of points (n, 2) covers or leaves wrongly."""
 
     points: np.ndarray
     sigma: np.ndarray
     wrong: Wrong
     room: Room
-    canvas: tuple[int, int]
 
 
 def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
@@ -62,9 +61,6 @@ def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     if meet is not None and straight:
         yield from _by_lines(loop, run, (first, last), meet)
     yield from _by_cubic(loop, run, SLIGHT)
-    rim = _off_canvas(loop, first, last)
-    if rim is not None:
-        yield from _by_lines(loop, run, (first, last), rim)
     if meet is not None and not straight:
         yield from _by_lines(loop, run, (first, last), meet)
     # Straight sides, as of a stripe, turn back in a bow only where they are longer than they are apart.
@@ -112,9 +108,8 @@ def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners:
     if count < len(corners):
         return
     knots = np.concatenate([ends[0].at[None], corners, ends[1].at[None]])
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots, axis=0).T))])
-    at = np.arange(1, count + 1) / (count + 1.0) * length[-1]
-    points = np.stack([np.interp(at, length, knots[:, c]) for c in (0, 1)], axis=1)
+    length = arc_lengths(knots)
+    points = polyline_places(knots, np.arange(1, count + 1) / (count + 1.0) * length[-1])
     index = np.rint(length[1:-1] / max(length[-1], 1e-9) * (count + 1.0)).astype(int) - 1
     # Each corner gets a point of its own.
     index = np.maximum.accumulate(index - np.arange(len(index))) + np.arange(len(index))
@@ -150,30 +145,3 @@ def _across(first: End, last: End) -> np.ndarray | None:
     level = 0.5 * float((first.at + last.at) @ along) + DEPTH * width
     far = [(level - float(at @ along)) / float(way @ along) for at, way in ((first.at, u), (last.at, v))]
     return np.array([first.at + far[0] * u, last.at + far[1] * v]) if min(far) >= LEAST_REACH else None
-
-
-def _off_canvas(loop: HiddenLoop, first: End, last: End) -> np.ndarray | None:
-    """(k, 2) corners on the canvas's border where both ends, going straight on, leave it on the same side or about one
-    of its corners, each by no longer a way than its outline is long in that direction; None elsewhere.
-    """
-    height, width = loop.canvas
-    found: list[np.ndarray] = []
-    sides: list[int] = []
-    for end in (first, last):
-        if end.tangent is None or not end.straight:
-            return None
-        limits = np.where(end.tangent > 0.0, [float(width), float(height)], 0.0)
-        reach = (limits - end.at) / np.where(np.abs(end.tangent) > 1e-6, end.tangent, 1e-6)
-        axis = int(reach.argmin())
-        along = loop.points[np.isfinite(loop.sigma)] @ end.tangent
-        if reach[axis] <= 0.0 or reach[axis] > np.ptp(along):
-            return None
-        found.append(end.at + reach[axis] * end.tangent)
-        sides.append(2 * axis + int(end.tangent[axis] > 0.0))
-    if sides[0] == sides[1]:
-        return np.array(found)
-    if sides[0] // 2 == sides[1] // 2:
-        return None
-    x = float(width) if 1 in sides else 0.0
-    y = float(height) if 3 in sides else 0.0
-    return np.array([found[0], [x, y], found[1]])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
+from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
 from cubicsplat_cli.artwork.planar.borders import Borders
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID

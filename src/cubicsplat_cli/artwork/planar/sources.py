@@ -7,18 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.fine import arc, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Outline,
     Ring,
+    oriented,
     pieces_of_rings,
+    points_at,
     polygon,
-    reversed_ring,
     ring_of_cubics,
-    signed_area,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
@@ -57,9 +56,7 @@ def sources_of(drawing: Drawing) -> Sources:
 
 def rings_of(shape: Shape) -> list[Ring]:
     """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
-    rings = [_ring(outline) for outline in shape.outlines]
-    right = [(signed_area(ring) > 0.0) == (index == 0) for index, ring in enumerate(rings)]
-    return [ring if as_it_is else reversed_ring(ring) for ring, as_it_is in zip(rings, right, strict=True)]
+    return list(oriented([_ring(outline) for outline in shape.outlines]))
 
 
 def canvas_ring(drawing: Drawing) -> Ring:
@@ -93,10 +90,7 @@ def _ring(outline: Outline) -> Ring:
         return fine_ring(outline)
     radii = (outline.r, outline.r) if isinstance(outline, Circle) else (outline.rx, outline.ry)
     angle = outline.angle if isinstance(outline, Ellipse) else 0.0
-    at = np.arange(9) * (np.pi / 4.0)
-    unit = np.stack([np.cos(at), np.sin(at)], axis=1)
-    unit[-1] = unit[0]
-    reach = 4.0 / 3.0 * np.tan(np.pi / 16.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
-    cubics = np.stack([unit[:-1], (unit + reach)[:-1], (unit - reach)[1:], unit[1:]], axis=1) * radii
+    cubics = arc(0.0, 2.0 * np.pi, 8) * radii
+    cubics[-1, 3] = cubics[0, 0]
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     return ring_of_cubics(cubics @ turn + [outline.cx, outline.cy], smooth=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import blend_of
 from cubicsplat_cli.artwork.regions.fills import has_square
 
 # Share of the line's fill in the pixel that joins, over those in the two that meet: a line of one px across has a
@@ -27,11 +28,9 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
     fills = fills.copy()
     for _ in range(PASSES):
         y, x, own = _corners(fills)
-        base = palette[fills[y, x]]
-        span = palette[own][:, None] - base
-        square = np.maximum((span * span).sum(axis=2), 1e-9)
-        share = ((levels[y, x] - base) * span).sum(axis=2) / square
-        meeting = [((levels[y[:, k], x[:, 1 - k]][:, None] - base) * span).sum(axis=2) / square for k in (0, 1)]
+        ends = palette[fills[y, x]], palette[own][:, None]
+        share, _ = blend_of(levels[y, x], *ends, within=False)
+        meeting = [blend_of(levels[y[:, k], x[:, 1 - k]][:, None], *ends, within=False)[0] for k in (0, 1)]
         at, best = np.arange(len(y)), share.argmax(axis=1)
         both = np.ones(share.shape) if whole else np.clip(meeting[0] * meeting[1], 0.0, 1.0)
         good = (share >= LEAST_SHARE * both)[at, best]

@@ -23,7 +23,9 @@ SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
 MOST_FILLS = 256
 # A small fill is a line's where that lies in the middle of two rows of pixels, and fills 1.5 px of them, say.
 LINE = LineBlends(one=SQUARE_RANGE, ground=SAME, between=0.5, off=3.0, shares=(0.2, 0.95), more=4.0)
-CLEAR = 2.0  # levels of opacity below which nothing is drawn
+PURE = 2.5  # levels: a pixel within so many of a fill is that fill
+# Levels of opacity below which nothing is drawn, and from which a fill hides what is beneath it.
+CLEAR, OPAQUE = 2.0, 254.0
 
 
 def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
@@ -51,7 +53,7 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
         return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, 2.0 * BAND))
     fills, weights = part_fills(levels, ndimage.label(flat)[0], GRADIENT_RANGE, 2.0 * BAND)
-    near = ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))
+    near = ndimage.binary_dilation(flat, ndimage.SQUARE)
     colours, sizes = _small_fills(levels, near)
     if len(colours):
         # Every part has a fill of its own, so that most of them are there many times.

@@ -10,27 +10,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import off_palette
-from cubicsplat_cli.raster.unmix import best_blend, blend_with, fills_of_lines, near_fills, residual_of_three, spread
+from cubicsplat_cli.raster.unmix import (
+    REACH,
+    STRANGE,
+    best_blend,
+    blend_with,
+    fills_of_lines,
+    near_fills,
+    residual_of_three,
+)
 
-# Residuals, in levels, of a blend that the fills beside it explain, and that the fill of a line must explain; lines are
-# sought with the MOST_FILLS commonest fills.
-STRANGE, CLOSE = 24.0, 10.0
-MOST_FILLS = 32
+# Residual, in levels, of a blend that the fill of a line must explain; lines are sought with so many commonest fills.
+CLOSE, MOST_FILLS = 10.0, 32
 WINDOW = 7  # px around a pixel in which a line keeps its fill
-# Two rows of one colour each that lie side by side for so many px, further apart than ALIKE levels.
-LONG, ALIKE = 5, 8.0
 # A pixel is a line's by this share, or by LESS where its neighbours to either side have less of it.
 # Where two shapes share a pixel up to a quarter of what is beneath shows through, which is no line.
 SHARE, LESS = 0.5, 0.3
 # A fill that no flat pixel has is that of LEAST_PIXELS pixels and more, of such fills at most MOST_NEW are taken.
 LEAST_PIXELS, MOST_NEW = 24, 8
-SOLID = 254.0  # levels of opacity: a translucent line is a seam where two shapes meet within a pixel
-
-# Fills are sought up to so many px around a blend.
-REACH = 3
 # Levels beyond which a pixel that a fill does not explain counts no more against it, and by which each fill must
 # explain a line better than commoner ones.
 MOST_RESIDUAL, LATER = 40.0, 0.1
@@ -57,45 +57,6 @@ def unexplained(values: np.ndarray, palette: np.ndarray, near: np.ndarray, resid
     return strange
 
 
-def level_lines(
-    levels: np.ndarray, place: tuple[np.ndarray, np.ndarray], palette: np.ndarray, beside: np.ndarray
-) -> np.ndarray:
-    """(n,) bool: the strange pixels of a picture (H, W, 4), at rows and columns (n,), in which a level or upright line
-    lies that shares two rows of pixels with what is on either side of it, in a fill of the palette.
-
-    Such rows are of one colour each, as if they were lines in fills of their own. beside: (n, 4) the fills beside them.
-    """
-    out, strange = np.zeros(len(beside), dtype=bool), np.zeros(levels.shape[:2], dtype=bool)
-    strange[place] = True
-    long = [_long(levels, 1 - axis) & strange for axis in (0, 1)]
-    some = np.flatnonzero(long[0][place] | long[1][place])
-    y, x = place[0][some], place[1][some]
-    apart = [
-        [largest(np.abs(levels[y, x] - _beside(levels, y, x, axis, step))) > ALIKE for step in (-1, 1)]
-        for axis in (0, 1)
-    ]
-    for fill in palette[:MOST_FILLS] if len(some) else ():
-        near = np.zeros(strange.shape, dtype=bool)
-        near[y, x] = blend_with(levels[y, x], fill, beside[some], beside[some])[1] <= CLOSE
-        for axis in (0, 1):
-            own = near & long[axis]
-            for step, differs in zip((-1, 1), apart[axis], strict=True):
-                out[some] |= own[y, x] & _beside(own, y, x, axis, step) & differs
-    return out
-
-
-def _beside(values: np.ndarray, y: np.ndarray, x: np.ndarray, axis: int, step: int) -> np.ndarray:
-    """Values (H, W, ...) so many px before the pixels y, x along an axis; beyond one end lies the other."""
-    rows, columns = (y - step, x) if axis == 0 else (y, x - step)
-    return values[rows % values.shape[0], columns % values.shape[1]]
-
-
-def _long(levels: np.ndarray, axis: int) -> np.ndarray:
-    """(H, W) bool: belongs to LONG px of one colour along an axis."""
-    rows, columns = (LONG, 1) if axis == 0 else (1, LONG)
-    return ndimage.binary_dilation(spread(levels, rows, columns) <= 1.0, np.ones((rows, columns), dtype=bool))
-
-
 def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
     """(k, 4) fills of lines, that the palette lacks: common colours among strange values (n, 4), of which the others
     are blends with the fill beside them (n, 4).
@@ -106,7 +67,7 @@ def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
         colours, index, counts = np.unique(np.rint(values[left]), axis=0, return_inverse=True, return_counts=True)
         far = np.zeros(len(colours))
         np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))
-        common = (counts >= LEAST_PIXELS) & (colours[:, 3] >= SOLID)
+        common = (counts >= LEAST_PIXELS) & (colours[:, 3] >= OPAQUE)
         if not common.any():
             break
         fill = colours[int(np.where(common, far, -1.0).argmax())]
@@ -165,8 +126,7 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     y, x = np.nonzero(away)
     far = away.copy()
     far[y, x] = best_blend(levels[y, x], palette, near_fills(labels, y, x, 1))[1] > off
-    square = np.ones((3, 3), dtype=bool)
-    seen = ndimage.binary_dilation(far | (solid < 0), square)
+    seen = ndimage.binary_dilation(far | (solid < 0), ndimage.SQUARE)
     place = _long_parts(seen, seen) & (away | (solid < 0))
     y, x = np.nonzero(place)
     near = near_fills(solid, y, x, REACH)
@@ -186,7 +146,7 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
 
 def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
     """(H, W) bool: the connected parts of `where` that have a pixel of `some` and go over LENGTH px."""
-    parts, count = ndimage.label(where, np.ones((3, 3)))
+    parts, count = ndimage.label(where, ndimage.SQUARE)
     long = np.zeros(count + 1, dtype=bool)
     long[1:] = [max(s.stop - s.start for s in box) >= LENGTH for box in ndimage.find_objects(parts)]
     return (long & (np.bincount(parts[some & where], minlength=count + 1) > 0))[parts]
@@ -194,6 +154,5 @@ def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
 
 def solid_labels(labels: np.ndarray) -> np.ndarray:
     """(H, W) the labels of pixels that belong to 3 x 3 px of it, else -1."""
-    high, low = ndimage.maximum_filter(labels, 3), ndimage.minimum_filter(labels, 3)
-    middle = np.where((high == low) & (labels >= 0), labels, -1)
+    middle = np.where(ndimage.alike(labels, 3) & (labels >= 0), labels, -1)
     return np.where(labels >= 0, ndimage.maximum_filter(middle, 3), -1) * (labels >= 0) - (labels < 0)

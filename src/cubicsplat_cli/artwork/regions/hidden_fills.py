@@ -1,21 +1,34 @@
 """Fills that no pixel shows pure, or hardly one: the farthest common colours that no blend of two others explains.
 
 Blends lie between fills, so what is farthest from all blends of the known fills is the least blended with any of them.
+
+Fills that are none are what lines of another fill make, again and again, of the pixels that they fill in part: drawing
+programs take few samples a pixel.
 """
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 
-from cubicsplat_cli.raster.unmix import blend_with, distance_to_blends
+from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # fills, and colours tried
 ONE_OF_THREE = 0.6  # of the distance from blends of two, that a fill has from those of three
 BLEND = 12.0  # levels by which a blend may be off the line between two fills
-CLEAR, SOLID = 64.0, 254.0  # levels of opacity below which a colour says nothing of a fill, and of what is opaque
+CLEAR = 64.0  # levels of opacity below which a colour says nothing of a fill
 # Of the distance between two fills: steps by which the sharpening of an edge between them goes beyond either, and
 # levels by which what it makes is off that.
 BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
+BLEND_LEVELS, SHARES = 1.5, (0.1, 0.95)  # levels that a blend is off, and shares of the line's fill in it
+FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is one
+# Px within which the ground and more of the line show beside such a blend, the share of its pixels for which they do,
+# and of the ground alone; share of the line that is more.
+NEAR, BESIDE_BOTH, BESIDE_GROUND, MORE = 2, 0.25, 0.7, 0.15
 
 
 def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: float, fewest: float) -> np.ndarray:
@@ -27,7 +40,7 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
     found: list[np.ndarray] = []
     gap = distance_to_blends(levels, palette)
     # Translucent colours are seams between shapes, or blends of a fill with nothing where nothing is a fill.
-    strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < 1.0).any() else SOLID))
+    strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < 1.0).any() else OPAQUE))
     levels, gap = levels[strange], gap[strange]
     for _ in range(TRIES):
         if len(found) == MOST or not (gap > least).any():
@@ -68,10 +81,8 @@ def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) ->
     kept = np.ones(len(palette), dtype=bool)
     for k in np.flatnonzero(~seen):
         for fill in hidden:
-            span = palette[seen] - fill
-            t = ((palette[k] - fill) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
-            off = np.abs(palette[k] - fill - t[:, None] * span).max(axis=1)
-            kept[k] &= not ((off <= BLEND) & (t > 0.0) & (t < 1.0)).any()
+            t, rest = blend_of(palette[k], fill, palette[seen])
+            kept[k] &= not ((largest(np.abs(rest)) <= BLEND) & (t > 0.0) & (t < 1.0)).any()
     return kept
 
 
@@ -81,3 +92,34 @@ def overshoots(fill: np.ndarray, palette: np.ndarray) -> bool:
     beyond = np.clip(palette[:, None] + step, 0.0, 255.0)
     apart = np.abs(palette[:, None] - palette[None]).max(axis=-1) > 0.0
     return bool(((np.abs(beyond - fill).max(axis=-1) <= BEYOND_OFF) & apart).any())
+
+
+def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """(P,) bool: the fills of a palette (P, 4) in levels that only show where more of another fill's lines and what
+    these lie on show as well, are a blend of the two, and have fewer pixels than there are thin ones of the line's.
+
+    levels: (H, W, 4) the picture; pure: (H, W) int, the fill of every pixel that is one, -1 of others; flat: (H, W)
+    bool, those amid a square of one colour.
+    """
+    fills = np.arange(len(palette))
+    doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
+    counts = np.bincount(pure[pure >= 0], minlength=len(palette))
+    thin = ~ndimage.binary_dilation(flat, ndimage.SQUARE) & (pure >= 0)
+    lines = np.bincount(pure[thin], minlength=len(palette))
+    out = np.zeros(len(palette), dtype=bool)
+    beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in fills] if doubtful.any() else []
+    for k in fills[doubtful & (counts > 0)]:
+        own = pure == k
+        for line, ground in permutations(fills[fills != k], 2):
+            if out[k] or lines[line] <= counts[k]:
+                continue
+            share, rest = blend_of(palette[k], palette[ground], palette[line])
+            if not SHARES[0] <= share <= SHARES[1] or np.abs(rest).max() > BLEND_LEVELS:
+                continue
+            by_ground = beside[ground][own]
+            if by_ground.mean() < BESIDE_GROUND:
+                continue
+            shares, rest = blend_of(levels, palette[ground], palette[line], within=False)
+            more = ndimage.maximum_filter((shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE), 2 * NEAR + 1)
+            out[k] = (by_ground & more[own]).mean() >= BESIDE_BOTH
+    return out

@@ -10,19 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, PURE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import steps
 
 # Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
 ALIKE, APART = 0.5, 8.0
-GROUND = 2.5  # levels by which the ground beside it may be off a fill
 # Px from which a pixel line tells its fill, and from which it is one where others have told it; fill of the most pixel
 # lines.
 LONG, SHORT, MOST_RULES = 24, 5, 16
 # Between two grounds, where seams lie as well, so many long ones in both directions tell it.
 FRAMES = 3
-SOLID = 254.0  # levels of opacity
 # Px of a frame's corner, between its sides, and the share of the pixel line's fill from which a pixel there is its;
 # grounds of one fill's pixel lines that are looked at.
 CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
@@ -53,9 +52,9 @@ def with_pixel_lines(
     all, and the fill of every pixel that is one, (H, W) int32, -1 of others, with those of the pixel lines.
     """
     found = _runs(levels)
-    told = (largest(np.abs(found.before - found.behind)) <= GROUND) | ~_between(found)
+    told = (largest(np.abs(found.before - found.behind)) <= PURE) | ~_between(found)
     grounds = np.maximum(_gap(found.before, palette), _gap(found.behind, palette))
-    found = found.where(told & (grounds <= GROUND))
+    found = found.where(told & (grounds <= PURE))
     out, fills = pure.copy(), palette
     for colour in _colours(found):
         gaps = largest(np.abs(fills - colour))
@@ -79,11 +78,9 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRun
     y, x = np.nonzero(pure < 0)
     grounds, counts = np.unique(np.rint(np.concatenate([own.before, own.behind])), axis=0, return_counts=True)
     for ground in grounds[np.argsort(-counts, kind="stable")[:MOST_GROUNDS]]:
-        span = own.colour[0] - ground
-        share = np.clip((levels[y, x] - ground) @ span / (span @ span), 0.0, 1.0)
-        gap = largest(np.abs(levels[y, x] - ground - share[:, None] * span))
-        blends[y, x] |= (share >= SHARE) & (gap <= GROUND)
-    return ndimage.binary_dilation(on, np.ones((3, 3), dtype=bool), CORNER, mask=blends | on)
+        share, rest = blend_of(levels[y, x], ground, own.colour[0])
+        blends[y, x] |= (share >= SHARE) & (largest(np.abs(rest)) <= PURE)
+    return ndimage.binary_dilation(on, ndimage.SQUARE, CORNER, mask=blends | on)
 
 
 def _colours(found: _LineRuns) -> list[np.ndarray]:
@@ -91,7 +88,7 @@ def _colours(found: _LineRuns) -> list[np.ndarray]:
     long = found.where(found.length >= LONG)
     colours, index = np.unique(np.rint(long.colour), axis=0, return_inverse=True)
     index = index.reshape(-1)
-    alone = largest(np.abs(long.before - long.behind)) <= GROUND
+    alone = largest(np.abs(long.before - long.behind)) <= PURE
     sure = np.bincount(index, alone, len(colours)) > 0
     ways = np.stack([np.bincount(index, long.upright == way, len(colours)) for way in (False, True)])
     sure |= (ways.min(axis=0) > 0) & (ways.sum(axis=0) >= FRAMES)
@@ -101,10 +98,7 @@ def _colours(found: _LineRuns) -> list[np.ndarray]:
 
 def _between(found: _LineRuns) -> np.ndarray:
     """(n,) bool: the colour is a blend of what is on either side, as an edge's between two pixels is."""
-    span = found.behind - found.before
-    rest = found.colour - found.before
-    share = np.clip((rest * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 1.0)
-    return np.asarray(largest(np.abs(rest - share[:, None] * span)) < APART)
+    return np.asarray(largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) < APART)
 
 
 def _gap(colours: np.ndarray, palette: np.ndarray) -> np.ndarray:
@@ -120,7 +114,7 @@ def _runs(levels: np.ndarray) -> _LineRuns:
     parts, (down, along) = [], steps(levels)
     for upright in (False, True):
         lines = levels.swapaxes(0, 1) if upright else levels
-        y, x, length = _rows(lines[..., 3] >= SOLID, *((along.T, down.T) if upright else (down, along)))
+        y, x, length = _rows(lines[..., 3] >= OPAQUE, *((along.T, down.T) if upright else (down, along)))
         sides = [lines[y + step, x] for step in (0, -1, 1)]
         parts.append((*((x, y) if upright else (y, x)), length, np.full(len(y), upright), *sides))
     return _LineRuns(*(np.concatenate(column) for column in zip(*parts, strict=True)))

@@ -6,27 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.fills import SAME, flat_pixels, has_square
+from cubicsplat_cli.artwork.regions.fills import PURE, SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
-    REACH,
-    STRANGE,
-    level_lines,
     missing_fills,
     nearest_line_fills,
     unexplained,
     with_lines,
 )
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
-from cubicsplat_cli.artwork.regions.line_blends import line_blends
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.raster.observed import off_palette
-from cubicsplat_cli.raster.unmix import best_blend, components, near_fills, nearest_fills
+from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills
 
-# A pixel within so many levels of a fill is that fill.
-PURE = 2.5
 MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills
 # Fills beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
 # others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
@@ -129,10 +123,8 @@ def _with_missing_fills(levels: np.ndarray, palette: np.ndarray, most: int | Non
         return palette, pure
     near = near_fills(pure, y, x, REACH)
     strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
-    y, x, beside = y[strange], x[strange], palette[near[strange, 0]]
-    other = ~level_lines(levels, (y, x), palette, beside)
-    found = palette
-    new = missing_fills(levels[y, x][other], beside[other])
+    y, x, found = y[strange], x[strange], palette
+    new = missing_fills(levels[y, x], palette[near[strange, 0]])
     if len(new):
         palette = np.vstack([palette, new])[:most]
     if len(palette) <= MOST_SEEN:
@@ -222,12 +214,11 @@ def _sure(
     fill_of = _majority(labels, fills)
     y, x = np.nonzero(lacking[labels])
     own = labels[y, x]
-    base = palette[fill_of[beside[own]]]
-    span = palette[fills[y, x]] - base
-    share = ((levels[y, x] - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
+    ground, fill = palette[fill_of[beside[own]]], palette[fills[y, x]]
+    share, _ = blend_of(levels[y, x], ground, fill, within=False)
     amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) & dots
     if amid.sum() <= MANY_DOTS:
-        plain = sure[y, x] & (largest(np.abs(span)) > ONE_COLOUR)
+        plain = sure[y, x] & (largest(np.abs(fill - ground)) > ONE_COLOUR)
         amid &= np.bincount(own, plain, count) == sizes
     sure = sure.copy()
     sure[y, x] = ((share >= MOSTLY) & ~crumbs[own]) | amid[own]

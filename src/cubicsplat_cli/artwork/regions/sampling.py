@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 
 # Standard deviations of the share of a pixel that a shape is drawn to cover: from 4 x 4 samples, which areas in 8 bits
@@ -56,15 +56,13 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
     """4 where the picture (H, W, 4) in levels was drawn with 4 x 4 samples a pixel, else 0."""
     labels, shares = regions.labels, []
     for axis in (0, 1):
-        first, second = (np.swapaxes(a, 0, axis) for a in (labels, labels))
-        own, beside = first[:-1], second[1:]
+        turned = np.swapaxes(labels, 0, axis)
+        own, beside = turned[:-1], turned[1:]
         y, x = np.nonzero(own != beside)
-        base, span = regions.fills[own[y, x]], regions.fills[beside[y, x]] - regions.fills[own[y, x]]
-        size = (span * span).sum(axis=1)
-        value = np.swapaxes(levels, 0, axis)[y, x]
-        share = ((value - base) * span).sum(axis=1) / np.maximum(size, 1e-9)
-        rest = np.abs(value - base - share[:, None] * span).max(axis=1)
-        telling = (size > LEAST_CONTRAST**2) & (rest < 2.0) & (share > 0.5 / SAMPLES) & (share < 1.0 - 0.5 / SAMPLES)
+        first, second = regions.fills[own[y, x]], regions.fills[beside[y, x]]
+        share, rest = blend_of(np.swapaxes(levels, 0, axis)[y, x], first, second)
+        telling = (np.linalg.norm(second - first, axis=1) > LEAST_CONTRAST) & (largest(np.abs(rest)) < 2.0)
+        telling &= (share > 0.5 / SAMPLES) & (share < 1.0 - 0.5 / SAMPLES)
         shares.append(share[telling][:MOST])
     found = SAMPLES * np.concatenate(shares)
     if len(found) < FEWEST:

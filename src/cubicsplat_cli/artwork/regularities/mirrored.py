@@ -8,8 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at
 from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
 from cubicsplat_cli.artwork.tracing.variables import Numbering
 

@@ -9,19 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, pieces_of_rings
 from cubicsplat_cli.artwork.input.palette import modes
 from cubicsplat_cli.artwork.layers.completion import outlines_of
-from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents_of
-from cubicsplat_cli.artwork.names import shape_name
+from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.fills import eight_bit
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, TargetPicture
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
 

@@ -1,8 +1,8 @@
 """The shaded places of a picture, the even grounds below, and what may cast the shadow.
 
 Over an even ground g a shadow of colour c leaves g + s (c - g) with s from 0 to 1: all colours lie on one straight line
-that begins at the ground. On one ground c may be anywhere along that line; it is taken for the last colour on it that
-there is, black for a shadow of any grey. Two grounds tell where their lines meet.
+that begins at the ground, c anywhere along that line; it is taken for the last colour on it that there is, black for a
+shadow of any grey.
 """
 
 from __future__ import annotations
@@ -20,15 +20,12 @@ from cubicsplat_cli.raster.paints import part_spreads
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
 MOST_TRIED = 6  # parts, the largest, looked at
 OFF_LINE, ON_LINE = 1.6, 0.98  # levels off the line of a ground's colours, and share of its pixels so near to it
-APART = 24.0  # levels between grounds, for their lines to tell where they meet
-SAME_COLOUR = 12.0  # levels by which two lines may miss each other
 RING, LEAST_SHADE = 4, 2.0  # px around what casts a shadow, and levels by which these are shaded
 LEAST_CASTER, MOST_CASTERS = 16, 60
 HIDDEN, MOST_COVERED = 4, 0.9  # px around what casts a shadow that may hide a ground; share of a picture that is one
 LEAST_EVEN = 0.4  # share of a silhouette that is even, to be taken for it
 CUT = np.ones((7, 7), dtype=bool)
 WHOLE = (slice(None), slice(None))
-SQUARE = np.ones((3, 3), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -65,19 +62,18 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
     sizes, boxes, spreads = part_spreads(levels, parts, count)
     large = np.flatnonzero(sizes >= LEAST_PART)
     large = large[np.argsort(-sizes[large], kind="stable")][:MOST_TRIED]
-    found: list[tuple[Ground, np.ndarray, float]] = []
+    found: list[tuple[Ground, np.ndarray]] = []
     for i in large[spreads[large] > LEAST_RANGE]:
         line = _line(part_of(levels, parts, i + 1, boxes[i]), levels.shape[:2])
         if line is not None:
             found.append(line)
     if not found:
         return None
-    colour = _meeting(found)
-    return Shaded(tuple(ground for ground, _, _ in found), colour)
+    return Shaded(tuple(ground for ground, _ in found), _end(found[0][0].fill, found[0][1]))
 
 
-def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray, float] | None:
-    """A ground in a picture (H, W), the direction (4,) in which its colours leave it, and how many levels far."""
+def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | None:
+    """A ground in a picture (H, W), and the direction (4,) in which its colours leave it."""
     fill, even = plateau(part)
     if even.mean() < LEAST_PLATEAU:
         return None
@@ -94,22 +90,7 @@ def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray, float
         return None
     mask = np.zeros(shape, dtype=bool)
     mask[part.rows, part.columns] = True
-    return Ground(fill, mask), direction, float(along.max())
-
-
-def _meeting(found: list[tuple[Ground, np.ndarray, float]]) -> np.ndarray:
-    """(4,) the colour that all grounds tend to."""
-    ends = [_end(ground.fill, direction) for ground, direction, _ in found]
-    first, one, least = found[0]
-    for (second, other, farthest), end in zip(found[1:], ends[1:], strict=True):
-        if np.abs(end - ends[0]).max() <= SAME_COLOUR or np.abs(first.fill - second.fill).max() < APART:
-            continue
-        # first + a one = second + b other
-        (a, b), *_ = np.linalg.lstsq(np.stack([one, -other], axis=1), second.fill - first.fill, rcond=None)
-        if a >= least and b >= farthest:
-            meeting = 0.5 * (first.fill + a * one + second.fill + b * other)
-            return np.append(np.clip(meeting[:3], 0.0, 255.0), 255.0)
-    return ends[0]
+    return Ground(fill, mask), direction
 
 
 def _end(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -142,7 +123,7 @@ def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list
     if len(shaded.grounds) > 1:
         # What lies along the line between two grounds casts no shadow.
         rest = ndimage.binary_opening(np.pad(rest, 4, mode="edge"), CUT)[4:-4, 4:-4]
-    labels, count = ndimage.label(rest, SQUARE)
+    labels, count = ndimage.label(rest, ndimage.SQUARE)
     if count > MOST_CASTERS:
         return []
     least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
@@ -155,7 +136,7 @@ def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list
     first = _boxes(silhouettes, rest.shape)
     ways = [first, _boxes([_even(own, even & ~grounds) for own in silhouettes], rest.shape)]
     if len(shaded.grounds) > 1:
-        hidden = ndimage.binary_dilation(rest, SQUARE, iterations=HIDDEN)
+        hidden = ndimage.binary_dilation(rest, ndimage.SQUARE, iterations=HIDDEN)
         whole = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
         inner = _boxes([own for own in whole if own.mask.mean() < MOST_COVERED], rest.shape, hidden)
         ways.append(first + inner)
@@ -170,17 +151,17 @@ def _filled(patch: Patch) -> Patch:
 def _shade_around(silhouette: Patch, grounds: np.ndarray, share: np.ndarray) -> float:
     """The mean share of shade on the grounds within RING px around a silhouette."""
     wide = silhouette.padded(RING, grounds.shape)
-    ring = ndimage.binary_dilation(wide.mask, SQUARE, iterations=RING) & grounds[wide.window] & ~wide.mask
+    ring = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=RING) & grounds[wide.window] & ~wide.mask
     return float(share[wide.window][ring].mean()) if ring.any() else 0.0
 
 
 def _even(silhouette: Patch, even: np.ndarray) -> Patch:
     """The largest of what is even in a silhouette, and what that surrounds; all where that is little."""
-    labels, count = ndimage.label(silhouette.mask & even[silhouette.window], SQUARE)
+    labels, count = ndimage.label(silhouette.mask & even[silhouette.window], ndimage.SQUARE)
     if count == 0:
         return silhouette
     own = ndimage.binary_fill_holes(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
-    inner = replace(silhouette, mask=ndimage.binary_dilation(own, SQUARE) & silhouette.mask)
+    inner = replace(silhouette, mask=ndimage.binary_dilation(own, ndimage.SQUARE) & silhouette.mask)
     return inner if inner.size > LEAST_EVEN * silhouette.size else silhouette
 
 

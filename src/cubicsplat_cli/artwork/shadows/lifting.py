@@ -6,23 +6,24 @@ stands for its own until the drawing is finished.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
-from cubicsplat_cli.artwork.gradients.parts import BEND, smooth_parts
-from cubicsplat_cli.artwork.names import shape_name
+from cubicsplat_cli.artwork.gradients.flattening import Colours, Paints, placeholder, some_colours
+from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
-from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
-from cubicsplat_cli.artwork.shadows.shadow import CLOSE, Shadow, Shares, falls_on, shadow_of
+from cubicsplat_cli.artwork.shadows.casters import Ground
+from cubicsplat_cli.artwork.shadows.shadow import Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene.paint import Rgba
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
 NEAR, BESIDE = 1.0, 6  # levels by which a pixel so many px beside a ground may be off to belong to it
-LEAST_PART, EVEN = 12, 1.5  # px of a small ground that is all in the shade, and levels that it may span without shade
+LEAST_PART, EVEN = 12, 1.5  # px of an even part of what casts a shadow, and levels that it may span
 
 
 @dataclass(frozen=True)
@@ -37,26 +38,23 @@ class Lifted:
 
     def meant(self, drawing: Drawing) -> Drawing:
         """The drawing with the fills that are meant in place of those that stand for them."""
-        meant = dict(self.fills)
-        if not meant:
-            return drawing
-        shapes = []
-        for shape in drawing.shapes:
-            if shape.gradient is None and shape.fill in meant:
-                fill = meant[shape.fill]
-                shape = replace(shape, fill=fill, name=shape_name(fill, shape.outlines, drawing.width, drawing.height))
-            shapes.append(shape)
-        return replace(drawing, shapes=tuple(shapes))
+        meant, size = dict(self.fills), (drawing.width, drawing.height)
+        return replace(
+            drawing,
+            shapes=tuple(
+                shape.filled(meant[shape.fill], *size) if shape.gradient is None and shape.fill in meant else shape
+                for shape in drawing.shapes
+            ),
+        )
 
 
 def lifted(levels: np.ndarray) -> Lifted:
     """A picture (H, W, 4), premultiplied levels, without its shadow; the same array where it has none."""
-    found = _best_shadow(levels)
-    if found is None:
+    parts, count = smooth_parts(levels, SHARP_BEND)
+    shadow = shadow_of(levels, parts, count)
+    if shadow is None:
         return Lifted(levels)
-    shadow, parts = found
-    shares = Shares(shadow, levels.shape[:2])
-    grounds = _all_grounds(levels, parts, shadow, shares)
+    shares, grounds = Shares(shadow, levels.shape[:2]), shadow.shaded.grounds
     owner = _owner(levels, shadow, shares, grounds)
     cards = _like_ground(levels, parts, shadow, grounds)
     stands = _placeholders(levels, [fill for fill, _ in cards])
@@ -74,21 +72,6 @@ def lifted(levels: np.ndarray) -> Lifted:
     return Lifted(Paints(levels, paint, colours, fills).flat(), shadow, owner >= 0, meant)
 
 
-def _best_shadow(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
-    """The shadows of a picture, and (H, W) int32 the parts in which its colours change evenly, as of `smooth_parts`;
-    None without any. Both where dark shadows count as even, but faint edges as well, and where neither does."""
-    best = None
-    tried: set[tuple[object, ...]] = set()
-    for bend in (SHARP_BEND, BEND):
-        parts, count = smooth_parts(levels, bend)
-        shadow = shadow_of(levels, parts, count, tried)
-        if shadow is not None and (best is None or shadow.rank < best[0].rank):
-            best = shadow, parts
-        if best is not None and best[0].simple:
-            break
-    return best
-
-
 def _shaded_fill(fill: np.ndarray, colour: np.ndarray, share: np.ndarray) -> Colours:
     return lambda x, y: fill + share[y, x][:, None] * (colour - fill)
 
@@ -97,32 +80,7 @@ def _constant(fill: np.ndarray) -> Colours:
     return lambda x, y: np.repeat(fill[None], len(x), axis=0)
 
 
-def _all_grounds(levels: np.ndarray, parts: np.ndarray, shadow: Shadow, shares: Shares) -> list[Ground]:
-    """The grounds of the shadows, and the small ones that are all in the shade."""
-    colour = shadow.shaded.colour
-    grounds = list(shadow.shaded.grounds)
-    known = np.logical_or.reduce([ground.mask for ground in grounds])
-    names, sizes = np.unique(parts[~known & (parts > 0)], return_counts=True)
-    boxes = ndimage.find_objects(parts)
-    for name in names[sizes >= LEAST_PART]:
-        box = boxes[name - 1]
-        own = parts[box] == name
-        values = levels[box][own].astype(float)
-        if np.ptp(values, axis=0).max() <= EVEN:
-            continue
-        mask = np.zeros(known.shape, dtype=bool)
-        mask[box] = own
-        s = shares.on(mask)[box][own][:, None]
-        if s.max() > 0.95 or s.max() == 0.0:
-            continue
-        fill = np.rint(np.median((values - s * colour) / (1.0 - s), axis=0))
-        off = np.abs(fill + s * (colour - fill) - values).max(axis=1)
-        if (off <= CLOSE).mean() >= 0.95 and fill.min() >= 0.0 and fill.max() <= 255.0:
-            grounds.append(Ground(fill, mask))
-    return grounds
-
-
-def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: list[Ground]) -> np.ndarray:
+def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: Sequence[Ground]) -> np.ndarray:
     """(H, W) int32 the number of the ground that shows in a pixel, shaded; -1 for none."""
     colour = shadow.shaded.colour
     out = np.full(levels.shape[:2], -1, dtype=np.int32)
@@ -132,13 +90,13 @@ def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: list[Gro
             if falls_on(cast.caster, ground.mask):
                 casters |= cast.caster.mask
         off = np.abs(ground.fill + shares.on(ground.mask)[..., None] * (colour - ground.fill) - levels).max(axis=2)
-        near = ndimage.binary_dilation(ground.mask, SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
+        near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
         out[(ground.mask & (off <= CLOSE + 0.5)) | (near & (out < 0))] = k
     return out
 
 
 def _like_ground(
-    levels: np.ndarray, parts: np.ndarray, shadow: Shadow, grounds: list[Ground]
+    levels: np.ndarray, parts: np.ndarray, shadow: Shadow, grounds: Sequence[Ground]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The fills (4,) of what casts the shadow that a ground has too, and (H, W) bool where they are."""
     casters = np.logical_or.reduce([cast.caster.mask for cast in shadow.casts])
@@ -165,19 +123,8 @@ def _like_ground(
 
 def _placeholders(levels: np.ndarray, fills: list[np.ndarray]) -> list[np.ndarray]:
     """For each fill (4,) one near it that nothing in the picture has."""
-    colours, counts = np.unique(
-        np.rint(levels.reshape(-1, 4)[:: max(levels[..., 0].size // 100_000, 1)]), axis=0, return_counts=True
-    )
-    taken = colours[counts > 1]
-    out = []
+    taken, out = some_colours(levels.reshape(-1, 4)), list[np.ndarray]()
     for fill in fills:
-        trials = []
-        for channel in (0, 1, 2):
-            for shift in SHIFTS[1:]:
-                trial = fill.copy()
-                trial[channel] = np.clip(trial[channel] + shift, 0.0, fill[3])
-                trials.append((min(float(np.abs(taken - trial).max(axis=1).min()), APART), trial))
-        best = max(trials, key=lambda t: t[0])[1]
-        out.append(best)
-        taken = np.vstack([taken, best])
+        out.append(placeholder(fill, taken))
+        taken = np.vstack([taken, out[-1]])
     return out

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, ShadowSamples, reached, shaded
+from cubicsplat_cli.artwork.gradients.shade import CLOSE
+from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shadows import ShadedPixels
 
-# Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
-CLOSE, EXPLAINED, FAINT = 2.0, 0.97, 1.0
+# Share of the shaded pixels that must not be off their shadow by more than CLOSE, and levels that count as shade.
+EXPLAINED, FAINT = 0.97, 1.0
 ROUGH = 0.75  # levels, the root of the mean square, beyond which another layer is tried
 MOST_LAYERS, MOST_SHARED, HALFWAY = 3, 2, 0.6  # share of the shaded pixels that first layers explain
 # Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.
@@ -79,10 +80,9 @@ def falls_on(caster: Caster, mask: np.ndarray) -> bool:
     return bool((caster.mask & mask).sum() <= 0.5 * mask.sum())
 
 
-def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int, tried: set[tuple[object, ...]]) -> Shadow | None:
+def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
     """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding; None
-    without any. parts, count: as of `smooth_parts`; tried: grounds and boxes that were looked at before and are not
-    again, to which these are added."""
+    without any. parts, count: as of `smooth_parts`."""
     shaded_ = shaded_grounds(levels, parts, count)
     if shaded_ is None:
         return None
@@ -91,12 +91,12 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int, tried: set[tupl
     if scale * float(seen.max()) < LEAST_STRENGTH:
         return None
     best = None
-    grounds = tuple((*ground.fill.tolist(), int(ground.mask.sum())) for ground in shaded_.grounds)
+    tried: set[tuple[Box, ...]] = set()
     for casters in casters_of(shaded_, seen, parts > 0):
-        case = grounds, tuple(caster.box for caster in casters)
-        if case in tried:
+        boxes = tuple(caster.box for caster in casters)
+        if boxes in tried:
             continue
-        tried.add(case)
+        tried.add(boxes)
         layers = _ShadowSearch(shaded_, seen, scale, casters).best()
         if layers is not None:
             casts = tuple(Cast(c, own) for c, own in zip(casters, layers, strict=True) if own is not None)

@@ -2,21 +2,26 @@
 
 The pieces lie on whole pixels and abut. Along a side the shadow changes in one direction only; around a corner it is
 nearly round, so there it is the circular or elliptic gradient nearest to what shows of it.
+
+It is put into a drawing above all that it shades, below what casts it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
-from cubicsplat_cli.artwork.shadows.boxes import Box
+from cubicsplat_cli.artwork.shadows.boxes import Box, reached, shaded
+from cubicsplat_cli.artwork.shadows.lifting import Lifted
 from cubicsplat_cli.artwork.shadows.shadow import Cast
-from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
 
@@ -24,9 +29,9 @@ NAME = "shadow"
 FAINT = 0.5  # levels of shade that a piece begins at
 CORNER = 1.75  # sigmas, besides the radius, from a side to where its corner ends
 SHOWN = 48  # px of a piece that show, for it to be fitted to these alone
-# Levels that what shows may be off in its worst hundredth: for a shadow to be drawn in these pieces, and for corners
-# not to be tried with less room.
-WORST, GOOD, NARROW = 8.0, 3.5, 1.1
+WORST = 8.0  # levels that what shows may be off in its worst hundredth, for a shadow to be drawn in these pieces
+LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
+SHADE = 1.0 / 255.0
 
 
 @dataclass(frozen=True)
@@ -56,14 +61,8 @@ def sliced(cut: Cut) -> list[Shape] | None:
     strongest = max(layers, key=lambda layer: layer.alpha)
     box = strongest.of(cut.cast.caster.box).moved(-cut.corner[0], -cut.corner[1])
     sigma = sum(layer.alpha * layer.sigma for layer in layers) / sum(layer.alpha for layer in layers)
-    trials: list[tuple[float, int, list[Shape]]] = []
-    for corner in (CORNER, NARROW):
-        shapes = _whole(cut, frame) if box.round else _nine(cut, frame, box, corner * sigma)
-        trials.append((_worst(cut, shapes), len(trials), shapes))
-        if trials[-1][0] <= GOOD or box.round:
-            break
-    worst, _, shapes = min(trials)
-    return shapes if worst <= WORST else None
+    shapes = _whole(cut, frame) if box.round else _nine(cut, frame, box, CORNER * sigma)
+    return shapes if _worst(cut, shapes) <= WORST else None
 
 
 def _nine(cut: Cut, frame: tuple[int, int, int, int], box: Box, reach: float) -> list[Shape]:
@@ -144,3 +143,60 @@ def _worst(cut: Cut, shapes: list[Shape]) -> float:
             alpha[own] = painted(shape.gradient, x + dx + 0.5, y + dy + 0.5)[:, 3]
     off = 255.0 * np.abs(alpha - cut.share)[rows, columns]
     return float(np.percentile(off[255.0 * cut.share[rows, columns] > FAINT], 99)) if len(off) else 0.0
+
+
+def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
+    """The drawing of a picture without its shadows, with them; None where they cannot be drawn in gradients, or would
+    shade what they do not."""
+    if lifted.shadow is None or lifted.shaded is None:
+        return drawing
+    owners = _owners(drawing)
+    layers: list[tuple[int, list[Shape]]] = []
+    for cast in lifted.shadow.casts:
+        shown = lifted.shaded & ~cast.caster.mask
+        window = reached(cast.caster.box, cast.layers, shown.shape)
+        if window[0].stop <= window[0].start or window[1].stop <= window[1].start:
+            continue
+        share = _share(cast, window)
+        shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
+        dark = np.zeros(shown.shape, dtype=bool)
+        dark[window] = share > SHADE
+        place = _place(owners, len(drawing.shapes), dark & ~cast.caster.mask, shown)
+        if shapes is None or place is None:
+            return None
+        layers.append((place, shapes))
+    out: list[Shape] = []
+    for k, shape in enumerate([*lifted.meant(drawing).shapes, None]):
+        out += [one for place, shapes in layers if place == k for one in shapes]
+        out += [shape] if shape is not None else []
+    return replace(drawing, shapes=tuple(out))
+
+
+def _share(cast: Cast, window: tuple[slice, slice]) -> np.ndarray:
+    """(h, w) how much a shadow darkens the pixels of a window."""
+    rows, columns = window
+    x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
+    return shaded(cast.caster.box, cast.layers, x, y)
+
+
+def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) -> int | None:
+    """The number of shapes below a shadow; None where one that is not shaded is there.
+
+    owner: (H, W) as of `_owners`. dark: (H, W) bool where the shadow would be seen; shaded: where it is.
+    """
+    inner = ndimage.binary_erosion(shaded, ndimage.SQUARE) & dark
+    outer = ndimage.binary_erosion(~shaded, ndimage.SQUARE, border_value=1) & dark
+    below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
+    above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
+    lies_below = (below >= LEAST_SEEN) & (below > above)
+    place = int(np.flatnonzero(lies_below).max()) + 1 if lies_below.any() else 0
+    wrong = above[:place] >= LEAST_SEEN
+    return None if (wrong & ~lies_below[:place]).any() else place
+
+
+def _owners(drawing: Drawing) -> np.ndarray:
+    """(H, W) int the number of the uppermost shape that covers half of a pixel, -1 for none."""
+    out = np.full((drawing.height, drawing.width), -1)
+    for number, shape in enumerate(drawing.shapes):
+        out[coverage(*pieces_of_rings(shape.oriented()), 0, 0, *out.shape) >= 0.5] = number
+    return out

@@ -1,4 +1,7 @@
-"""Strokes of one shape: skeleton, centres, rows of branches, centre lines, caps and joins."""
+"""Strokes of one shape: skeleton, centres, rows of branches, centre lines, caps and joins.
+
+Branches that run straight on through a junction make one stroke, then those left over.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +10,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
 from cubicsplat_cli.artwork.strokes.centre_line import closed_line, open_line, with_corners
-from cubicsplat_cli.artwork.strokes.centres import Centres, Sides, centres_of
-from cubicsplat_cli.artwork.strokes.chains import Link, chains_of
-from cubicsplat_cli.artwork.strokes.ends import onward, trimmed, with_ends
-from cubicsplat_cli.artwork.strokes.skeleton import Graph, skeleton_of
+from cubicsplat_cli.artwork.strokes.ends import with_ends
+from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
 
 LEAST_EVEN = 0.5  # share of a shape's skeleton that must have an even width
 SHORTEST = 1.2  # widths, of a shape's skeleton
 GAP = 2.5  # px between points of the centre line that are neighbours
-LEAST_TRUE = 0.6  # widths: a branch to an end that is even for less is a spur of a corner
+THROUGH = math.radians(35.0)  # of bend up to which a stroke goes on through a junction
+ALIKE = 0.15  # of the width, that two branches of one stroke may differ by
+REACH = 3.0  # widths along a branch from which its direction at a junction is taken
+
+Link = tuple[int, int]  # a branch and one of its ends
 
 
 def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> list[Stroke]:
@@ -34,16 +39,12 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
         return []
     graph, sides = skeleton_of(rings, width), Sides.of(rings)
     centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
-    spurs = [b for b, own in enumerate(centres) if graph.dangling(b) and own.even(width).sum() < LEAST_TRUE * width]
-    if spurs:
-        graph = graph.without(spurs)
-        centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
     widths = np.array([_width(own) for own in centres])
     even = sum(int(own.even(w).sum()) for own, w in zip(centres, widths, strict=True) if np.isfinite(w))
     total = sum(len(own.points) for own in centres)
     if even < LEAST_EVEN * total or total < SHORTEST * width:
         return []
-    rows = _lines(chains_of(graph, centres, widths), graph, width)
+    rows = chains_of(graph, centres, widths)
     found = [_stroke(row, closed, graph, centres, widths, sides, detail, slack) for row, closed in rows]
     strokes = [stroke for stroke in found if stroke is not None]
     if len(strokes) < len(found):
@@ -57,14 +58,6 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
     ]
 
 
-def _lines(rows: list[tuple[list[Link], bool]], graph: Graph, width: float) -> list[tuple[list[Link], bool]]:
-    """The rows of branches without those that lie within what they meet at, unless there are no others."""
-    lengths = [
-        sum(float(np.hypot(*np.diff(graph.branches[b].points, axis=0).T).sum()) for b, _ in row) for row, _ in rows
-    ]
-    return [row for row, length in zip(rows, lengths, strict=True) if length >= LEAST_TRUE * width] or rows
-
-
 def _shows_cap(row: list[Link], graph: Graph) -> bool:
     """Whether a row of branches has a free end."""
     return any(len(graph.at(_node(row, graph, end))) == 1 for end in (0, 1))
@@ -72,10 +65,8 @@ def _shows_cap(row: list[Link], graph: Graph) -> bool:
 
 def _spaced(points: np.ndarray) -> np.ndarray:
     """Points about one px apart along a skeleton."""
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    count = max(3, round(float(s[-1])) + 1)
-    at = np.linspace(0.0, s[-1], count)
-    return np.stack([np.interp(at, s, points[:, c]) for c in (0, 1)], axis=1)
+    length = float(arc_lengths(points)[-1])
+    return polyline_places(points, np.linspace(0.0, length, max(3, round(length) + 1)))
 
 
 def _width(own: Centres) -> float:
@@ -107,11 +98,6 @@ def _stroke(
         return None
     width = float(np.median(np.concatenate(own_widths)))
     hidden = [_beside(row, graph, widths, end) for end in (0, 1)]
-    line = onward(line, closed)
-    if not closed:
-        line = trimmed(line, width, hidden)
-    if len(line) < 3:
-        return None
     gaps = np.hypot(*(np.roll(line, -1, axis=0) - line).T) > max(GAP, 0.4 * width)
     if not closed:
         line, gaps, cap = with_ends(line, gaps, width, sides, hidden)
@@ -157,3 +143,81 @@ def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> 
         wanted = {MITER: 1.0 / max(stretch, 1e-6), ROUND: 1.0, BEVEL: stretch}
         votes[min(wanted, key=lambda join: abs(wanted[join] - reach))] += 1
     return max(votes, key=lambda join: votes[join])
+
+
+def chains_of(graph: Graph, centres: list[Centres], widths: np.ndarray) -> list[tuple[list[Link], bool]]:
+    """Rows of branches, each (branch, end at which it is entered), and whether the row closes.
+
+    centres: of every branch; widths: (branches,) px, NaN where a branch has none.
+    """
+    partner: dict[Link, Link] = {}
+    for node in range(len(graph.places)):
+        links = [link for link in graph.at(node) if np.isfinite(widths[link[0]])]
+        partner |= _partners(links, graph, centres, widths)
+    rows: list[tuple[list[Link], bool]] = []
+    left = {b for b in range(len(graph.branches)) if np.isfinite(widths[b])}
+    starts = [(b, k) for b in sorted(left) for k in (0, 1) if (b, k) not in partner]
+    for b, k in starts + [(b, 0) for b in sorted(left)]:
+        if b not in left:
+            continue
+        row, here = [], (b, k)
+        while here[0] in left:
+            left.discard(here[0])
+            row.append(here)
+            out = (here[0], 1 - here[1])
+            here = partner.get(out, out)
+        loop = graph.branches[b].nodes == (-1, -1)
+        rows.append((row, loop or (here == row[0] and partner.get((row[-1][0], 1 - row[-1][1])) == row[0])))
+    return rows
+
+
+def _partners(links: list[Link], graph: Graph, centres: list[Centres], widths: np.ndarray) -> dict[Link, Link]:
+    """The ends at a node that go on into each other: the straightest pairs; of what is left two that bend."""
+    ways = [_direction(link, graph, centres, widths) for link in links]
+    pairs = []
+    for i in range(len(links)):
+        for j in range(i):
+            alike = abs(widths[links[i][0]] - widths[links[j][0]]) <= ALIKE * widths[links[i][0]]
+            one, other = ways[i], ways[j]
+            if alike and one is not None and other is not None:
+                bend = math.pi - math.acos(float(np.clip(one @ other, -1.0, 1.0)))
+                pairs.append((bend, i, j))
+    found: dict[Link, Link] = {}
+    free = set(range(len(links)))
+    for bend, i, j in sorted(pairs):
+        if bend <= THROUGH and i in free and j in free:
+            free -= {i, j}
+            found |= {links[i]: links[j], links[j]: links[i]}
+    rest = [pair for pair in pairs if pair[1] in free and pair[2] in free]
+    if len(free) == 2 and rest and not found:
+        _, i, j = rest[0]
+        found |= {links[i]: links[j], links[j]: links[i]}
+    if len(free) == 3 and len(rest) == 3:
+        # Three that meet: the two that lie alike on either side of the third, as in the head of an arrow.
+        def lopsided(pair: tuple[float, int, int]) -> float:
+            (third,) = free - {pair[1], pair[2]}
+            return abs(float(ways[pair[1]] @ ways[third] - ways[pair[2]] @ ways[third]))  # type: ignore[operator]
+
+        _, i, j = min(rest, key=lopsided)
+        found |= {links[i]: links[j], links[j]: links[i]}
+    return found
+
+
+def _direction(link: Link, graph: Graph, centres: list[Centres], widths: np.ndarray) -> np.ndarray | None:
+    """(2,) the direction in which a branch leaves a node, from where its width is even; None where it is nowhere."""
+    branch, end = link
+    own, width = centres[branch], float(widths[branch])
+    good = own.points[own.even(width)]
+    if len(good) < 3:
+        return None
+    if end == 1:
+        good = good[::-1]
+    near = good[np.hypot(*(good - good[0]).T) <= REACH * width]
+    if len(near) < 3:
+        return None
+    middle = near.mean(axis=0)
+    along = np.linalg.svd(near - middle)[2][0]
+    # A bent branch leaves as its nearer end does.
+    half = near[: max(3, len(near) // 2)]
+    along = np.linalg.svd(half - half.mean(axis=0))[2][0] if len(half) >= 5 else along
+    return along if along @ (near[-1] - near[0]) > 0.0 else -along

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline
+from cubicsplat_cli.artwork.geometry.outlines import Outline, arc_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline, parameter_price
 from cubicsplat_cli.artwork.tracing.variables import Pieces, feet_of, refine
@@ -67,17 +67,11 @@ def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np
     """
     # Mean squared residuals, in sigmas, up to which fits of so many degrees of freedom are believed.
     kinds = [(half, 1.0 + 2.0 * math.sqrt(2.0 / (2 * half - 2))) for half in HALF_WINDOWS]
-    terms, errors, _ = parabolas(points, weights, _arc_lengths(points), kinds)
+    terms, errors, _ = parabolas(points, weights, arc_lengths(points), kinds)
     positions, first, second = terms[:, 0], terms[:, 1], 2.0 * terms[:, 2]
     speed = np.maximum(np.hypot(*first.T), 1e-9)
     curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
     return positions, first / speed[:, None], curvature, errors
-
-
-def _arc_lengths(points: np.ndarray) -> np.ndarray:
-    """(n,) length of the polyline up to each point, in px."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _pieces(division: Division, ends: np.ndarray) -> Pieces:
@@ -143,7 +137,7 @@ def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: 
 
 def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(2,) the unit tangent at the last of a run of points, and (2,) how it bends there, 1/px; 0 where all are one."""
-    s = _arc_lengths(points)
+    s = arc_lengths(points)
     if s[-1] < LEAST_LENGTH:
         return np.zeros(2), np.zeros(2)
     degree = 2 if len(points) >= 6 and _bent(points) else 1

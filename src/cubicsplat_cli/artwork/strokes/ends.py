@@ -8,41 +8,14 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, ROUND
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
-from cubicsplat_cli.artwork.strokes.centres import Sides
+from cubicsplat_cli.artwork.strokes.skeleton import Sides
 
-NEAREST = 0.3  # px between points of a centre line
-TIP = 0.3  # widths at a free end where the skeleton wavers
 # A round end is shorter by 0.143 widths at 0.35 widths to the side.
 BESIDE, ROUND_DROP = 0.35, 0.07
 SLIT = 0.08  # px: half of how wide a look ahead is
-AHEAD, CAP = 0.6, 0.2  # cosines
-_ROUNDS = 6
+AHEAD = 0.6  # cosine
 RUN = 10  # points that tell the direction of an end
 ROUND_MEAN = (0.5 + 2.0 * (0.25 - BESIDE**2) ** 0.5) / 3.0  # widths: the three reaches of a half disc
-
-
-def onward(line: np.ndarray, closed: bool) -> np.ndarray:
-    """The points (n, 2) without repetitions and steps back."""
-    kept = [0]
-    for i in range(1, len(line)):
-        step = line[i] - line[kept[-1]]
-        back = len(kept) > 1 and float(step @ (line[kept[-1]] - line[kept[-2]])) < 0.0
-        if np.hypot(*step) >= NEAREST and not back:
-            kept.append(i)
-    line = line[kept]
-    if closed and len(line) > 2 and np.hypot(*(line[-1] - line[0])) < NEAREST:
-        line = line[:-1]
-    return line
-
-
-def trimmed(line: np.ndarray, width: float, hidden: list[float]) -> np.ndarray:
-    """The points without those at free ends where a skeleton wavers; as many as there are where few would be left."""
-    first, last = 0, len(line)
-    if not hidden[0]:
-        first = int(np.argmax(np.hypot(*(line - line[0]).T) > TIP * width))
-    if not hidden[1]:
-        last -= int(np.argmax(np.hypot(*(line[::-1] - line[-1]).T) > TIP * width))
-    return line[first:last] if last - first >= 4 else line
 
 
 def with_ends(
@@ -63,26 +36,12 @@ def with_ends(
             continue
         for _ in range(2):
             tip = tip.on(float(_reaches(tip, width, sides).mean()) - (ROUND_MEAN * width if cap == ROUND else 0.0))
-        places.append(_middle_of_cap(tip, width, sides) if cap == ROUND else tip.place)
+        places.append(tip.place)
     return (
         np.concatenate([places[0][None], line, places[1][None]]),
         np.concatenate([[False], gaps[:-1], [False, False]]),
         cap,
     )
-
-
-def _middle_of_cap(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
-    """(2,) the point that is half a width from the outline ahead, by least squares."""
-    place = tip.place
-    for _ in range(_ROUNDS):
-        off = sides.points - place
-        distance = np.maximum(np.hypot(*off.T), 1e-9)
-        own = (distance < width) & (off @ tip.direction > CAP * distance)
-        if own.sum() < 3:
-            return tip.place
-        out = off[own] / distance[own, None]
-        place = place - np.linalg.lstsq(out, 0.5 * width - distance[own], rcond=None)[0]
-    return place if np.hypot(*(place - tip.place)) < 0.5 * width else tip.place
 
 
 @dataclass(frozen=True)

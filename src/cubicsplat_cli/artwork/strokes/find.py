@@ -7,21 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,
     Rectangle,
     Ring,
     flattened,
+    oriented,
     pieces_of_rings,
-    reversed_ring,
-    signed_area,
 )
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, ROUND, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.build import strokes_of
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
+from cubicsplat_cli.raster.outlines import coverage
 
 LONGEST_MEAN = 0.06  # px that the outline of strokes is off a shape's in the mean
 MOST_OFF = 0.75  # of a pixel's coverage
@@ -92,7 +91,7 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     size = high - low
     if (first < low - size).any() or (last > high + size).any():
         return False
-    drawn = [_oriented(outlines_of_stroke(stroke)) for stroke in strokes]
+    drawn = [oriented([outline.ring() for outline in outlines_of_stroke(stroke)]) for stroke in strokes]
     margin = math.ceil(2.0 * max(stroke.width for stroke in strokes))
     low, high = low - margin, high + margin
     off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))
@@ -109,11 +108,6 @@ def _box(cubics: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """The corners (2,) int of the pixels that hold all control points."""
     points = np.concatenate([each.reshape(-1, 2) for each in cubics])
     return np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
-
-
-def _oriented(outlines: tuple[Outline, ...]) -> tuple[Ring, ...]:
-    rings = [outline.ring() for outline in outlines]
-    return tuple(reversed_ring(ring) if (signed_area(ring) > 0.0) == (i > 0) else ring for i, ring in enumerate(rings))
 
 
 def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, signed_area
+from cubicsplat_cli.artwork.geometry.fine import arc
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, derivatives, points_at, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import MITER, ROUND, SQUARE, Chain, Stroke, pieces_of
 
 MOST_TURN = math.radians(25.0)  # of a part of a cubic
@@ -235,18 +235,9 @@ def _eighths(turn: float) -> int:
 
 def _arc(middle: np.ndarray, start: np.ndarray, turn: float, count: int) -> list[np.ndarray]:
     """Cubics of an arc by `turn` radians, positive from x to y."""
-    step = turn / count
-    handle = 4.0 / 3.0 * math.tan(0.25 * step)
-    cos, sin = math.cos(step), math.sin(step)
-    spin = np.array([[cos, sin], [-sin, cos]])
-    radius = start - middle
-    out = []
-    for _ in range(count):
-        following = radius @ spin
-        controls = [radius, radius + handle * _normal(radius), following - handle * _normal(following), following]
-        out.append(np.stack(controls) + middle)
-        radius = following
-    return out
+    x, y = start - middle
+    first = math.atan2(y, x)
+    return list(middle + math.hypot(x, y) * arc(first, first + turn, count))
 
 
 def _dot(at: np.ndarray, half: float, cap: str) -> Ring:

@@ -1,4 +1,7 @@
-"""Positions of the border between two fills within the pixels that it crosses.
+"""Outlines of masks along the cracks between pixels, and positions of the border between two fills within these pixels.
+
+A crack is the unit edge between two neighbouring pixels. Loops run with the mask on their right, so that outer loops
+are clockwise as seen (y grows downwards) and holes the other way.
 
 The blends on an edge say how much of each pixel either fill covers. Summed along a column across a border that runs
 rather level (or along a row across a steep one) the shares give the border's mean height over that column exactly,
@@ -12,12 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.cracks import CrackLoop
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.regions.thin import thin_edges
 from cubicsplat_cli.raster.cpu import doubles
-from cubicsplat_cli.raster.outlines import Positions
+from cubicsplat_cli.raster.outlines import Positions, traced
 from cubicsplat_cli.raster.outlines import loop_points as native_points
 
 # So many pixels to either side of a crack may belong to the border's blend.
@@ -33,6 +36,11 @@ ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 # Of what ends with the canvas; and levels by which a pixel there must differ from its fill for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
+# Directions of a crack: east, south, west, north.
+STEP = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+# Pixel to the right and to the left of a crack from vertex (x, y) in each direction, relative to (x, y).
+RIGHT = np.array([[0, 0], [-1, 0], [-1, -1], [0, -1]])
+LEFT = np.array([[0, -1], [0, 0], [-1, 0], [-1, -1]])
 
 
 @dataclass(frozen=True)
@@ -166,9 +174,8 @@ def _heights(
 
 def _share(values: np.ndarray, base: np.ndarray, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The share (n,) of the upper fill in a blend, and what it leaves unexplained in levels."""
-    length = np.maximum((span * span).sum(axis=1), 1e-9)
-    share = np.clip(((values - base) * span).sum(axis=1) / length, 0.0, 1.0)
-    return share, np.abs(values - base - share[:, None] * span).max(axis=1)
+    share, rest = blend_of(values, base, base + span)
+    return share, largest(np.abs(rest))
 
 
 def _third_beside(
@@ -184,3 +191,35 @@ def _third_beside(
 def loop_points(loop: CrackLoop, found: EdgePositions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sub-pixel points along a loop: see `raster.outlines.loop_points`."""
     return native_points(np.stack([loop.x, loop.y, loop.direction], axis=1), found.native)
+
+
+@dataclass(frozen=True)
+class CrackLoop:
+    """A closed loop of cracks. x, y: (n,) start vertices; direction: (n,) 0..3, east, south, west, north."""
+
+    x: np.ndarray
+    y: np.ndarray
+    direction: np.ndarray
+
+    @property
+    def inside(self) -> tuple[np.ndarray, np.ndarray]:
+        """(rows, columns) of the pixels on the right, within the mask."""
+        offset = RIGHT[self.direction]
+        return self.y + offset[:, 1], self.x + offset[:, 0]
+
+    @property
+    def outside(self) -> tuple[np.ndarray, np.ndarray]:
+        """(rows, columns) of the pixels on the left, outside the mask and perhaps off the canvas."""
+        offset = LEFT[self.direction]
+        return self.y + offset[:, 1], self.x + offset[:, 0]
+
+    @property
+    def area(self) -> float:
+        """Enclosed px^2, negative for a hole."""
+        ends = np.stack([self.x, self.y], axis=1) + STEP[self.direction]
+        return 0.5 * float((self.x * ends[:, 1] - self.y * ends[:, 0]).sum())
+
+
+def trace(mask: np.ndarray) -> list[CrackLoop]:
+    """The loops around a mask (H, W) bool, the longest first; its pixels connect along edges, not corners."""
+    return [CrackLoop(*cracks.T) for cracks in sorted(traced(mask), key=lambda cracks: -len(cracks))]

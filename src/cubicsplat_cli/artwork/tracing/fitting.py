@@ -10,6 +10,11 @@ its right, by the widest run of neighbours that one line or parabola explains. O
 is; at a corner they differ by its angle, at every scale. The points next to a corner are biased (a pixel there sees
 both flanks), so they never take part: the corner is the intersection of the flanks, and the points between must only
 not contradict it, as those of a rounding do.
+
+Of whole loops that are circles, ellipses or rectangles each kind, level and turned, with sharp and with round corners,
+is fitted by distances with Huber's tails. Points near a sharp corner are biased and count less. A loop is no primitive
+where every fit is far off, where its area does not suit its second moments, or where it does not run around what was
+fitted.
 """
 
 from __future__ import annotations
@@ -19,11 +24,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
-from cubicsplat_cli.artwork.tracing.primitives import primitive_of
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, polygon
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster.contours import FittedContour, fitted_contours
-from cubicsplat_cli.raster.outlines import fewer_points
+from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, fewer_points, nearest_primitive
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
@@ -31,6 +35,7 @@ FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
 HIDDEN_SIGMA = 3.0  # px: a point of a larger standard error tells nothing, it is hidden or unknown
 TOLERANCE = 0.3  # px that lines are off the points where nothing else can be said of them
 PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which nothing else need be tried
+WHOLE = 0.1  # px that the points around a dot may be off the edges of whole pixels
 
 
 def fit_outline(
@@ -96,3 +101,40 @@ def _outline(found: FittedContour, points: np.ndarray | None) -> Outline:
         return primitive_of(found.form, found.values)
     otherwise = few_lines(points) if found.doubtful and points is not None else None
     return Ring(found.anchors, found.controls, found.lines, found.smooth, otherwise)
+
+
+def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Outline, float, float] | None:
+    """The cheapest primitive through a closed loop, its description length, and its misfit; None when none comes near.
+
+    points: (n, 2) px. weights: (n,) 1/px^2, 0 where unknown. price: of a parameter, in nats. The misfit is the mean
+    squared residual in sigmas.
+    """
+    found = nearest_primitive(points, weights, price)
+    if found is None:
+        return None
+    kind, values, cost, misfit = found
+    return primitive_of(kind, values), cost, misfit
+
+
+def primitive_of(form: int, values: np.ndarray) -> Outline:
+    """The primitive of a form, CIRCLE, ELLIPSE or BOX, and its values (6,): see `nearest_primitive`."""
+    x, y, a, b, radius, angle = values.tolist()
+    if form == CIRCLE:
+        return Circle(x, y, a)
+    if form == ELLIPSE:
+        return Ellipse(x, y, a, b, angle)
+    return Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
+
+
+def dot_of(points: np.ndarray, shown: np.ndarray, corner: tuple[int, int]) -> Outline:
+    """The outline of very few px, shown (h, w) bool in a window with such a corner x, y: a box of whole pixels if its
+    points (n, 2) keep to their edges, else a circle.
+    """
+    y, x = np.nonzero(shown)
+    low = np.array([x.min(), y.min()], dtype=float) + corner
+    high = np.array([x.max() + 1, y.max() + 1], dtype=float) + corner
+    off = np.minimum(np.abs(points - low), np.abs(points - high)).min(axis=1)
+    if len(x) == np.prod(high - low) and off.max() < WHOLE:
+        return Rectangle(*low.tolist(), *(high - low).tolist())
+    middle = points.mean(axis=0)
+    return Circle(float(middle[0]), float(middle[1]), math.sqrt(len(x) / math.pi))

@@ -1,4 +1,9 @@
-"""Regions as they are without the translucent overlays that cover them."""
+"""Regions as they are without the translucent overlays that cover them, and the paint of these.
+
+An overlay of paint F and opacity a shows C = a F + (1 - a) G over a fill G. Two grounds say both, as C1 - C2 is
+(1 - a)(G1 - G2) in all channels (Metelli 1974, "The perception of transparency"); premultiplied ones, so that opacity
+is a channel like the others.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +12,17 @@ from itertools import permutations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.regions.neighbours import touching
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.translucent.paint import LEAST_SEEN, ROUNDED, Paint
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import linked_groups
+from cubicsplat_cli.scene.paint import Rgba
 
 MOST_BESIDE = 5  # overlays beside a region that several of them may make
+# Levels that colours are off by what drawing programs round; by which the grounds, and what is seen of them, differ.
+ROUNDED, LEAST_APART, LEAST_SEEN = 1.6, 24.0, 8.0
+FULL = 255.0
+_OPACITIES = np.arange(5, 251)  # of 8 bits: 0.02 to 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +41,7 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     for covered, ground in grounds.items():
         fill[covered] = regions.fill_of[ground]
     labels = regions.labels
-    joined = [(a, b) for a, b in _touching(labels) if fill[a] == fill[b] and (a in grounds or b in grounds)]
+    joined = [(a, b) for a, b in _pairs(labels) if fill[a] == fill[b] and (a in grounds or b in grounds)]
     rows, columns = (np.array([pair[i] for pair in joined], dtype=int) for i in (0, 1))
     count, name = linked_groups(regions.count, rows, columns)
     fills, fill_of, stays = np.zeros((count, 4)), np.zeros(count, dtype=fill.dtype), np.zeros(count, dtype=bool)
@@ -41,13 +51,9 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     return Regions(name[labels].astype(np.int32), fills, fill_of), stays
 
 
-def _touching(labels: np.ndarray) -> list[tuple[int, int]]:
-    """The pairs of different regions with a common edge, ascending, each one once or twice."""
-    found: set[tuple[int, int]] = set()
-    for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
-        edge = a != b
-        found |= set(zip(a[edge].tolist(), b[edge].tolist(), strict=True))
-    return sorted(found)
+def _pairs(labels: np.ndarray) -> list[tuple[int, int]]:
+    """The pairs of different regions with a common edge, either way round."""
+    return [(a, b) for a, beside in touching(labels).items() for b in beside]
 
 
 def with_covered(
@@ -61,7 +67,7 @@ def with_covered(
     left = True
     while overlays and left:
         left = False
-        for above, below in (pair for a, b in _touching(regions.labels) for pair in ((a, b), (b, a))):
+        for above, below in _pairs(regions.labels):
             over = () if fixed[[above, below]].any() else _over(regions, overlays, above, below)
             if over:
                 mask = regions.labels == above
@@ -118,3 +124,67 @@ def _ordered(overlays: list[Overlay], some: tuple[Overlay, ...]) -> list[Overlay
         out.append(free[0])
         left.remove(free[0])
     return out
+
+
+@dataclass(frozen=True)
+class Paint:
+    """fill: sRGB and opacity, 8 bits each."""
+
+    fill: Rgba
+
+    def over(self, grounds: np.ndarray) -> np.ndarray:
+        """(n, 4) premultiplied levels of what it makes of grounds (n, 4)."""
+        return self.premultiplied + (1.0 - self.fill[3] / FULL) * grounds
+
+    @property
+    def premultiplied(self) -> np.ndarray:
+        """(4,) in levels."""
+        return np.array([*(v * self.fill[3] / FULL for v in self.fill[:3]), float(self.fill[3])])
+
+
+def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Paint | None:
+    """The paint that makes `seen` (n, 4) of `grounds` (n, 4), premultiplied levels, n >= 2, by least squares over all
+    opacities of 8 bits; None where none does, or where the grounds are too much alike to tell.
+    """
+    if np.ptp(grounds, axis=0).max() < LEAST_APART or np.ptp(seen, axis=0).max() < LEAST_SEEN:
+        return None
+    opacity = _OPACITIES / FULL
+    rest = seen[None] - (1.0 - opacity)[:, None, None] * grounds
+    colours = np.clip(np.rint((rest.mean(axis=1) / opacity[:, None])[:, :3]), 0.0, FULL)
+    made = np.concatenate([colours * opacity[:, None], FULL * opacity[:, None]], axis=1)
+    off = np.abs(rest - made[:, None])
+    k = int((off**2).sum(axis=(1, 2)).argmin())
+    if off[k].max() > ROUNDED:
+        return None
+    r, g, b = (int(v) for v in colours[k])
+    return Paint((r, g, b, int(_OPACITIES[k])))
+
+
+def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
+    """Of the fills that make what is `seen` (n, 4) of `grounds` (n, 4) the likeliest one: that with which a drawing
+    program gets the very same numbers, at an opacity in whole twentieths, black or white.
+
+    Programs round what an opacity leaves of a ground to the nearest number, or, as (v + 255) >> 8, mostly up; what they
+    were given follows from what they made only by trying. Of a faint paint many colours make the same.
+    """
+    best: tuple[float, bool, bool, float] | None = None
+    fill = (0, 0, 0, 0)
+    colours = np.arange(int(FULL) + 1)
+    for opacity in _OPACITIES.tolist():
+        through = grounds * (FULL - opacity)
+        over = np.rint(np.outer(colours, [opacity] * 3) / FULL)
+        for left in (np.rint(through / FULL), np.floor((through + FULL) / (FULL + 1.0))):
+            off = np.abs(seen[None, :, :3] - left[None, :, :3] - over[:, None]).sum(axis=1)
+            clear = np.abs(seen[:, 3] - left[:, 3] - opacity).sum()
+            least = off.min(axis=0)
+            plain = [int(v) for v in (0, FULL) if (off[int(v)] == least).all()]
+            mean = (seen - grounds * (1.0 - opacity / FULL)).mean(axis=0)[:3] * FULL / opacity
+            tied = np.where(off == least, np.abs(colours[:, None] - mean), np.inf)
+            chosen = [plain[0]] * 3 if plain else tied.argmin(axis=0).tolist()
+            paint = Paint((chosen[0], chosen[1], chosen[2], opacity))
+            misfit = float(((seen - paint.over(grounds)) ** 2).sum())
+            whole = abs(opacity - FULL * round(20.0 * opacity / FULL) / 20.0) <= 0.5
+            score = (float(least.sum() + clear), not whole, not plain, misfit)
+            if best is None or score < best:
+                best, fill = score, paint.fill
+    return fill

@@ -1,4 +1,4 @@
-// Whole loops that are circles, ellipses or boxes. How they are told is said in artwork/tracing/primitives.py.
+// Whole loops that are circles, ellipses or boxes. How they are told is said in artwork/tracing/fitting.py.
 #include <array>
 #include <cmath>
 #include <cstdint>

@@ -1,0 +1,237 @@
+"""Objects of a shaded picture: areas that strong edges bound, however much changes within them; the same picture in
+flat fills, from which their outlines follow; what shows of them, and their base paints, flat or linear gradients.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
+from cubicsplat_cli.artwork.gradients.shade import Ramp, Shade, gradient_of
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
+from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_off
+from cubicsplat_cli.scene.paint import Gradient, Rgba
+
+BLUR = 0.8  # px, before slopes are measured: about what smoothing has blurred an edge by
+# Levels per px: steeper than shading is, and what an edge of thirty levels, so smoothed, has.
+STEEP = 12.0
+LEAST_AREA = 24  # px away from edges, of what is an object of its own
+# An edge changes as much within NEAR px to both sides as within FAR, a ramp NEAR / FAR of that. Levels that an edge
+# changes by beyond a ramp.
+NEAR, FAR, LEAST_STEP = 2.0, 5.0, 16.0
+EDGE = 2  # px to both sides of a border that its pixels' blending and smoothing reach
+REACH, SLOTS = 4, 3  # px in which the objects of a blend are sought, and how many meet at most
+# Times that each channel counts: opacity is as sure within shading as elsewhere.
+SURE = np.array([1.0, 1.0, 1.0, 8.0])
+CLEAR = 128.0  # levels of opacity, below which an object is the transparent ground
+ANGLES, STOPS = 16, 4
+# Mean square in levels^2 that a gradient must be nearer than a flat fill, as nobody sees less, for each stop.
+LEAST_GAIN = 4.0
+FEWEST = 8  # px that a gradient is fitted to
+FULL = 0.995  # of a pixel that a shape covers: all of it
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """(H, W) the steepest channel's slope in levels per px, and its direction."""
+
+    size: np.ndarray
+    across: np.ndarray
+    down: np.ndarray
+
+
+def objects_of(levels: np.ndarray) -> np.ndarray:
+    """(H, W) int32 the object of each pixel, numbered from 0 on, of a picture (H, W, 4) of premultiplied levels.
+
+    Thin lines and small spots are part of what they lie on.
+    """
+    from skimage.segmentation import watershed  # which few pictures need
+
+    slopes = _slopes(levels)
+    areas, count = ndimage.large_parts(slopes.size < STEEP, LEAST_AREA)
+    if not count:
+        return np.zeros(levels.shape[:2], np.int32)
+    labels = watershed(slopes.size, areas)
+    while len(weak := _weak_borders(levels, labels, slopes)):
+        labels = _united(labels, weak)
+    _, labels = np.unique(labels, return_inverse=True)
+    return np.asarray(labels.reshape(levels.shape[:2]), np.int32)
+
+
+def _slopes(levels: np.ndarray) -> _Slopes:
+    smooth = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
+    down, across = np.gradient(smooth, axis=(0, 1))
+    sizes = np.hypot(across, down)
+    steepest = sizes.argmax(axis=2)[..., None]
+    size, u, v = (np.take_along_axis(each, steepest, 2)[..., 0] for each in (sizes, across, down))
+    scale = np.maximum(size, 1e-6)
+    return _Slopes(size, u / scale, v / scale)
+
+
+def _weak_borders(levels: np.ndarray, labels: np.ndarray, slopes: _Slopes) -> np.ndarray:
+    """(n, 2) the pairs of neighbouring labels between which there is a ramp rather than an edge, the weakest first."""
+    height, width = labels.shape
+    pairs, steps = [], []
+    for dy, dx in ((0, 1), (1, 0)):
+        first, second = labels[: height - dy, : width - dx], labels[dy:, dx:]
+        y, x = np.nonzero(first != second)
+        pairs.append(np.sort(np.stack([first[y, x], second[y, x]], axis=1), axis=1))
+        steps.append(_steps(levels, slopes, y, x, (y + 0.5 * dy, x + 0.5 * dx)))
+    each, step = np.concatenate(pairs), np.concatenate(steps)
+    if not len(each):
+        return each
+    known, which = np.unique(each, axis=0, return_inverse=True)
+    order = np.lexsort((step, which := which.reshape(-1)))
+    ends = np.searchsorted(which[order], np.arange(len(known) + 1))
+    medians = step[order][(ends[:-1] + ends[1:] - 1) // 2]
+    weakest = np.argsort(medians, kind="stable")
+    return known[weakest[medians[weakest] < LEAST_STEP]]
+
+
+def _steps(
+    levels: np.ndarray, slopes: _Slopes, y: np.ndarray, x: np.ndarray, middle: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """(n,) levels by which the picture changes across borders at pixels y, x, beyond what a ramp would."""
+    height, width = levels.shape[:2]
+    u, v = slopes.across[y, x], slopes.down[y, x]
+
+    def change(reach: float) -> np.ndarray:
+        places = [
+            (
+                np.clip(np.rint(middle[0] + sign * v), 0, height - 1).astype(int),
+                np.clip(np.rint(middle[1] + sign * u), 0, width - 1).astype(int),
+            )
+            for sign in (reach, -reach)
+        ]
+        return np.asarray(np.abs(levels[places[0]] - levels[places[1]]).max(axis=1))
+
+    return change(NEAR) - NEAR / FAR * change(FAR)
+
+
+def _united(labels: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """The labels with each of these pairs made one, but for those of which one was united with another before."""
+    becomes, used = np.arange(labels.max() + 1), set()
+    for first, second in pairs.tolist():
+        if first not in used and second not in used:
+            used |= {first, second}
+            becomes[second] = first
+    return becomes[labels]
+
+
+def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
+    """A picture (H, W, 4) of premultiplied levels with its objects, labels (H, W), in fills that stand for them.
+
+    Where objects share a pixel, their shares follow from what each has a few px away.
+    """
+    count = int(labels.max()) + 1
+    alpha = np.bincount(labels.ravel(), levels[..., 3].ravel(), count) / np.bincount(labels.ravel(), minlength=count)
+    fills = _fills(alpha >= CLEAR)
+    inside = _insides(labels)
+    out = fills[labels]
+    y, x = np.nonzero(~inside)
+    if len(y):
+        paint = np.where(inside, labels, -1).astype(np.int32)
+        at = y * labels.shape[1] + x
+        paints, places = nearest_paints(paint, at, REACH, SLOTS)
+        colours = _continued(levels, paint, y, x, places)
+        flat, _ = blends(levels[y, x] * SURE, paints, colours * SURE, fills[np.maximum(paints, 0)], True)
+        out[y, x] = np.clip(flat, 0.0, 255.0)
+    return FlatPicture(out.astype(np.float32), fills, labels)
+
+
+def _insides(labels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels that show one object alone; of what is too thin to have such ones, its middle."""
+    inside = ndimage.alike(labels, 2 * EDGE + 1)
+    y, x = np.nonzero(~inside)
+    if len(y):
+        paint = np.where(inside, labels, -1).astype(np.int32)
+        paints, _ = nearest_paints(paint, y * labels.shape[1] + x, REACH, SLOTS)
+        thin = (paints != labels[y, x, None]).all(axis=1)
+        depth = ndimage.distance_transform_edt(np.pad(ndimage.alike(labels, 3), 1))[1:-1, 1:-1]
+        middle = depth >= ndimage.maximum_filter(depth, 3)
+        inside[y[thin], x[thin]] = middle[y[thin], x[thin]]
+    return inside
+
+
+def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n, slots, 4) what the objects that have pixels `places` (n, slots) would have at pixels y, x (n,), if they
+    changed on as they do just behind these.
+    """
+    height, width = paint.shape
+    row, column = np.divmod(places, width)
+    behind = 2 * row - y[:, None], 2 * column - x[:, None]
+    far = tuple(np.clip(each, 0, most - 1) for each, most in zip(behind, (height, width), strict=True))
+    own = paint[far] == paint[row, column]
+    far = np.where(own, far[0], row), np.where(own, far[1], column)
+    near = levels[row, column].astype(float)
+    out = np.clip(2.0 * near - levels[far], 0.0, 255.0)
+    out[..., 3] = near[..., 3]
+    return np.asarray(out)
+
+
+def _fills(opaque: np.ndarray) -> np.ndarray:
+    """(n, 4) whole levels: different fills of objects (n,), those that are not opaque all clear.
+
+    They lie on a sphere, so that none is a blend of two others, at angles that keep them about equally far apart.
+    """
+    count, fills = max(int(opaque.sum()), 1), np.zeros((len(opaque), 4))
+    number = np.arange(count)
+    height = 1.0 - (2.0 * number + 1.0) / count
+    turn = math.pi * (3.0 - math.sqrt(5.0)) * number
+    radius = np.sqrt(1.0 - height**2)
+    sphere = np.stack([height, radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    fills[opaque, :3] = np.rint(127.5 + 127.0 * sphere[: int(opaque.sum())])
+    fills[opaque, 3] = 255.0
+    return fills
+
+
+def shown(drawing: Drawing) -> list[np.ndarray]:
+    """For each shape, all opaque, (H, W) the share of each pixel that it covers and no shape above it does."""
+    clear = np.ones((drawing.height, drawing.width))
+    shares = []
+    for shape in reversed(drawing.shapes):
+        own = coverage(*pieces_of_rings(shape.oriented()), 0, 0, drawing.height, drawing.width)
+        shares.append(own * clear)
+        clear = clear * (1.0 - own)
+    return shares[::-1]
+
+
+def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, Gradient | None]:
+    """The opaque fill nearest to pixels of straight colours (n, 3) in levels at columns x and rows y, n >= 1, and the
+    gradient that is nearer, if one is.
+    """
+    middle = values.mean(axis=0)
+    red, green, blue = (int(np.clip(round(v), 0, 255)) for v in middle.tolist())
+    fill = (red, green, blue, 255)
+    if len(x) < FEWEST:
+        return fill, None
+    opaque = np.concatenate([values, np.full((len(values), 1), 255.0)], axis=1)
+    pixels = Pixels(x + 0.5, y + 0.5, opaque)
+    shades = [_along(math.pi * k / ANGLES, stops, pixels) for k in range(ANGLES) for stops in (2, STOPS)]
+    flat = float(((values - middle) ** 2).mean())
+    costs = [_misfit(shade, pixels) + LEAST_GAIN * len(shade.ramp.knots) for shade in shades]
+    best = int(np.argmin(costs))
+    return fill, gradient_of(shades[best]) if costs[best] < flat else None
+
+
+def _along(angle: float, stops: int, pixels: Pixels) -> Shade:
+    """The gradient in one direction with so many stops, evenly between the pixels' ends."""
+    frame = np.array([[math.cos(angle), math.sin(angle), 0.0], [0.0, 0.0, 0.0]])
+    t = frame[0, 0] * pixels.x + frame[0, 1] * pixels.y
+    knots = np.linspace(float(t.min()), float(t.max()) + 1e-3, stops)
+    colours = np.clip(best_colours(frame, False, knots, pixels), 0.0, 255.0)
+    colours[:, 3] = 255.0
+    return Shade(frame, False, Ramp(knots, colours), 2)
+
+
+def _misfit(shade: Shade, pixels: Pixels) -> float:
+    """The mean square in levels^2 of three channels."""
+    off = colours_off(shade.frame, False, shade.ramp.knots, shade.ramp.colours, pixels)
+    return float((off[:, :3] ** 2).mean())
