@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.residual import added
-from cubicsplat_cli.artwork.residual.areas import ErrorModel, Picture
+from cubicsplat_cli.artwork.residual.areas import ErrorModel, TargetPicture
 from cubicsplat_cli.artwork.residual.proposals import Placed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -187,7 +187,7 @@ def test_only_shapes_that_can_pay_are_tried() -> None:
     document = truth('<circle cx="36" cy="9" r="3" fill="#143cc8"/>')
     goal = goal_of(picture(document))
     model = ErrorModel.of(CLEAN, 0.0)
-    trials = added._Trials(plain(), goal, Picture.of(255.0 * goal.target.astype(np.float32), model), 1.0)
+    trials = added._Trials(plain(), goal, TargetPicture.of(255.0 * goal.target.astype(np.float32), model), 1.0)
     missing, needless = (Placed(Shape(BLUE, (Circle(x, 9.0, 3.0),), "dot"), 0) for x in (36.0, 52.0))
     asked = [(0, missing), (0, needless)]
     assert trials._affordable(asked, [[]]) == asked[:1]

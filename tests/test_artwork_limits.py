@@ -11,10 +11,13 @@ from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli.artwork import limits, plan, vectorize
+from cubicsplat_cli.artwork.finish import polish
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
+from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
-from cubicsplat_cli.artwork.layers import completion, stacking
+from cubicsplat_cli.artwork.layers import completion
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.regularities import regularities
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
@@ -49,21 +52,47 @@ def test_no_region_of_a_page_is_lost_whatever_happened_to_the_picture(error, cap
     palette = np.array([[40.0 * k, 255.0 - 40.0 * k, 90.0, 255.0] for k in range(6)])
     labels = np.kron(cells, np.ones((6, 6), dtype=int)).astype(np.int32)
     page = FlatPicture(palette[labels].astype(np.float32), palette, labels)
-    assert plan.planned(page, ArtworkSettings(), 1, error, None).regions.count > limits.MOST_COMPLETED
+    assert plan.planned(page, ArtworkSettings(), 1, error, None).regions.count > 2000
     assert "too many" not in caplog.text
+
+
+def test_regularities_are_sought_in_a_page_of_very_many_shapes(monkeypatch, caplog):
+    """Of 900 like letters all but one are copies."""
+    letters = 900
+    dots = tuple(Circle(10.0 * (k % 30) + 5.2, 10.0 * (k // 30) + 5.3, 3.1) for k in range(letters))
+    drawing = Drawing(300, 300, tuple(Shape((0, 0, 0, 255), (dot,), "dot") for dot in dots))
+    assert limits.few_enough(drawing)
+    goal = goal_of(begin(drawing, goal_of(np.zeros((300, 300, 4)))).image)
+    monkeypatch.setattr(regularities, "_tied", lambda state, tied, *_: tied if len(tied) > 1 else state)
+    constraints = Constraints(300, 300)
+    copies = regularities.with_copies(begin(drawing, goal), goal, constraints, 1.0, 0.0)
+    assert len(copies) == letters - 1 and not caplog.text
+    monkeypatch.setattr(limits, "MOST_POLISHED", letters - 1)
+    assert not limits.few_enough(drawing) and "symmetries and copies are not sought" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("limit", "left"), [("CHANGED", "not merged, cut and rounded"), ("MOST", "not fitted to the pixels")]
+)
+def test_outlines_of_too_many_pieces_are_said_to_be_left_as_they_are(monkeypatch, caplog, limit, left):
+    wedge, moved = (polygon(np.array([(3.0, 4.0), (20.0, 5.0), (9.0, 18.0)]) + off) for off in (0.0, 0.2))
+    aim, drawing = (Drawing(32, 24, (Shape((0, 0, 0, 255), (each,), "wedge"),)) for each in (wedge, moved))
+    goal = goal_of(begin(aim, goal_of(np.zeros((24, 32, 4)))).image)
+    polish.polish(drawing, goal)
+    assert not caplog.text
+    for each in {"CHANGED", limit}:
+        monkeypatch.setattr(polish, each, 2)
+    done = polish.polish(drawing, goal)
+    assert left in caplog.text
+    assert (done is drawing) == (limit == "MOST")
 
 
 @pytest.mark.slow
 def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, caplog):
-    for module in (plan, stacking, vectorize):
-        monkeypatch.setattr(module, "MOST_COMPLETED", 20)
-    for module in (limits, vectorize):
-        monkeypatch.setattr(module, "MOST_POLISHED", 20)
+    monkeypatch.setattr(limits, "MOST_POLISHED", 20)
     fits = []
     fit = completion.fit_outline
     monkeypatch.setattr(completion, "fit_outline", lambda *given: fits.append(1) or fit(*given))
-    for unbounded in ("junction_votes", "round_votes", "_between"):
-        monkeypatch.delattr(stacking, unbounded)
     parcels, size = 12, 9
     rng = np.random.default_rng(1)
     fills = np.repeat(np.repeat(rng.integers(0, 8, (parcels, parcels, 3)) / 7.0, size, axis=0), size, axis=1)

@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, points_a
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
+from cubicsplat_cli.artwork.strokes import parameters as strokes
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_strokes
@@ -68,6 +69,13 @@ def over_white(stroke: Stroke) -> Drawing:
     """A stroke of the fill over white."""
     ground = Shape((255, 255, 255, 255), (Rectangle(0.0, 0.0, SIZE, SIZE),), "ground")
     return Drawing(SIZE, SIZE, (ground, Shape(FILL, outlines_of_stroke(stroke), "line", stroke=stroke)))
+
+
+def test_strokes_of_too_many_pieces_stay_as_they_are_with_a_word(monkeypatch, caplog):
+    drawing = over_white(Stroke(line_chain(np.array([[50.6, 130.4], [104.5, 189.2], [210.3, 69.4]])), 13.2))
+    monkeypatch.setattr(strokes, "MOST_PIECES", 1)
+    assert fitted_strokes(drawing, goal_of(np.ones((SIZE, SIZE, 4)))) is drawing
+    assert "strokes of 2 pieces are many" in caplog.text
 
 
 def test_strokes_are_fitted_through_their_pixels():

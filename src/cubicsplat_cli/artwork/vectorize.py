@@ -22,7 +22,7 @@ from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_lev
 from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
-from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_POLISHED, blocks_of, enlarged, few_enough
+from cubicsplat_cli.artwork.limits import blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.artwork.regions.fills import eight_bit, picture_fills
@@ -172,14 +172,14 @@ def _versions(
 
 
 def _with_strokes(drawing: Drawing, goal: Goal | None, detail: float, error: float) -> Drawing:
-    """The drawing with strokes in place of shapes of even width, fitted to its goal where it has few shapes."""
+    """The drawing with strokes in place of shapes of even width, fitted to its goal."""
     from cubicsplat_cli.artwork.strokes.find import with_strokes
     from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes
 
     with work().stoppable():
         work().at("finding strokes", 0.97)
         drawing = with_strokes(drawing, detail, error)
-        if goal is not None and len(drawing.shapes) <= MOST_POLISHED:
+        if goal is not None:
             drawing = fitted_strokes(drawing, goal)
     return drawing
 
@@ -237,11 +237,11 @@ def _traced(
     parts: list[TranslucentPart], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
     """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
-    completed, sought = settings.completion == ON, len(parts) <= MOST_COMPLETED
+    completed = settings.completion == ON
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
         work().at("fitting outlines", 0.25)
-        for outlines in outlines_of_all([part.extent for part in parts], canvas, settings.detail, completed, sought):
+        for outlines in outlines_of_all([part.extent for part in parts], canvas, settings.detail, completed):
             fitted.append(outlines)
             work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
     shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]

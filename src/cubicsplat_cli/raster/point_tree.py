@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 from ctypes import c_int64
 from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import address_of, doubles, native
 
 _native = partial(native, "points")
 
@@ -41,6 +42,34 @@ class PointTree:
         given = (self._given, len(places), places, float(on_it), sizes, ways)
         _native("cs_off_line", *self._sorted(), *given, result=None)
         return sizes, ways
+
+    def laid_on(
+        self,
+        seen: np.ndarray,
+        other: PointTree,
+        other_seen: np.ndarray,
+        placed: tuple[np.ndarray, np.ndarray],
+        limits: tuple[float, float, float, float],
+        tries: int,
+        on_it: float,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """The shift (2,) with which the closed line through the points lies nearest to another one, and (2,) what the
+        points that show tell of it, 1/px^2 if each is known to a px; None where it lies not near enough.
+
+        seen, other_seen: (n, 2) and (m, 2) the points of either line that show. placed: signs (2,) by which x and y are
+        multiplied first, and the shift (2,) to begin with. limits: px that a point may be off at first, after a try,
+        and at last, and that all may be off at last in the root mean square. tries: steps of least squares, of points
+        off the other line. on_it: as of `off_line`.
+        """
+        signs, shift, told = doubles(placed[0]), doubles(placed[1]).copy(), np.empty(2)
+        kept = [tree._line(points) for tree, points in ((self, seen), (other, other_seen))]
+        given = (*kept, signs, np.array(limits), tries, on_it, shift, told)
+        return (shift, told) if _native("cs_lay_on", *given, result=c_int64) else None
+
+    def _line(self, seen: np.ndarray) -> ctypes.Array[c_int64]:
+        """The line and the points of it that show, as the library takes them."""
+        arrays = (*self._sorted()[1:], self._given)
+        return (c_int64 * 7)(len(self._given), *map(address_of, arrays), len(seen), address_of(seen))
 
     def query_ball_point(self, places: np.ndarray, reach: float | np.ndarray) -> list[np.ndarray]:
         """For each place (m, 2) the indices, ascending, of the points no farther than `reach` or reach (m,)."""

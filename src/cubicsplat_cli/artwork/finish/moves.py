@@ -53,7 +53,7 @@ def with_moves(
     for layer in state.layers:
         outlines: list[Parameters] = []
         for outline in layer.outlines:
-            own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
+            own = {i: found[first + i] for i in range(len(outline.lines)) if first + i in found}
             first += len(outline.lines)
             better = _edited(outline, own, constraints, detail, int(state.marks[number + 1] - state.marks[number]))
             outlines.append(better or outline)

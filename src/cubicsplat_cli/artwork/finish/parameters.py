@@ -300,9 +300,13 @@ class CopyParameters:
     @cached_property
     def jacobian(self) -> SparseRows:
         """Over the variables of the model."""
-        places = np.broadcast_arrays(*_pair_places(4 * len(self.lines)), self.way.matrix.T)
+        own, matrix = self.model.jacobian, self.way.matrix
+        if not matrix[0, 1]:  # x and y stay apart
+            signs = np.tile(np.diag(matrix), 4 * len(self.lines))
+            return SparseRows(own.starts, own.columns, own.values * np.repeat(signs, np.diff(own.starts)), own.count)
+        places = np.broadcast_arrays(*_pair_places(4 * len(self.lines)), matrix.T)
         rows, columns, values = (part.ravel() for part in places)
-        return SparseRows.of(rows, columns, values, (8 * len(self.lines),) * 2).after(self.model.jacobian)
+        return SparseRows.of(rows, columns, values, (8 * len(self.lines),) * 2).after(own)
 
     def following(self, model: Parameters) -> CopyParameters:
         """The copy of the model after that has moved."""

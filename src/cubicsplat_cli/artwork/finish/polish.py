@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import ROUNDS, Layer, State, begin, drawn, kept, settle, with_outlines
@@ -13,12 +15,14 @@ from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
-# Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
-PASSES, CROWDED, FULL = 3, 400, 4000
-TRIAL_ROUNDS = 6
-# Pieces beyond which they are settled in fewer rounds still, and not at all.
-MANY, FEWEST_ROUNDS, MOST = 20_000, 3, 100_000
+PASSES, CROWDED = 3, 400  # of moves; one where there are more than CROWDED pieces, and fewer rounds
 MERGES, SEVERAL = 3, 1500  # passes at most; one where there are more than SEVERAL pieces
+# Pieces beyond which there are fewer rounds still, and merges only after the moves; neither of the two, which take some
+# ms a piece; and nothing is fitted, for its memory.
+FULL, CHANGED, MOST = 4000, 40_000, 100_000
+TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
+
+_log = logging.getLogger("cubicsplat")
 
 
 def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0) -> Drawing:
@@ -27,6 +31,9 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
     error: of pixels on edges beyond that of a clean picture, of full scale.
     """
     pieces = drawing.segments
+    if pieces > CHANGED:
+        left = "fitted to the pixels" if pieces > MOST else "merged, cut and rounded as the pixels ask"
+        _log.warning("outlines of %d pieces are many: they are not %s; --min-area leaves fewer", pieces, left)
     if not 0 < pieces <= MOST:
         return drawing
     constraints = Constraints(drawing.width, drawing.height)
@@ -40,15 +47,15 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
         if pieces <= FULL:
             state = _merged(state, goal, constraints, detail, error, MERGES if goal.reach and pieces <= CROWDED else 1)
         at("fitting to the pixels", 0.7)
-        for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
+        for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= CHANGED else 0):
             following = _moved(state, goal, constraints, detail, error)
             if following is state:
                 break
             state = following
         state = _tried(state, goal, *_otherwise(drawing, state, constraints), detail, error)
-        state = settle(state, goal, min(TRIAL_ROUNDS, _rounds(pieces)))
+        state = settle(state, goal, _trial_rounds(pieces))
         # What moves and better neighbours have made even.
-        if pieces <= FULL:
+        if pieces <= CHANGED:
             state = _merged(state, goal, constraints, detail, error, MERGES if pieces <= SEVERAL else 1)
     return drawn(drawing, state)
 
@@ -56,7 +63,11 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
 def _rounds(pieces: int) -> int:
     if pieces <= CROWDED:
         return ROUNDS
-    return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
+    return TRIAL_ROUNDS if pieces <= FULL else FEWEST_ROUNDS
+
+
+def _trial_rounds(pieces: int) -> int:
+    return min(TRIAL_ROUNDS, _rounds(pieces))
 
 
 def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, error: float, passes: int) -> State:
@@ -88,7 +99,7 @@ def _tried(state: State, goal: Goal, layers: list[Layer], changed: np.ndarray, d
     """The state with those of the changed outlines (outlines,) bool of some layers that pay once they are settled."""
     if not changed.any():
         return state
-    trial = settle(state.with_layers(layers), goal, TRIAL_ROUNDS, changed=changed)
+    trial = settle(state.with_layers(layers), goal, _trial_rounds(int(state.pieces[-1])), changed=changed)
     refused = shorter(state, trial, changed, detail, error)
     if refused.any():
         trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2, changed=refused)

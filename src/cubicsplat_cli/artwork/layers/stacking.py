@@ -15,7 +15,6 @@ from itertools import pairwise
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
-from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -52,8 +51,7 @@ class Stack:
 
 def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one fill may
-    be one beneath what hides it. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
-    beneath these, and all others lie in the order of their sizes."""
+    be one beneath what hides it."""
     clear = regions.fills[:, 3] <= CLEAR
     facts = _Facts(regions, found, clear)
     group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
@@ -61,8 +59,9 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
     rank = np.full(regions.count, -1)
     layers = []
     areas = regions.areas()
+    of = _members(group)
     for place, name in enumerate(order):
-        members = np.nonzero(group == name)[0]
+        members = of[name]
         rank[members] = place
         layers.append(StackedShape(tuple(int(m) for m in members), int(members[areas[members].argmax()])))
     return Stack(tuple(layers), rank)
@@ -78,11 +77,9 @@ class _Facts:
         self.labels = np.ascontiguousarray(regions.labels, np.int32)
         self.touching = touching(regions.labels)
         self.inside = enclosures(self.touching, on_the_border(regions.labels))
-        self.votes: dict[tuple[int, int], float] = {}
-        if regions.count <= MOST_COMPLETED:
-            self.votes = junction_votes(regions, found)
-            for pair, vote in round_votes(regions, found, clear).items():
-                self.votes[pair] = self.votes.get(pair, 0.0) + vote
+        self.votes = junction_votes(regions, found)
+        for pair, vote in round_votes(regions, found, clear).items():
+            self.votes[pair] = self.votes.get(pair, 0.0) + vote
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
@@ -111,24 +108,39 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
     the hulls that are tried."""
     regions = facts.regions
     group = np.where(facts.clear, -1, np.arange(regions.count))
+    of = _members(group)
     for a, b in _candidates(facts):
         p, q = group[a], group[b]
         if p == q:
             continue
-        members = np.nonzero((group == p) | (group == q))[0]
-        if _shows_through(facts, a, b):
-            group[members] = members.min()
-        elif budget > 0:
+        members = np.sort(np.concatenate([of[p], of[q]]))
+        joined = _shows_through(facts, a, b)
+        if not joined and budget > 0:
             window = _box_around(facts, members)
             budget -= _area(window)
             between = _between(facts, members, window)
-            above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
+            above = None if between is None else _all_of([of[g] for g in np.unique(group[between]).tolist()])
             if above is not None and not _held(facts, above, members):
                 # What the joined shape runs beneath cannot be joined beneath it any more.
                 facts.assume(above, members)
-                group[members] = members.min()
+                joined = True
+        if joined:
+            group[members] = members[0]
+            of[members[0]] = members
     return group
+
+
+def _members(group: np.ndarray) -> dict[int, np.ndarray]:
+    """The regions of each group of (R,), ascending."""
+    order = np.argsort(group, kind="stable")
+    names, first = np.unique(group[order], return_index=True)
+    return dict(zip(names.tolist(), np.split(order, first[1:]), strict=True))
+
+
+def _all_of(some: list[np.ndarray]) -> np.ndarray:
+    """The regions of several groups, ascending."""
+    return np.sort(np.concatenate(some)) if some else np.zeros(0, dtype=int)
 
 
 def _candidates(facts: _Facts) -> list[tuple[int, int]]:
@@ -177,7 +189,8 @@ def _area(window: tuple[slice, slice]) -> int:
 
 def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) -> np.ndarray | None:
     """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
-    own = np.isin(np.arange(facts.regions.count), members)
+    own = np.zeros(facts.regions.count, dtype=bool)
+    own[members] = True
     held, inner = held_by_hull(facts.labels, window, own)
     names = np.flatnonzero(held)
     sizes = held[names]

@@ -9,7 +9,16 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
+from cubicsplat_cli.artwork.regularities.alike import (
+    FARTHEST,
+    LARGEST,
+    MEAN,
+    ON_IT,
+    SIGMAS,
+    SYSTEMATIC,
+    TRIES,
+    Track,
+)
 from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, NEAR, STEPS, Turn, Walk, evenly, turned_onto
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
@@ -111,18 +120,7 @@ def _fitted(model: Track, track: Track, signs: np.ndarray, shift: np.ndarray) ->
     # Most outlines are not alike, which a few points tell.
     if track.off((model.seen * signs + shift)[:: len(model.seen) // FIRST_LOOK + 1])[0].max() > most:
         return None
-    for left in reversed(range(TRIES + 1)):
-        forth, ahead = track.off(model.seen * signs + shift)
-        # Where all of it shows, what is alike and of one size lies nearly right at once.
-        if forth.max() > (most if left == TRIES else LARGEST):
-            return None
-        back, behind = model.off((track.seen - shift) * signs)
-        size, ways = np.concatenate([forth, back]), np.concatenate([ahead, -behind * signs])
-        if size.max() > LARGEST:
-            return None
-        gram = ways.T @ ways + 1e-6 * np.eye(2)
-        if left:
-            shift = shift - np.linalg.solve(gram, ways.T @ size)
-    if size.max() > FARTHEST or np.sqrt((size**2).mean()) > MEAN:
-        return None
-    return shift, 2.0 * SEEN_SIGMA / np.sqrt(np.diag(gram))
+    # Where all of it shows, what is alike and of one size lies nearly right at once.
+    limits = most, LARGEST, FARTHEST, MEAN
+    found = model.tree.laid_on(model.seen, track.tree, track.seen, (signs, shift), limits, TRIES, ON_IT)
+    return None if found is None else (found[0], 2.0 * SEEN_SIGMA / np.sqrt(found[1]))

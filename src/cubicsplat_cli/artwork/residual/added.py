@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, 
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, Picture, areas
+from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, TargetPicture, areas
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Outlined, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
@@ -24,8 +24,8 @@ from cubicsplat_cli.raster.stack import Goal
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
-PASSES, CROWDED = 3, 2500  # one pass where there are more shapes, of which each takes ten seconds and more
-MOST_TRIED = 400  # areas
+PASSES = 3
+MOST_TRIED = 4000  # areas
 SEEN = 60  # px of an area that is worth a note
 
 _log = logging.getLogger("cubicsplat")
@@ -47,9 +47,9 @@ def with_added(
     """
     if not drawing.shapes:
         return drawing
-    picture = Picture.of(goal.target @ _back(goal), ErrorModel.of(condition, min_area))
+    picture = TargetPicture.of(goal.target @ _back(goal), ErrorModel.of(condition, min_area))
     trials = _Trials(drawing, goal, picture, detail)
-    for _ in range(PASSES if len(drawing.shapes) <= CROWDED else 1):
+    for _ in range(PASSES):
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
@@ -90,7 +90,7 @@ class _Trials:
     before: State
 
     def __init__(
-        self, drawing: Drawing, goal: Goal, picture: Picture, detail: float, previous: _Trials | None = None
+        self, drawing: Drawing, goal: Goal, picture: TargetPicture, detail: float, previous: _Trials | None = None
     ) -> None:
         self.drawing, self.goal, self.picture, self.detail = drawing, goal, picture, detail
         known = {id(layer.shape): layer for layer in previous.still} if previous is not None else {}

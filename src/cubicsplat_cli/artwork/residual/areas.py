@@ -78,7 +78,7 @@ class ErrorModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class TargetPicture:
     """The picture that drawings are compared with. levels: (H, W, 4); model: of its errors; ringing: (H, W, 4) levels
     by which a JPEG's edges are off in luma and chroma, else 0.
     """
@@ -88,12 +88,12 @@ class Picture:
     ringing: np.ndarray
 
     @classmethod
-    def of(cls, levels: np.ndarray, model: ErrorModel) -> Picture:
+    def of(cls, levels: np.ndarray, model: ErrorModel) -> TargetPicture:
         """A picture with such errors."""
         return cls(levels, model, _ringing(levels, model))
 
 
-def areas(picture: Picture, painted: np.ndarray) -> list[Area]:
+def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
     """The areas in which a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
     model = picture.model
     allowed = UNLIKE + NOISY * model.noise / SIDE**0.5

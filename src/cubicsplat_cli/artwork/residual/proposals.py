@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Picture
+from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, TargetPicture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.raster import ndimage
@@ -83,7 +83,7 @@ class Outlined:
 
 
 def proposals(
-    area: Area, picture: Picture, painted: np.ndarray, canvas: Canvas, detail: float
+    area: Area, picture: TargetPicture, painted: np.ndarray, canvas: Canvas, detail: float
 ) -> Iterator[list[Placed]]:
     """The ways to explain an area of a picture by shapes over what is painted, (H, W, 4) in levels."""
     window, model = (area.rows, area.columns), picture.model

@@ -23,7 +23,7 @@ from cubicsplat_cli.raster.stack import Goal
 STEP = 1e-5  # px, of the differences that tell how an outline moves with its centre line
 LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
 FIRST_ROUNDS, LAST_ROUNDS = 24, 6
-MOST_PIECES = 600  # of centre lines; more take minutes
+MOST_PIECES = 6000  # of centre lines
 
 _log = logging.getLogger("cubicsplat")
 

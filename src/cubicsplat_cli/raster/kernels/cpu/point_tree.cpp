@@ -6,6 +6,8 @@
 #include <exception>
 #include <limits>
 #include <numeric>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "abi.h"
@@ -71,6 +73,44 @@ struct Tree {
   }
 };
 
+// The closed line through points, in their own order, and a tree of these. on_it: px within which a place is on it.
+struct Line {
+  Tree tree;
+  const Point* points;
+  double on_it;
+
+  // How far a place is off the line, and the unit direction in which it is, across the line where it is on it.
+  std::pair<double, Point> off(const Point& place) const {
+    Tree::Nearest best;
+    tree.nearest(place, 0, tree.count, best);
+    std::pair<double, Point> out{std::numeric_limits<double>::infinity(), {}};
+    // The nearest point of the line lies on one of the two edges at the nearest of its points.
+    for (const int64_t first : {(best.index + tree.count - 1) % tree.count, best.index}) {
+      const Point &a = points[first], &b = points[(first + 1) % tree.count];
+      const double x = b.at[0] - a.at[0], y = b.at[1] - a.at[1], length = std::max(std::hypot(x, y), 1e-12);
+      const double dx = place.at[0] - a.at[0], dy = place.at[1] - a.at[1];
+      const double share = std::clamp((dx * x + dy * y) / (length * length), 0.0, 1.0);
+      const double gx = dx - share * x, gy = dy - share * y, size = std::hypot(gx, gy);
+      if (!(size < out.first)) continue;
+      out = {size, size > on_it ? Point{{gx / size, gy / size}} : Point{{-y / length, x / length}}};
+    }
+    return out;
+  }
+};
+
+// The same as raster/point_tree.py gives it, with the points of it that show.
+struct Outline {
+  int64_t count;
+  const Point* sorted;
+  const int64_t* order;
+  const uint8_t* axes;
+  const Point* points;
+  int64_t shown;
+  const Point* seen;
+
+  Line line(double on_it) const { return {{count, sorted, order, axes}, points, on_it}; }
+};
+
 // Puts the indices of a range of points in the order of the tree.
 void sort(const Point* points, int64_t low, int64_t high, int64_t* order, uint8_t* axes) {
   if (high - low <= kLeaf) return;
@@ -120,22 +160,44 @@ CS_EXPORT void cs_nearest(int64_t count, const Point* points, const int64_t* ord
 CS_EXPORT void cs_off_line(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes,
                            const Point* line, int64_t places, const Point* at, double on_it, double* sizes,
                            Point* ways) {
-  const Tree tree{count, points, order, axes};
-  for (int64_t i = 0; i < places; i++) {
-    Tree::Nearest best;
-    tree.nearest(at[i], 0, count, best);
-    sizes[i] = std::numeric_limits<double>::infinity();
-    // The nearest point of the line lies on one of the two edges at the nearest of its points.
-    for (const int64_t first : {(best.index + count - 1) % count, best.index}) {
-      const Point &a = line[first], &b = line[(first + 1) % count];
-      const double x = b.at[0] - a.at[0], y = b.at[1] - a.at[1], length = std::max(std::hypot(x, y), 1e-12);
-      const double dx = at[i].at[0] - a.at[0], dy = at[i].at[1] - a.at[1];
-      const double share = std::clamp((dx * x + dy * y) / (length * length), 0.0, 1.0);
-      const double gx = dx - share * x, gy = dy - share * y, size = std::hypot(gx, gy);
-      if (!(size < sizes[i])) continue;
-      sizes[i] = size;
-      ways[i] = size > on_it ? Point{{gx / size, gy / size}} : Point{{-y / length, x / length}};
+  const Line tree{{count, points, order, axes}, line, on_it};
+  for (int64_t i = 0; i < places; i++) std::tie(sizes[i], ways[i]) = tree.off(at[i]);
+}
+
+// The shift with which a closed line, mirrored as the signs say, lies nearest to another one: least squares of how far
+// points that show of either lie off the other. first, second: trees, lines and `seen` points that show, of both lines.
+// limits: px that a point is off at most before and after the first of the `tries`, and at last, in the mean too. The
+// shift is brought up to date; told: what the points tell of its coordinates, 1/px^2 with errors of 1 px. Returns
+// whether it lies near enough.
+CS_EXPORT int64_t cs_lay_on(const Outline* first, const Outline* second, const double* signs, const double* limits,
+                            int64_t tries, double on_it, double* shift, double* told) {
+  const Line one = first->line(on_it), other = second->line(on_it);
+  for (int64_t left = tries;; left--) {
+    double gram[3] = {1e-6, 0.0, 1e-6}, pull[2] = {0.0, 0.0}, farthest = 0.0, squares = 0.0;
+    const auto add = [&](double size, const Point& way) {
+      gram[0] += way.at[0] * way.at[0], gram[1] += way.at[0] * way.at[1], gram[2] += way.at[1] * way.at[1];
+      for (int c = 0; c < 2; c++) pull[c] += way.at[c] * size;
+      farthest = std::max(farthest, size), squares += size * size;
+      return size <= limits[left == tries ? 0 : 1];
+    };
+    for (int64_t i = 0; i < first->shown; i++) {
+      const Point& p = first->seen[i];
+      const auto [size, way] = other.off({{p.at[0] * signs[0] + shift[0], p.at[1] * signs[1] + shift[1]}});
+      if (!add(size, way)) return 0;
     }
+    for (int64_t i = 0; i < second->shown; i++) {
+      const Point& p = second->seen[i];
+      const auto [size, way] = one.off({{(p.at[0] - shift[0]) * signs[0], (p.at[1] - shift[1]) * signs[1]}});
+      add(size, {{-way.at[0] * signs[0], -way.at[1] * signs[1]}});
+    }
+    if (farthest > limits[1]) return 0;
+    if (left == 0) {
+      told[0] = gram[0], told[1] = gram[2];
+      return farthest <= limits[2] && std::sqrt(squares / double(first->shown + second->shown)) <= limits[3];
+    }
+    const double area = gram[0] * gram[2] - gram[1] * gram[1];
+    shift[0] -= (gram[2] * pull[0] - gram[1] * pull[1]) / area;
+    shift[1] -= (gram[0] * pull[1] - gram[1] * pull[0]) / area;
   }
 }
 

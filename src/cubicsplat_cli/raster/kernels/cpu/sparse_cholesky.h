@@ -3,7 +3,7 @@
 // The order of elimination is a nested dissection: what lies on one side of a line across the middle is eliminated first,
 // then what lies on the other side, and what connects them last. Then the matrix is L D L' with a sparse L, found row by
 // row: row k of L solves a triangular system whose nonzeros are the ancestors of those of row k in the elimination tree.
-// The factors of very large systems fill up with many times what the matrix has: these are solved step by step.
+// Where a factor fills up with many times what the matrix has, the system is solved step by step.
 #pragma once
 
 #include <algorithm>
@@ -93,8 +93,8 @@ class Dissection {
 // The factor of a matrix.
 class Factor {
  public:
-  // order: of elimination.
-  Factor(const std::vector<Entry>& entries, std::vector<int32_t> order)
+  // order: of elimination. most: multiplications that it may take; of a matrix that takes more there is none.
+  Factor(const std::vector<Entry>& entries, std::vector<int32_t> order, double most = 1e300)
       : order_(std::move(order)), n_(int32_t(order_.size())), starts_(n_ + 1, 0), diagonal_(n_) {
     std::vector<int32_t> place(n_), parent(n_, -1), mark(n_), row, pattern(n_);
     std::vector<int64_t> starts(n_ + 1, 0);
@@ -115,14 +115,18 @@ class Factor {
       for (; mark[i] != k; i = parent[i]) visit(i), mark[i] = k;
     };
     std::vector<int64_t> count(n_, 0);
-    for (int32_t k = 0; k < n_; k++) {
+    double work = 0.0;
+    for (int32_t k = 0; k < n_ && !dear_; k++) {
       mark[k] = k;
       for (int64_t p = starts[k]; p < starts[k + 1]; p++)
         climb(k, row[p], [&](int32_t i) {
           if (parent[i] < 0) parent[i] = k;
-          count[i]++;
+          work += double(++count[i]);
         });
+      dear_ = work > most;
     }
+    positive_ = !dear_;
+    if (dear_) return;
     for (int32_t k = 0; k < n_; k++) starts_[k + 1] = starts_[k] + count[k];
     row_.resize(starts_[n_]), value_.resize(starts_[n_]);
     std::vector<double> sums(n_, 0.0);
@@ -152,8 +156,11 @@ class Factor {
     }
   }
 
-  // Whether the matrix is positive definite: only then it has a factor.
+  // Whether the matrix is known to be positive definite: only then it has a factor.
   bool positive() const { return positive_; }
+
+  // Whether it would take too much to find one.
+  bool dear() const { return dear_; }
 
   // Solves the system for `values`, in place.
   void solve(std::vector<double>& values) const {
@@ -174,7 +181,7 @@ class Factor {
   std::vector<int64_t> starts_;  // of the columns of L
   std::vector<int32_t> row_;
   std::vector<double> value_, diagonal_;
-  bool positive_ = true;
+  bool positive_ = true, dear_ = false;
 };
 
 // A symmetric matrix, of whose entries one triangle is given, each once, times a vector.

@@ -18,9 +18,11 @@
 namespace cs::stack {
 namespace {
 
-constexpr int32_t kMostAtOnce = 4000;  // variables: beyond, a factor of all takes longer than a dozen of its parts
-constexpr size_t kAtOnce = 20000;      // crossings that a thread takes, some milliseconds' work
-constexpr double kEnough = 1e-3;       // of the residual of a step, which is right to first order at best
+// Multiplications for each entry of a matrix, beyond which a factor of all takes longer than some twenty steps with its
+// parts. Where many outlines lie close together it fills up.
+constexpr double kMostAtOnce = 100.0;
+constexpr size_t kAtOnce = 20000;  // crossings that a thread takes, some milliseconds' work
+constexpr double kEnough = 1e-3;   // of the residual of a step, which is right to first order at best
 
 using Block = std::array<double, 64>;
 
@@ -83,7 +85,9 @@ class Equations {
     pull();
     std::copy(gradient_.begin(), gradient_.end(), gradient);
     for (double& value : gradient_) value = -value;
-    const bool solved = unknowns_.variables <= kMostAtOnce ? solved_at_once(entries, x, y) : iterated(entries, x, y);
+    const sparse::Factor whole(entries, sparse::Dissection(x, y, entries).order, kMostAtOnce * double(entries.size()));
+    if (whole.positive()) whole.solve(gradient_);
+    const bool solved = whole.positive() || (whole.dear() && iterated(entries, x, y));
     std::copy(gradient_.begin(), gradient_.end(), step);
     return solved;
   }
@@ -106,14 +110,7 @@ class Equations {
   std::vector<double> gradient_, overlap_;
   std::vector<std::vector<double>> slopes_;
 
-  bool solved_at_once(const std::vector<sparse::Entry>& entries, const std::vector<double>& x,
-                      const std::vector<double>& y) {
-    const sparse::Factor factor(entries, sparse::Dissection(x, y, entries).order);
-    if (factor.positive()) factor.solve(gradient_);
-    return factor.positive();
-  }
-
-  // Outlines share little with each other, so a dozen steps suffice, each of which solves for all outlines alone.
+  // Outlines share little with each other, so some twenty steps suffice, each of which solves for all outlines alone.
   bool iterated(const std::vector<sparse::Entry>& entries, const std::vector<double>& x, const std::vector<double>& y) {
     std::vector<int32_t> outline(unknowns_.variables, 0);
     for (int32_t k = 0; k < unknowns_.outlines; k++) outline[unknowns_.start[k]] = unknowns_.start[k];
