@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, flattened
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
+from cubicsplat_cli.artwork.regularities.turned import STEPS, Walk
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg.drawing_reader import read_drawing
@@ -199,3 +200,7 @@ def test_repeated_rings_are_the_same_text_but_for_the_first_point():
         assert np.array(sorted(one.anchors.tolist())) == pytest.approx(
             np.array(sorted(expected.anchors.tolist())), abs=0.006
         )
+
+
+def test_an_outline_without_extent_is_like_no_other():
+    assert not Walk(0j, np.zeros(STEPS, complex), 0.0).is_certain(8, 10.0)

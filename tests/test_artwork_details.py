@@ -196,3 +196,12 @@ def test_only_shapes_that_can_pay_are_tried() -> None:
     smaller = Placed(Shape(BLUE, (Circle(36.0, 9.0, 1.0),), "dot"), 0)
     assert trials._affordable([(0, smaller)], [[]]) == [(0, smaller)]
     assert trials._affordable([(0, smaller)], [[known]]) == [], "it cannot explain as much as what is known does"
+
+
+@pytest.mark.parametrize("off", [(40.0, 0.0), (0.0, 60.0), (-30.0, 5.0), (40.0, 60.0)])
+def test_what_lies_beyond_the_canvas_changes_no_pixel(off):
+    shape = Shape(RED, (Rectangle(2.0 + off[0], 3.0 + off[1], 9.0, 6.0),), "red")
+    window, own = added._changed(shape, 1, (24, 32))
+    changed = np.zeros((24, 32), dtype=int)
+    changed[window] += own
+    assert not changed.any()

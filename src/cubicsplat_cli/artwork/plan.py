@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
-from cubicsplat_cli.artwork.limits import MOST_BLURRED, MOST_REGIONS, bounded_regions
+from cubicsplat_cli.artwork.limits import MOST_BLURRED, MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
@@ -22,6 +23,8 @@ from cubicsplat_cli.raster import ndimage
 FEW, LEAST_AREA = 16, 10
 BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
 SMALL = 600  # px of a picture that may be all edges
+
+_log = logging.getLogger("cubicsplat")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,12 @@ def planned(
         fixed = None
         if placeholders is not None:
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
-        parts = parts_of(regions, found, settings.completion == ON, fixed)
+        whole = regions.count <= MOST_COMPLETED
+        if not whole:
+            _log.warning(
+                "%d regions are many: what lies above what, hidden parts and translucency are not sought", regions.count
+            )
+        parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
             return Plan(soft, regions, found, parts)
         # The regions beyond as many as may be drawn join their neighbours.

@@ -22,7 +22,7 @@ from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_lev
 from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
-from cubicsplat_cli.artwork.limits import blocks_of, enlarged, few_enough
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED, blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.artwork.regions.fills import eight_bit, picture_fills
@@ -237,11 +237,11 @@ def _traced(
     parts: list[TranslucentPart], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
     """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
-    completed = settings.completion == ON
+    completed, sought = settings.completion == ON, len(parts) <= MOST_COMPLETED
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
         work().at("fitting outlines", 0.25)
-        for outlines in outlines_of_all([part.extent for part in parts], canvas, settings.detail, completed):
+        for outlines in outlines_of_all([part.extent for part in parts], canvas, settings.detail, completed, sought):
             fitted.append(outlines)
             work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
     shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]

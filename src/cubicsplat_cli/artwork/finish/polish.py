@@ -17,9 +17,9 @@ from cubicsplat_cli.raster.stack import Goal
 
 PASSES, CROWDED = 3, 400  # of moves; one where there are more than CROWDED pieces, and fewer rounds
 MERGES, SEVERAL = 3, 1500  # passes at most; one where there are more than SEVERAL pieces
-# Pieces beyond which there are fewer rounds still, and merges only after the moves; neither of the two, which take some
-# ms a piece; and nothing is fitted, for its memory.
-FULL, CHANGED, MOST = 4000, 40_000, 100_000
+# Pieces beyond which there are merges only after the moves; neither of the two, which take some ms a piece; fewer
+# rounds still; and nothing is fitted, for its memory.
+FULL, CHANGED, MANY, MOST = 4000, 16_000, 40_000, 100_000
 TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
 
 _log = logging.getLogger("cubicsplat")
@@ -53,7 +53,8 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
                 break
             state = following
         state = _tried(state, goal, *_otherwise(drawing, state, constraints), detail, error)
-        state = settle(state, goal, _trial_rounds(pieces))
+        if pieces <= MANY:
+            state = settle(state, goal, _trial_rounds(pieces))
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:
             state = _merged(state, goal, constraints, detail, error, MERGES if pieces <= SEVERAL else 1)
@@ -63,7 +64,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
 def _rounds(pieces: int) -> int:
     if pieces <= CROWDED:
         return ROUNDS
-    return TRIAL_ROUNDS if pieces <= FULL else FEWEST_ROUNDS
+    return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
 
 
 def _trial_rounds(pieces: int) -> int:

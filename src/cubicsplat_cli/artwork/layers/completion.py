@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.layers.min_link import SLACK, Room
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import fewer_points
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
 SEVERAL = 8
@@ -39,34 +40,36 @@ def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple
 
 
 def outlines_of_all(
-    extents: Sequence[Extent], canvas: tuple[int, int], detail: float, whole: bool = True
+    extents: Sequence[Extent], canvas: tuple[int, int], detail: float, whole: bool = True, sought: bool = True
 ) -> Iterator[tuple[Outline, ...]]:
     """The fitted outlines of each of some parts of layers, the outer one first.
 
     canvas: its height and width, px. Contours of fewer than FEWEST points become polygons. whole: hidden parts go on as
-    what shows suggests, rather than end as shortly as they may.
+    what shows suggests, rather than end as shortly as they may. sought: they do either, rather than run along their
+    contour, a few px beneath what hides them.
     """
     for some in _batches(extents):
         plain = [
             contour
             for extent in some
             for contour in extent.contours
-            if _shows_all(contour) and not _is_dot(contour, extent)
+            if _shows_all(contour, sought) and not _is_dot(contour, extent)
         ]
-        fitted = iter(fit_outlines([contour.points for contour in plain], [contour.sigma for contour in plain], detail))
+        sigmas = [contour.sigma if sought else _known(contour.sigma) for contour in plain]
+        fitted = iter(fit_outlines([contour.points for contour in plain], sigmas, detail))
         for extent in some:
             surroundings = _Surroundings(extent, canvas)
             outlines = []
             for contour in extent.contours:
                 if _is_dot(contour, extent):
                     outlines.append(dot_of(contour.points, extent.shown, (extent.left, extent.top)))
-                elif _shows_all(contour):
+                elif _shows_all(contour, sought):
                     outlines.append(next(fitted))
                 elif len(contour.points) < FEWEST:
-                    outlines.append(few_lines(contour.points))
+                    outlines.append(few_lines(contour.points if sought else _thinned(contour)))
                 else:
                     outlines.append(_completed(contour, surroundings, detail, whole))
-            yield without_stray_holes(tuple(outlines), extent)
+            yield without_stray_holes(tuple(outlines), extent) if sought else tuple(outlines)
 
 
 def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
@@ -79,9 +82,9 @@ def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
             first, points = number, 0
 
 
-def _shows_all(contour: Contour) -> bool:
+def _shows_all(contour: Contour, sought: bool) -> bool:
     """Whether an outline is fitted to all points of a contour, as they lie."""
-    return len(contour.points) >= FEWEST and bool(np.isfinite(contour.sigma).all())
+    return len(contour.points) >= FEWEST and (not sought or bool(np.isfinite(contour.sigma).all()))
 
 
 def polygons_of(extent: Extent) -> tuple[Outline, ...]:
@@ -154,6 +157,15 @@ def _is_dot(contour: Contour, extent: Extent) -> bool:
     """Whether a contour runs around very few px, all of which show."""
     few = len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
     return few and bool(np.isfinite(contour.sigma).all())
+
+
+def _thinned(contour: Contour) -> np.ndarray:
+    """(m, 2) the points of a contour with only the corners of its hidden runs, which go from pixel to pixel."""
+    kept = np.isfinite(contour.sigma)
+    for run in hidden_runs(contour.sigma):
+        places = contour.points[run]
+        kept[run] = np.isin(places @ [1.0, 1.0j], fewer_points(places, SLACK) @ [1.0, 1.0j])
+    return contour.points[kept]
 
 
 def _known(sigma: np.ndarray) -> np.ndarray:

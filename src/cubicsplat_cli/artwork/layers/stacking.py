@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -51,7 +52,8 @@ class Stack:
 
 def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one fill may
-    be one beneath what hides it."""
+    be one beneath what hides it. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
+    beneath these, and all others lie in the order of their sizes."""
     clear = regions.fills[:, 3] <= CLEAR
     facts = _Facts(regions, found, clear)
     group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
@@ -77,9 +79,11 @@ class _Facts:
         self.labels = np.ascontiguousarray(regions.labels, np.int32)
         self.touching = touching(regions.labels)
         self.inside = enclosures(self.touching, on_the_border(regions.labels))
-        self.votes = junction_votes(regions, found)
-        for pair, vote in round_votes(regions, found, clear).items():
-            self.votes[pair] = self.votes.get(pair, 0.0) + vote
+        self.votes: dict[tuple[int, int], float] = {}
+        if regions.count <= MOST_COMPLETED:
+            self.votes = junction_votes(regions, found)
+            for pair, vote in round_votes(regions, found, clear).items():
+                self.votes[pair] = self.votes.get(pair, 0.0) + vote
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED

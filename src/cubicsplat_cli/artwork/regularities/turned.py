@@ -72,7 +72,7 @@ class Walk:
         turn and a shift say three of them, each other is right by chance for the farthest it may be off over the size.
         """
         size = math.sqrt(float((np.abs(self.steps) ** 2).mean()))
-        return (numbers - 3) * math.log(size / (2.0 * FARTHEST)) > math.log(pairs) + CLEAR
+        return size > 2.0 * FARTHEST and (numbers - 3) * math.log(size / (2.0 * FARTHEST)) > math.log(pairs) + CLEAR
 
 
 @dataclass(frozen=True, eq=False)

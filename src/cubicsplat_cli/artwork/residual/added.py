@@ -24,7 +24,7 @@ from cubicsplat_cli.raster.stack import Goal
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
-PASSES = 3
+PASSES, CROWDED = 3, 8000  # one pass where there are more shapes, of which each takes five seconds and more
 MOST_TRIED = 4000  # areas
 SEEN = 60  # px of an area that is worth a note
 
@@ -49,7 +49,7 @@ def with_added(
         return drawing
     picture = TargetPicture.of(goal.target @ _back(goal), ErrorModel.of(condition, min_area))
     trials = _Trials(drawing, goal, picture, detail)
-    for _ in range(PASSES):
+    for _ in range(PASSES if len(drawing.shapes) <= CROWDED else 1):
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
@@ -258,8 +258,9 @@ def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[sli
     outlined = Outlined.of(shape)
     x0, y0 = np.maximum(outlined.low - reach, 0).tolist()
     x1, y1 = np.minimum(outlined.high + reach, size[::-1]).tolist()
-    window = slice(y0, max(y1, y0)), slice(x0, max(x1, x0))
-    if x1 <= x0 or y1 <= y0:
-        return window, np.zeros((0, 0), dtype=bool)
+    x1, y1 = max(x1, x0), max(y1, y0)  # beyond the canvas it changes nothing
+    window = slice(y0, y1), slice(x0, x1)
+    if x1 == x0 or y1 == y0:
+        return window, np.zeros((y1 - y0, x1 - x0), dtype=bool)
     own = outlined.coverage(*window) > 0.0
     return window, ndimage.binary_dilation(own, SQUARE, reach) if reach else own
