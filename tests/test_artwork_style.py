@@ -53,7 +53,7 @@ def test_a_window_with_a_soft_shadow_is_doubtful():
     levels[..., 3] = ndimage.gaussian_filter(shadow, 40.0)
     levels += rng.normal(0.0, 1.0, levels.shape) * (levels[..., 3:] > 0.0)
     levels[70:-110, 90:-90] = (0.0, 0.0, 0.0, 255.0)
-    for row in range(100, 376, 14):
+    for row in range(100, 376, 40):
         levels[row : row + 8, 100 : 100 + rng.integers(60, 490) : 3, :3] = 178.0
     levels = np.clip(np.rint(levels), 0.0, 255.0)
     found = choose_style(np.minimum(levels, levels[..., 3:]).astype(np.float32) / 255)

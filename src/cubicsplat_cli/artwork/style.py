@@ -100,8 +100,8 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
     found = softness(levels, drawn)
     if found.drifts:
         reason = f"{reason}, but colours drift across {100 * found.soft:.0f} % of it"
-        # A window with a soft shadow, say, has much that is even.
-        return Style(PHOTO, reason, doubtful=found.soft < found.ground + found.even)
+        # A window with a soft shadow, say, is even for the most part.
+        return Style(PHOTO, reason, doubtful=2.0 * found.soft < found.ground + found.even)
     return Style(ARTWORK, reason)
 
 
