@@ -19,8 +19,7 @@ from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.scene.paint import Rgba
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
-# A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
-# which edges, three pixels wide, never fill.
+# Texture is where no pixel of a whole block is flat, which edges, three pixels wide, never fill.
 MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
 COUNTED_FILLS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
@@ -34,7 +33,7 @@ _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer
 PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
 _BANDS_OF = 64  # rows
 _MOST_PIXELS = 2**20  # looked at
-_ROWS = 64
+_ROWS = 64  # read at once to tell one colour
 # What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.
 _SPREAD = 2.0 / 255.0 + 1e-6
 

@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.raster.unmix import nearest_fills, spread
 
 # Levels: what differs less is one fill, or times the noise of the means of 3 x 3 px. Between two fills lies a valley,
 # with fewer px by this share than have the rarer one; without it, one is what noise makes of the other.
@@ -64,12 +64,10 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> n
     for where, apart in ((away, 0.0), (calm & ~away, FAR * reach)):
         new = _peaks(mean[where], modes(mean[where], reach, least, places), reach)
         known = list(fills)
-        y, x = np.nonzero(where)
-        off = [np.abs(mean[y, x] - place).max(axis=-1) for place in new]
-        nearest = np.argmin(off, axis=0) if off else np.zeros(len(y), int)
+        colours, (nearest, gap) = levels[where], nearest_fills(mean[where], new)
         for k in range(len(new)):
-            own = (off[k] <= reach) & (nearest == k)
-            fill = np.median(levels[y[own], x[own]], axis=0)
+            own = (gap <= reach) & (nearest == k)
+            fill = np.median(colours[own], axis=0)
             if len(fills) < MOST and all(np.abs(fill - other).max() > apart for other in known):
                 fills.append(fill)
                 sizes.append(float(own.sum()))

@@ -1,8 +1,7 @@
 """The ways in which a hidden run of an outline may go on, from the shortest description to the longest.
 
 Straight sides go on until they meet; the rest of a primitive or of a smooth piece; one cubic that goes on smoothly at
-both ends; a limb's end; the fewest straight lines that stay hidden; the upper
-layers' edge.
+both ends; a limb's end; the fewest straight lines that stay hidden; the upper layers' edge.
 """
 
 from __future__ import annotations

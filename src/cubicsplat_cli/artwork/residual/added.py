@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, 
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, TargetPicture, areas
+from cubicsplat_cli.artwork.residual.areas import MARGIN, Area, ErrorModel, TargetPicture, areas
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Outlined, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
@@ -131,7 +131,7 @@ class _Trials:
                 continue
             new, changes, falls = self._tried([each for _, each in some], ROUNDS)
             for k, own in _by_area(some).items():
-                around = ndimage.binary_dilation(found[k].where, SQUARE, MARGIN)
+                around = ndimage.binary_dilation(found[k].where, ndimage.SQUARE, MARGIN)
                 fall = float(falls[found[k].rows, found[k].columns][around].sum())
                 out[k].append(_Explanation([new[i] for i in own], [changes[i] for i in own], fall))
         return out
@@ -263,4 +263,4 @@ def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[sli
     if x1 == x0 or y1 == y0:
         return window, np.zeros((y1 - y0, x1 - x0), dtype=bool)
     own = outlined.coverage(*window) > 0.0
-    return window, ndimage.binary_dilation(own, SQUARE, reach) if reach else own
+    return window, ndimage.binary_dilation(own, ndimage.SQUARE, reach) if reach else own

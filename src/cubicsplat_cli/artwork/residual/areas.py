@@ -27,7 +27,6 @@ OWN = 0.5  # of the mean around it that a pixel is off itself
 NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
 SEAM = 8.0  # levels that edges of a clean picture may be off: half of one of 4 x 4 samples a pixel
 MARGIN = 5  # px around an area that are looked at with it
-SQUARE = np.ones((3, 3), dtype=bool)
 # Px times levels of an area that people see, and px of a shape, in a clean picture: a dot of a px; and in one with
 # noise: 60 px of what is just unlike, or a short line.
 LEAST_CLEAN, SMALLEST_CLEAN = 160.0, 1
@@ -103,7 +102,7 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
         return []
     height, width = gap.shape
     reach = MARGIN + math.ceil(2.0 * model.blur)
-    parts, _ = ndimage.label(ndimage.binary_dilation(where, SQUARE), SQUARE)
+    parts, _ = ndimage.label(ndimage.binary_dilation(where, ndimage.SQUARE), ndimage.SQUARE)
     found = []
     for number, (rows, columns) in enumerate(ndimage.find_objects(parts), start=1):
         rows = slice(max(rows.start - reach, 0), min(rows.stop + reach, height))

@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, TargetPicture
+from cubicsplat_cli.artwork.residual.areas import Area, TargetPicture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.raster import ndimage
@@ -88,10 +88,10 @@ def proposals(
     """The ways to explain an area of a picture by shapes over what is painted, (H, W, 4) in levels."""
     window, model = (area.rows, area.columns), picture.model
     values, ground = picture.levels[window].astype(float), painted[window].astype(float)
-    inner = ndimage.binary_erosion(area.where, SQUARE)
+    inner = ndimage.binary_erosion(area.where, ndimage.SQUARE)
     if model.noise:
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
-    near = ndimage.binary_dilation(area.where, SQUARE, 2)
+    near = ndimage.binary_dilation(area.where, ndimage.SQUARE, 2)
     owners, touching = canvas.owners(*window)
     for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=model.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
@@ -148,7 +148,7 @@ class _Drawn:
             own = parts == number
             beneath = _beneath(self.owners[own], self.touching[own])
             if sizes[number] <= DOT:
-                if (self.cover & ~own)[ndimage.binary_dilation(own, SQUARE)].any():
+                if (self.cover & ~own)[ndimage.binary_dilation(own, ndimage.SQUARE)].any():
                     continue  # of a line between two shapes, of which dots here and there are none of the drawing
                 yield beneath, (self._dot(own),)
                 continue
@@ -158,7 +158,7 @@ class _Drawn:
 
     def _dot(self, own: np.ndarray) -> Circle:
         """A circle that covers as much as the shares in and around a part of very few px."""
-        y, x = np.nonzero(ndimage.binary_dilation(own, SQUARE))
+        y, x = np.nonzero(ndimage.binary_dilation(own, ndimage.SQUARE))
         share = self.share[y, x]
         middle = [float((share * (at + 0.5)).sum() / share.sum()) for at in (x, y)]
         radius = math.sqrt(float(share.sum()) / math.pi)
