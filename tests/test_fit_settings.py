@@ -19,7 +19,7 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.photo.schedule import Schedule
 from cubicsplat_cli.request import STYLES
-from cubicsplat_cli.settings import PRESETS, FitSettings, Mode, Recipe
+from cubicsplat_cli.settings import PRESETS, USUAL_CURVES, FitSettings, Mode, Recipe
 
 SHARES = st.floats(0.0, 1.0, exclude_max=True)
 
@@ -236,3 +236,10 @@ def test_names_that_are_wrong_are_told_apart_from_those_that_were_meant():
             vectorize(np.zeros((4, 4, 3), np.uint8), **asked)
     assert FitSettings(curves="auto") == FitSettings()
     assert ArtworkSettings(palette="red, #fff") == ArtworkSettings(palette=[(255, 0, 0), "white"])
+
+
+@pytest.mark.parametrize(
+    ("side", "curves"), [(1, 1), (16, 16), (32, 64), (64, 64), (96, 96), (200, 416), (1000, USUAL_CURVES)]
+)
+def test_a_small_picture_has_fewer_curves_but_enough_for_an_icon(side, curves):
+    assert FitSettings().for_size(side, side).curves == curves

@@ -34,7 +34,9 @@ USUAL_CURVES = 512  # of a photo of ordinary size
 # The kinds of closed curves that a fit may be restricted to, and how many cubics each has; of a polygon, the preset's.
 ANY = "any"
 SHAPES = {"ellipse": 4, "rectangle": 4, "triangle": 3, "polygon": None}
-PIXELS_PER_CURVE = 96  # at the least, unless more curves are asked for
+# Unless more curves are asked for, each has so many pixels at the least; but what was drawn for an icon's few pixels
+# needs FEWEST_CURVES, unless there would be more numbers than the picture has.
+PIXELS_PER_CURVE, FEWEST_CURVES, LEAST_PIXELS_PER_CURVE = 96, 64, 16
 
 
 class Mode(str, Enum):
@@ -258,7 +260,9 @@ class FitSettings:
         """The settings for a picture of width x height px: a small one gets no more curves than it has use for."""
         if self.curves is not None:
             return self
-        return self.with_(curves=max(1, min(USUAL_CURVES, width * height // PIXELS_PER_CURVE)))
+        pixels = width * height
+        curves = max(pixels // PIXELS_PER_CURVE, min(FEWEST_CURVES, pixels // LEAST_PIXELS_PER_CURVE), 1)
+        return self.with_(curves=min(curves, USUAL_CURVES))
 
     def with_(self, **changes: Any) -> FitSettings:
         """The same settings but for some; the preset is not asked again."""

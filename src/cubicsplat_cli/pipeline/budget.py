@@ -24,7 +24,7 @@ from cubicsplat_cli.pipeline.likeness import FileLevel
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
     from cubicsplat_cli.photo import FitInputs, FitResult, Fitting
@@ -44,7 +44,6 @@ AIM = 0.35  # dB above the level asked for: what is left to rise is known to 0.1
 NEAR = 0.1  # dB above it, at which no more curves are tried to leave out
 MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find how many curves can go; of their importance, counted
 MOST_GROWTH = 8.0  # times the curves, at one look
-PIXELS_PER_CURVE = 16.0  # with fewer there would be more numbers than the picture has
 # Of growing after the fit, of its steps; and times the curves, without which so few steps give nothing.
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
@@ -159,7 +158,7 @@ def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Phot
 
 def within_level(least: float, settings: FitSettings, photo: Photo) -> Within:
     """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was."""
-    limit = max(1, min(1_000_000, int(photo.fine.width * photo.fine.height / PIXELS_PER_CURVE)))
+    limit = max(1, min(1_000_000, photo.fine.width * photo.fine.height // LEAST_PIXELS_PER_CURVE))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
     for share, rise in LOOKS:
         if not fitting.relax(share):
