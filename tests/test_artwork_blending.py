@@ -61,6 +61,16 @@ def test_thin_words_go_with_those_that_are_text_for_an_lcd_for_certain():
     assert coloured.sum() < 0.1 * fringes.sum()
 
 
+def test_text_for_an_lcd_on_a_button_that_gets_darker_downwards_and_whose_frame_it_touches():
+    rows = np.rint(np.linspace(243.0, 225.0, 40))[:, None, None] * np.ones(3)
+    plain, came = (_text(taps, 1, ground=rows) for taps in (None, (1, 2, 3, 2, 1)))
+    for levels in (plain, came):
+        levels[:, 92], levels[:, 93:] = [90.0, 90.0, 90.0, 255.0], [200.0, 210.0, 220.0, 255.0]
+    found = without_subpixels(came)
+    assert (found[:, 92:] == came[:, 92:]).all()
+    assert np.abs(found - plain)[:, :80].mean() < 0.15 * np.abs(came - plain)[:, :80].mean()
+
+
 def test_a_picture_without_text_for_an_lcd_stays_as_it_is():
     red, blue, plain = _text(None, 1, (200, 20, 20)), _text(None, 1, (20, 20, 200)), _text(None, 1)
     sides = np.where(np.arange(96)[None, :, None] % 12 < 6, red, blue)  # letters of two colours

@@ -24,6 +24,7 @@ ROUNDING = 1.0  # levels, the root of the mean square, which 8-bit values are of
 EXPLAINED, EXPLAINED_TOO = 0.5, 0.25
 # Px by which red and blue seem to be offset, since the difference of two pixels is less than the slope between them.
 LEAST_OFFSET, MOST_OFFSET = 1.0 / 6.0, 2.0 / 3.0
+DRIFT = 4.0  # levels by which the rows of a ground may differ from each other over three px
 ALIKE = 0.1  # share by which the contrast of two parts in one fill may differ
 WEAK = 0.3  # share of the strongest channel's contrast, below which one does not tell how strong a fill is
 ROUNDS = 40  # of Landweber's iteration
@@ -31,23 +32,28 @@ ROUNDS = 40  # of Landweber's iteration
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """Parts on an even ground of one colour. at: (n,) the pixels of all parts, numbered by rows; own: (n,) int, the
-    part of each; off: (n, 3) levels by which they differ from the ground; grounds: (k, 3) levels.
+    """Parts on grounds of which each row has one colour. at: (n,) the pixels of all parts, numbered by rows; own: (n,)
+    int, the part of each; off: (n, 3) levels by which they differ from the ground; ground: (n, 3) levels. count: k.
     """
 
     at: np.ndarray
     own: np.ndarray
     off: np.ndarray
-    grounds: np.ndarray
+    ground: np.ndarray
+    count: int
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """(k,) the sums of values (n,) in each part."""
-        return np.bincount(self.own, values, len(self.grounds))
+        return np.bincount(self.own, values, self.count)
+
+    def totals(self, values: np.ndarray) -> np.ndarray:
+        """(k, 3) the sums of values (n, 3) in each part."""
+        return np.stack([self.sums(each) for each in values.T], axis=1)
 
     def only(self, chosen: np.ndarray) -> _Parts:
         """The parts chosen, (k,) bool; the others lose their pixels."""
         own = chosen[self.own]
-        return _Parts(self.at[own], self.own[own], self.off[own], self.grounds)
+        return _Parts(self.at[own], self.own[own], self.off[own], self.ground[own], self.count)
 
 
 def without_subpixels(levels: np.ndarray) -> np.ndarray:
@@ -58,7 +64,7 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     parts = _parts(colours)
     if parts is None:
         return levels
-    totals = np.stack([parts.sums(off) for off in parts.off.T], axis=1)
+    totals = parts.totals(parts.off)
     offset, explained = _offset(parts, totals, colours.shape[:2])
     likely = (np.abs(offset) > LEAST_OFFSET) & (np.abs(offset) < MOST_OFFSET)
     sure = np.where(likely & (explained > EXPLAINED), offset, 0.0)
@@ -70,30 +76,38 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     fills = _fills(text, totals, chosen)
     share = _shares(text, fills, order, colours.shape[:2])
     out = levels.copy()
-    values = text.grounds[text.own] + share[:, None] * fills[text.own]
+    values = text.ground + share[:, None] * fills[text.own]
     out.reshape(-1, 4)[text.at, :3] = np.clip(np.rint(values), 0.0, 255.0)
     return out
 
 
 def _parts(colours: np.ndarray) -> _Parts | None:
-    """The parts of a picture (H, W, 3) around which it has one colour; None where there are none."""
-    even = ndimage.binary_dilation(spread(colours, 3, 3) == 0.0, ndimage.SQUARE)
+    """The parts of a picture (H, W, 3), those of their rows that have one colour on both sides, as on buttons that get
+    darker downwards; None where there are none.
+    """
+    even = (spread(colours, 1, 3) == 0.0) & (spread(colours, 3, 3) <= DRIFT)
+    even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool))
     labels, count = ndimage.label(~even, ndimage.SQUARE)
-    beside = np.where(even, ndimage.maximum_filter(labels, 3), 0).ravel()
-    around = np.flatnonzero(beside)
-    if not len(around):
-        return None
-    around = around[np.argsort(beside[around], kind="stable")]
-    number, first = np.unique(beside[around], return_index=True)
-    ring = colours.reshape(-1, 3)[around].astype(float)
-    low, high = np.minimum.reduceat(ring, first), np.maximum.reduceat(ring, first)
-    one = (low == high).all(axis=1)
-    grounds = np.full((count + 1, 3), np.nan)
-    grounds[number[one]] = low[one]
     at = np.flatnonzero(labels)
-    at = at[~np.isnan(grounds[labels.ravel()[at], 0])]
-    own = labels.ravel()[at]
-    return _Parts(at, own, colours.reshape(-1, 3)[at] - grounds[own], grounds) if len(at) else None
+    values = colours.reshape(-1, 3)
+    # What looks like the ground on one side, as between two letters, is ground.
+    for side in _beside(even, at):
+        even.ravel()[at] |= (side >= 0) & (values[at] == values[side]).all(axis=1)
+    before, behind = _beside(even, at)
+    within = (before >= 0) & (values[before] == values[behind]).all(axis=1)
+    at, ground = at[within], values[before[within]].astype(float)
+    return _Parts(at, labels.ravel()[at], values[at] - ground, ground, count + 1) if len(at) else None
+
+
+def _beside(even: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest even pixels (H, W) bool before and behind pixels in their rows, (n,) each, all numbered by rows; the
+    same where there is one only, and -1 where there is none.
+    """
+    numbers = np.arange(even.size).reshape(even.shape)
+    before = np.maximum.accumulate(np.where(even, numbers, -1), axis=1).ravel()[at]
+    behind = np.minimum.accumulate(np.where(even, numbers, even.size)[:, ::-1], axis=1)[:, ::-1].ravel()[at]
+    behind = np.where(behind == even.size, before, behind)
+    return np.where(before < 0, behind, before), behind
 
 
 def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -142,13 +156,14 @@ def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     peaks = np.zeros(len(totals))
     telling = np.where(np.abs(own) > WEAK, text.off / np.where(own == 0.0, 1.0, own), 0.0)
     np.maximum.at(peaks, text.own, telling.max(axis=1))
+    grounds = text.totals(text.ground) / np.maximum(text.sums(np.ones(len(text.at))), 1.0)[:, None]
     fills, left = np.zeros(totals.shape), np.flatnonzero(chosen)
     left = left[np.argsort(-strongest[left, 0], kind="stable")]
     while len(left):
         first = left[0]
         along = (contrast[left] @ contrast[first]) / (contrast[first] @ contrast[first])
         off = np.abs(contrast[left] - along[:, None] * contrast[first]).max(axis=1)
-        same = (text.grounds[left] == text.grounds[first]).all(axis=1) & (off <= ALIKE)
+        same = (np.abs(grounds[left] - grounds[first]).max(axis=1) <= DRIFT) & (off <= ALIKE)
         fills[left[same]] = contrast[first] * peaks[left[same]].max()
         left = left[~same]
     return fills

@@ -161,8 +161,21 @@ def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, go
     near = near_fills(settled, y, x, REACH)
     residual = best_blend(levels[y, x], palette, near)[1]
     kept = residual > 12.0
+    y, x = y[kept], x[kept]
+    kept = ~_on_a_slope(levels, palette, y, x, near[kept])
     out[y[kept], x[kept]] = pure[y[kept], x[kept]]
     return out
+
+
+def _on_a_slope(levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(n,) bool: pixels y, x that are blends of the nearest fill, near (n, k), and a pixel beside them."""
+    ground, found = palette[near[:, 0]], near[:, 0] < 0
+    height, width = levels.shape[:2]
+    for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        beside = levels[np.clip(y + down, 0, height - 1), np.clip(x + right, 0, width - 1)]
+        share, rest = blend_of(levels[y, x], ground, beside)
+        found |= (share <= 0.5) & (largest(np.abs(rest)) <= PURE)
+    return found & (near[:, 0] >= 0)
 
 
 def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
