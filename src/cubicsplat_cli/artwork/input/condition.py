@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA
+from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import edge_variances, second_differences
@@ -41,6 +42,7 @@ NEAR, LEAST_ROUGH = 4, 0.02
 # Or no blocks at all, as in a small JPEG or in WebP, whose blocks are of many sizes and smoothed: farther away, px, the
 # share that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80; that of smaller pictures ends before.
 FAR, LEAST_RINGING = 8, 0.003
+MOST_INDEXED = 256  # colours
 # Opacity counts as well: black on nothing has edges.
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
 # Edges whose width is measured: levels of contrast, how many must be there, and are looked at each way.
@@ -121,7 +123,8 @@ def condition_of(levels: np.ndarray) -> Condition:
     quiet = _quiet(spans)
     if not quiet.any():
         return CLEAN
-    noise = _usual(second[quiet])
+    # What spans no more than an even area may, as dither between two neighbouring levels does, is no noise.
+    noise = _usual(second[quiet]) if np.median(spans[quiet]) > FLAT_RANGE else 0.0
     rough = quiet & (second >= ROUGH)
     jpeg = _compressed(levels, luma, rough, quiet, noise)
     if noise and not jpeg:
@@ -164,7 +167,7 @@ def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: 
     opaque, found = bool((levels[..., 3] >= 255.0).all()), _coefficients(luma, 0)
     if _even(levels, _busy(found)) >= (MOST_EVEN if opaque else MOST_EVEN_CLEAR):
         return False
-    return (opaque and _in_blocks(found, luma)) or (not noise and _rings(levels, rough, quiet))
+    return (opaque and _in_blocks(found, luma)) or (not noise and not _indexed(levels) and _rings(levels, rough, quiet))
 
 
 def _in_blocks(found: np.ndarray, luma: np.ndarray) -> bool:
@@ -198,6 +201,13 @@ def _even(levels: np.ndarray, busy: np.ndarray) -> float:
     alike = (levels[..., 3] > 0.0) & (spread(levels, 3, 3) == 0.0)
     found = _blocks(alike, 0, BLOCK)[busy, 1:-1, 1:-1]
     return float(found.any(axis=(1, 2)).mean()) if found.size else 0.0
+
+
+def _indexed(levels: np.ndarray) -> bool:
+    """Whether a picture has no more colours than a GIF or a PNG with a palette, which is rough by rounding, and more
+    than grey."""
+    colours = levels[..., :3].astype(np.int32) @ (256 ** np.arange(3))
+    return bool((np.ptp(levels[..., :3], axis=2) > 0.0).any()) and len(np.unique(colours)) <= MOST_INDEXED
 
 
 def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:

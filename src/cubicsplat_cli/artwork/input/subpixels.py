@@ -87,12 +87,12 @@ def _parts(colours: np.ndarray) -> _Parts | None:
     """
     even = (spread(colours, 1, 3) == 0.0) & (spread(colours, 3, 3) <= DRIFT)
     even = ndimage.binary_dilation(even, np.ones((1, 3), dtype=bool))
-    labels, count = ndimage.label(~even, ndimage.SQUARE)
-    at = np.flatnonzero(labels)
-    values = colours.reshape(-1, 3)
+    at, values = np.flatnonzero(~even), colours.reshape(-1, 3)
     # What looks like the ground on one side, as between two letters, is ground.
     for side in _beside(even, at):
         even.ravel()[at] |= (side >= 0) & (values[at] == values[side]).all(axis=1)
+    labels, count = ndimage.label(~even, ndimage.SQUARE)
+    at = np.flatnonzero(labels)
     before, behind = _beside(even, at)
     within = (before >= 0) & (values[before] == values[behind]).all(axis=1)
     at, ground = at[within], values[before[within]].astype(float)
