@@ -112,6 +112,17 @@ def test_a_drawing_that_is_near_its_picture_stays():
     assert vectorize(noisy, threads=1, measure=False).report.style == "artwork"
 
 
+def test_lines_too_fine_for_shapes_become_a_photo():
+    """A mesh of hairlines over nothing, of which no pixel has half."""
+    y, x = np.mgrid[0:60, 0:60]
+    mesh = np.where(np.abs(np.hypot(x - 30, y - 30) - 20) < 5, 90 * np.abs(np.sin(1.3 * x) * np.sin(1.7 * y)), 0)
+    lines = np.dstack([np.zeros((60, 60, 3)), mesh]).astype(np.uint8)
+    made = vectorize(lines, threads=1, measure=False)
+    assert made.report.style == "photo" and any("too fine" in note for note in made.report.notes)
+    drawn = vectorize(lines, style="artwork", threads=1, measure=False)
+    assert drawn.report.style == "artwork" and any("no shapes" in note for note in drawn.report.notes)
+
+
 def small_text() -> Task:
     y, x = np.mgrid[0:64, 0:96]
     letters = np.where(((x // 2 + y // 3 * 7) * 2654435761 >> 7) % 3 == 0, 20, 235).astype(np.uint8)

@@ -28,6 +28,7 @@ from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
+TOO_FINE = "its lines are too fine to be drawn"
 ENLARGED = 0.41  # standard deviation in px, before it, of what linear interpolation spreads: a triangle 2 px wide
 
 
@@ -114,6 +115,8 @@ def drawn_outlines(
     notes = [*prepared.notes, *made.notes]
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
+    if not made.facts["shapes"]:
+        notes.append(f"no shapes: {TOO_FINE}, but as a photo it can be")
     facts = {**made.facts, "interrupted": work.interrupted}
     made = replace(made, notes=notes, facts=facts, blur=blur, noise=noise)
     return replace(made, may_be_photo=not prepared.scanned, of_scan=prepared.scanned)

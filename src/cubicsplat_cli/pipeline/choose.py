@@ -11,7 +11,14 @@ from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
+from cubicsplat_cli.pipeline.artwork import (
+    TOO_FINE,
+    drawn_artwork,
+    drawn_cells,
+    drawn_outlines,
+    drawn_pixels,
+    result_of_one_fill,
+)
 from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo
@@ -280,6 +287,8 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
     scale. Raises what a fit raises, and KeyboardInterrupt.
     """
+    if not made.facts["shapes"]:
+        return TOO_FINE
     drawn = _seen_db(task, made, _enough_db(made))
     if math.isinf(drawn):
         return None
