@@ -20,7 +20,6 @@ from cubicsplat_cli.settings import Mode
 RGB = tuple[float, float, float]
 PAPER: RGB = (0.9, 0.85, 0.7)
 TENSORS = ("points", "colours", "opacities", "half_widths")
-# What tests are parametrised over.
 MODES = list(Mode)
 BACKGROUNDS = [pytest.param(PAPER, id="rgb"), pytest.param(None, id="rgba")]
 COVERAGES = ["relaxed", "exact"]
