@@ -27,6 +27,9 @@ BUILD_TOOLS := "scikit-build-core>=1.1" $(foreach tool,cmake ninja,$(if $(shell 
 # one with CUDA, else with the newest torch there is. The pinned one may be a build for the CPU.
 GPU_VENV ?= .venv-gpu
 WITH_GPU := $(MAKE) --no-print-directory VENV=$(GPU_VENV) VENV_OPTIONS=--system-site-packages CONSTRAINTS=
+# Pytest keeps the tests as it has rewritten them, also where the environment has Python keep nothing: to rewrite them
+# takes longer than to import them.
+export PYTHONDONTWRITEBYTECODE :=
 # The fast tests, shared out among processes; one that has run out takes over some of another's. At the end stand those
 # that took longest.
 FAST_TESTS := $(PY) -m pytest -m "not slow and not gpu" --timeout 300 --durations 25 -n $(JOBS) --dist worksteal

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -19,7 +20,6 @@ from cubicsplat_cli.settings import Mode
 RGB = tuple[float, float, float]
 PAPER: RGB = (0.9, 0.85, 0.7)
 TENSORS = ("points", "colours", "opacities", "half_widths")
-# What tests are parametrised over.
 MODES = list(Mode)
 BACKGROUNDS = [pytest.param(PAPER, id="rgb"), pytest.param(None, id="rgba")]
 COVERAGES = ["relaxed", "exact"]
@@ -144,6 +144,11 @@ def only(scene: Scene, curves: list[int]) -> Scene:
 def reference_render(scene: Scene, coverage: str = "relaxed", edge_width: float = 1.0, samples: int = 6) -> Tensor:
     """The reference renderer's picture (H, W, C), float64, differentiable in the scene's tensors."""
     return reference.render(scene, RasterSettings(coverage, edge_width, samples))
+
+
+def assert_close(found: Tensor, wanted: Tensor, rtol: float = 1e-7, atol: float = 1e-7) -> None:
+    """As torch.testing.assert_close for float64, which imports torch.distributed: half a second in each process."""
+    np.testing.assert_allclose(found.detach().numpy(), wanted.detach().numpy(), rtol=rtol, atol=atol, strict=True)
 
 
 def polyline(points: Tensor, mode: Mode = Mode.CLOSED, samples: int = 3) -> Tensor:

@@ -77,6 +77,7 @@ def test_a_folder_gives_the_other_tables_and_goes_on_where_it_stopped(folder, ca
     assert len(again["quality"]) == 8
 
 
+@pytest.mark.slow  # 1,024 curves
 def test_the_command_measures_the_pictures_of_its_folder(run_benchmark, folder):
     done = run_benchmark("paper", folder, "--tables", "magnify", "--threads", 1, "--steps", 1, "--json")
     assert done.returncode == 0, done.stderr

@@ -6,7 +6,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import MODES, random_scene
+from scenes import MODES, assert_close, random_scene
 from torch import Tensor
 
 from cubicsplat_cli.errors import InputError, UsageError
@@ -72,7 +72,7 @@ def test_bernstein_is_a_partition_of_unity_with_the_right_ends():
     values = bernstein(t)
     assert values.shape == (11, 4)
     assert (values >= 0.0).all()
-    torch.testing.assert_close(values.sum(dim=1), torch.ones(11, dtype=torch.float64))
+    assert_close(values.sum(dim=1), torch.ones(11, dtype=torch.float64))
     assert values[0].tolist() == [1.0, 0.0, 0.0, 0.0]
     assert values[-1].tolist() == [0.0, 0.0, 0.0, 1.0]
     assert values[5].tolist() == [0.125, 0.375, 0.375, 0.125]
@@ -97,7 +97,7 @@ def test_polyline_vertices_lie_on_the_curve_at_uniform_parameters(mode, segments
     t = torch.arange(samples, dtype=torch.float64) / samples
     for curve, cubics in enumerate(segment_points(points, mode)):
         expected = torch.cat([curve_at(cubic, t) for cubic in cubics])
-        torch.testing.assert_close(vertices[curve, : segments * samples], expected)
+        assert_close(vertices[curve, : segments * samples], expected)
     if mode is Mode.OPEN:
         assert torch.equal(vertices[:, -1], points[:, -1])
 
@@ -113,7 +113,7 @@ def test_flattening_commutes_with_affine_maps(mode, data, matrix):
     basis = polyline_basis(mode, segments, 7)
     mapped_after = (basis @ points) @ linear + shift
     mapped_before = basis @ (points @ linear + shift)
-    torch.testing.assert_close(mapped_after, mapped_before, rtol=1e-12, atol=1e-8)
+    assert_close(mapped_after, mapped_before, rtol=1e-12, atol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -292,7 +292,7 @@ def test_the_library_takes_the_same_names_and_those_of_earlier_versions():
     ("given", "said"),
     [
         ("edge_strat=3", "--set knows no 'edge_strat'; did you mean edge_start?; --set help lists the names"),
-        ("importance=lo", "--set importance must be loo or visibility, not 'lo'; did you mean loo?"),
+        ("importance=lo", "--set importance must be loo or visibility, not 'lo'"),
         ("seed-size=x", "--set seed-size must be a number of at least 0, not 'x'"),
         ("finish=1", "--set finish must be a number from 0 to 0.999, not 1.0"),
         ("opaque", "--set takes NAME=VALUE, such as importance=visibility, not 'opaque'"),

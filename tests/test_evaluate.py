@@ -108,7 +108,7 @@ def test_background_fills_the_canvas_and_size_is_what_was_asked_for(renderer):
 def test_file_shows_the_same_picture_as_the_reference_renderer(mode, background, renderer):
     scene = random_scene(mode, curves=10, width=64, height=48, background=background, seed=3)
     file = rerender(svg_of(scene), 64, 48, renderer=renderer)
-    own = reference.render(quantise_scene(scene, 2).as_torch(), RasterSettings("exact", samples=32))
+    own = reference.render(quantise_scene(scene, 2).as_torch(), RasterSettings("exact", samples=16))
     pixels = file.pixels.astype(np.float64) / 255
     if background is None:
         pixels[..., :3] *= pixels[..., 3:]

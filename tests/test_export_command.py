@@ -163,7 +163,7 @@ def test_folders_have_exports_beside_each_svg_and_svgz_counts_as_its_text(tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--also", "pdf,pfd"], "--also must name pdf, ps, eps, dxf or xml, not 'pfd'; did you mean pdf?"),
+        (["--also", "pdf,pfd"], "--also must name pdf, ps, eps, dxf or xml, not 'pfd'"),
         (
             ["-o", "x.pfd"],
             "the output must end in .svg, but -o is x.pfd; other formats are pdf, ps, eps, dxf, xml;",

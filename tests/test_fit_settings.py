@@ -226,8 +226,8 @@ def test_names_that_are_wrong_are_told_apart_from_those_that_were_meant():
     for asked, said in (
         ({"colour": 3}, "unknown setting 'colour'; did you mean colors?"),
         ({"time_limits": 3}, "unknown setting 'time_limits'; did you mean time_limit?"),
-        ({"style": "artwrk"}, f"style must be {listed(STYLES)}, not 'artwrk'; did you mean artwork?"),
-        ({"mode": "opn"}, "mode must be closed or open, not 'opn'; did you mean open?"),
+        ({"style": "artwrk"}, f"style must be {listed(STYLES)}, not 'artwrk'"),
+        ({"mode": "opn"}, "mode must be closed or open, not 'opn'"),
         ({"background": "wite"}, "#rrggbb, not 'wite'; did you mean white?"),
         ({"palette": ["red", "whte"]}, "not 'whte'; did you mean white?"),
         ({"curves": "many"}, "curves must be a whole number from 1 to 1000000, or auto, not 'many'"),

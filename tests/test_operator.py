@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import pytest
 import torch
@@ -44,12 +45,18 @@ def test_gradients_of_any_loss(mode, background):
         assert outliers(got.grad, want.grad, 5e-3 * scale) <= 0.02, name
 
 
-@pytest.mark.parametrize("ring_ends", rest_slow(torch.tensor([[1], [2], [2]], dtype=torch.int32), None))
-def test_torch_accepts_the_operator(ring_ends):
+REGISTERED = ("test_schema", "test_autograd_registration", "test_faketensor")
+RING_ENDS = torch.tensor([[1], [2], [2]], dtype=torch.int32)
+
+
+@pytest.mark.parametrize(
+    ("asked", "ring_ends"), rest_slow(*product((REGISTERED, ("test_aot_dispatch_dynamic",)), (RING_ENDS, None)))
+)
+def test_torch_accepts_the_operator(asked, ring_ends):
     scene = random_scene(Mode.OPEN, 3, 2, 20, 18, background=PAPER)
     tensors = [getattr(scene, name).clone().requires_grad_() for name in TENSORS]
     arguments = (*tensors, *[None] * 5, ring_ends, [0, 20, 18], list(PAPER), [0, 8, 0], [1.5, 0.0])
-    results = torch.library.opcheck(render_op, arguments)
+    results = torch.library.opcheck(render_op, arguments, test_utils=asked)
     assert set(results.values()) == {"SUCCESS"}
 
 

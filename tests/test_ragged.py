@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from conftest import rest_slow
 from engines import (
     ENGINES,
     EXACT,
@@ -322,7 +323,7 @@ def untrained(scene: Scene, engine: Engine) -> tuple[EngineScene, OptimiserState
 
 
 @on_cpu_and_gpu
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", rest_slow(*Mode))
 def test_steps_lower_the_loss_and_leave_the_padding(engine, mode):
     scene = ragged_scene(mode, 10, 20, 20, 2, background=PAPER)
     unused = padding(scene)

@@ -17,6 +17,7 @@ from scenes import (
     PAPER,
     TENSORS,
     ZERO,
+    assert_close,
     circle,
     figure_eight,
     in_double,
@@ -46,10 +47,10 @@ def test_distance_to_a_segment():
     vertices = torch.tensor([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]], dtype=torch.float64)
     at = torch.tensor([[2.0, -1.5], [-3.0, 4.0], [5.0, 2.0], [4.0, 7.0], [4.0, 0.0]], dtype=torch.float64)
     expected = torch.tensor([1.5, 5.0, 1.0, 4.0, 0.0], dtype=torch.float64)
-    torch.testing.assert_close(reference_coverage.distance(vertices, at), expected)
+    assert_close(reference_coverage.distance(vertices, at), expected)
     # Closed, the edge from the last vertex back to the first counts too: the point lies 0.8 px from it.
     triangle = reference_coverage.nearest(vertices, point(1.0, 1.75), Mode.CLOSED)
-    torch.testing.assert_close(triangle.distance, torch.tensor([0.8], dtype=torch.float64))
+    assert_close(triangle.distance, torch.tensor([0.8], dtype=torch.float64))
 
 
 def test_signed_distance_is_positive_inside_whatever_the_orientation():
@@ -57,7 +58,7 @@ def test_signed_distance_is_positive_inside_whatever_the_orientation():
     at = torch.tensor([[5.0, 3.0], [5.0, 0.5]], dtype=torch.float64)
     for ring in (points, reverse_ring(points)):
         u = reference_coverage.signed_distance(polyline(ring), at)
-        torch.testing.assert_close(u, torch.tensor([1.0, -1.5], dtype=torch.float64))
+        assert_close(u, torch.tensor([1.0, -1.5], dtype=torch.float64))
 
 
 def test_winding_of_a_figure_eight_is_nonzero_in_both_lobes():
@@ -113,7 +114,7 @@ def test_smooth_step_ends_slope_and_symmetry():
     values = reference_coverage.smooth_step(u, 2.0)
     assert values.tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
     (slope,) = torch.autograd.grad(values.sum(), u)
-    torch.testing.assert_close(slope, torch.tensor([0.0, 0.0, 0.5, 0.0, 0.0], dtype=torch.float64))
+    assert_close(slope, torch.tensor([0.0, 0.0, 0.5, 0.0, 0.0], dtype=torch.float64))
     either_side = reference_coverage.smooth_step(torch.tensor([0.7, -0.7]), 2.0)
     assert either_side.sum().item() == pytest.approx(1.0)
 
@@ -171,9 +172,7 @@ def test_thin_horizontal_stroke_covers_twice_its_half_width(half_width, y):
     vertices = polyline(straight([(-5.0, y), (25.0, y)], closed=False), Mode.OPEN)
     width = torch.tensor(half_width, dtype=torch.float64)
     covered = reference_coverage.coverage_exact(vertices, width, Mode.OPEN, 10, 12)
-    torch.testing.assert_close(
-        covered.sum(0), torch.full((10,), 2.0 * half_width, dtype=torch.float64), rtol=1e-5, atol=1e-6
-    )
+    assert_close(covered.sum(0), torch.full((10,), 2.0 * half_width, dtype=torch.float64), rtol=1e-5, atol=1e-6)
     if y == 5.5:
         assert (covered[5] > 0.0).all()
         assert covered.sum().item() == pytest.approx(covered[5].sum().item())
@@ -186,9 +185,7 @@ def test_relaxed_coverage_of_a_thin_stroke_is_linear_in_its_width():
         width = torch.tensor(half_width, dtype=torch.float64)
         covered = reference_coverage.coverage_relaxed(vertices, width, centres, Mode.OPEN, 1.0)
         # Through the centres: 2 r phi'(0) = 2 r.
-        torch.testing.assert_close(
-            covered[5], torch.full((10,), 2.0 * half_width, dtype=torch.float64), rtol=1e-4, atol=0.0
-        )
+        assert_close(covered[5], torch.full((10,), 2.0 * half_width, dtype=torch.float64), rtol=1e-4, atol=0.0)
 
 
 @pytest.mark.parametrize("radius", [0.4, 3.3])
@@ -243,7 +240,7 @@ def test_composite_is_over_from_back_to_front(channels):
     background = torch.rand(channels, generator=generator, dtype=torch.float64)
     picture = reference.composite(alphas, colours, background)
     assert picture.shape == (6, 7, channels)
-    torch.testing.assert_close(picture, over_loop(alphas, colours, background))
+    assert_close(picture, over_loop(alphas, colours, background))
 
 
 def test_the_first_curve_is_in_front():
@@ -260,7 +257,7 @@ def test_a_pixel_stops_when_little_light_is_left():
     picture = reference.composite(alphas, colours, torch.zeros(3, dtype=torch.float64))
     assert 1.0 - MAX_ALPHA < MIN_TRANSMITTANCE
     assert picture[0, 0].tolist() == [MAX_ALPHA, 0.0, 0.0]
-    torch.testing.assert_close(picture[0, 1], torch.tensor([0.99, 0.005, 0.0025], dtype=torch.float64))
+    assert_close(picture[0, 1], torch.tensor([0.99, 0.005, 0.0025], dtype=torch.float64))
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -273,7 +270,7 @@ def test_rgba_over_a_background_is_the_rgb_picture(mode, coverage):
     assert rgb.shape == (17, 18, 3)
     assert 0.1 < rgba[..., 3].mean() < 0.95
     behind = torch.tensor(PAPER, dtype=torch.float64)
-    torch.testing.assert_close(rgba[..., :3] + (1.0 - rgba[..., 3:]) * behind, rgb)
+    assert_close(rgba[..., :3] + (1.0 - rgba[..., 3:]) * behind, rgb)
 
 
 def test_render_is_the_composite_of_its_coverages():
@@ -292,7 +289,7 @@ def test_render_is_the_composite_of_its_coverages():
         ]
     )
     background = torch.tensor(PAPER, dtype=torch.float64)
-    torch.testing.assert_close(reference_render(scene), over_loop(alphas, scene.colours.double(), background))
+    assert_close(reference_render(scene), over_loop(alphas, scene.colours.double(), background))
 
 
 # --- loss and importance -----------------------------------------
@@ -341,7 +338,7 @@ def test_leave_one_out_importance_is_what_removing_costs(mode, background, cover
         reference.image_loss(reference_render(without(scene, i), coverage), target) - loss for i in range(scene.curves)
     ]
     assert found.abs().min() > 1e-2
-    torch.testing.assert_close(found, torch.stack(removed), rtol=1e-9, atol=1e-9)
+    assert_close(found, torch.stack(removed), rtol=1e-9, atol=1e-9)
 
 
 def test_leave_one_out_importance_tells_good_from_bad():
@@ -366,7 +363,7 @@ def test_visibility_is_the_light_each_curve_returns(coverage):
         red[i, 0] = 1.0
         seen = reference_render(replace(scene, colours=red), coverage)[..., 0].sum()
         assert seen > 0.1
-        torch.testing.assert_close(found[i], seen)
+        assert_close(found[i], seen)
 
 
 def test_a_hidden_curve_is_not_visible():

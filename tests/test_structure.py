@@ -312,7 +312,7 @@ def test_a_report_page_shows_what_is_grouped_and_sized(tmp_path, run_cli):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"group_by": "colour"}, "group_by must be none, color or object, not 'colour'; did you mean color?"),
+        ({"group_by": "colour"}, "group_by must be none, color or object, not 'colour'"),
         ({"group_by": "color", "style": "photo"}, "group_by is for artwork, not for photos"),
         ({"ground": "remove", "style": "photo"}, "ground is for artwork, not for photos"),
         ({"overlap": 1.0, "fill": "linear"}, "overlap is for artwork, --fill for photos"),

@@ -217,7 +217,7 @@ def test_a_title_comes_through_a_data_uri():
 
 
 def test_data_uris_go_to_standard_output(hills_file, run_cli):
-    command = ("vectorize", hills_file, "--steps", 20, "--threads", 1, "--max-bytes", "300gz", "--data-uri", "-q")
+    command = ("vectorize", hills_file, "--steps", 20, "--threads", 1, "--max-bytes", "200gz", "--data-uri", "-q")
     printed = run_cli(*command, "-o", "-").stdout
     assert printed.startswith(b"data:image/svg+xml,%3Csvg") and printed.count(b"\n") == 1
     assert run_cli(*command).stdout == printed == run_cli(*command).stdout, "made, and found unchanged"

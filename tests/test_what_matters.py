@@ -85,7 +85,7 @@ def test_a_folder_takes_one_mask(noisy, tmp_path, run_cli):
         (("--focus", "1,2,3,a"), 2, "--focus must be X,Y,W,H"),
         (("--focus", "0,0,0,9"), 2, "--focus must be X,Y,W,H"),
         (("--focus", "0,0,9,9,nan"), 2, "--focus must be X,Y,W,H"),
-        (("--focus", "40,0,9,9"), 1, "the focus lies outside of its 40 x 28 pixels"),
+        (("--focus", "40,0,9,9"), 1, "the focus lies outside of its 40 x 28 pixels; give a rectangle within"),
         (("--focus", "0,0,9,9", "--style", "artwork"), 2, "--focus is for photos"),
         (("--weights", "none.png"), 1, "none.png"),
         (("--weights", "black.png"), 1, "the mask is all black; paint white what matters"),

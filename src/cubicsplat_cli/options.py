@@ -63,7 +63,7 @@ class Setting:
         if value is None and self.optional:
             return
         if self.kind == "choice" and value not in self.choices:
-            raise UsageError(f"must be {listed(self.choices)}, not {value!r}{did_you_mean(value, self.choices)}", name)
+            raise UsageError(f"must be {listed(self.choices)}, not {value!r}", name)
         if self.kind == "flag" and not isinstance(value, bool):
             raise UsageError(f"must be true or false, not {value!r}", name)
         if self.kind in ("count", "number") and not self._in_range(value):

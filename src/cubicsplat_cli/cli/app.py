@@ -138,7 +138,7 @@ def _reason(text: str, cause: BaseException | None) -> str:
         return f"must be a number{given}"
     if match := re.match(r"(?:Value error, )?'(.*)' is not one of (.*?)\.?$", text, re.DOTALL):
         choices = match[2].replace("'", "").split(", ")
-        return f"must be {listed(choices)}, not {match[1]!r}{did_you_mean(match[1], choices)}"
+        return f"must be {listed(choices)}, not {match[1]!r}"
     return _lowered(text).rstrip(".")
 
 

@@ -118,7 +118,7 @@ def parse_formats(given: Iterable[str]) -> tuple[str, ...]:
     names = [part.strip().lower().removeprefix(".") for text in given for part in text.split(",")]
     for name in names:
         if name not in EXPORTS:
-            raise UsageError(f"must name {listed(EXPORTS)}, not {name!r}{did_you_mean(name, EXPORTS)}", "also")
+            raise UsageError(f"must name {listed(EXPORTS)}, not {name!r}", "also")
     return tuple(dict.fromkeys(names))
 
 

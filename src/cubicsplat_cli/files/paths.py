@@ -57,7 +57,7 @@ def make_folder_of(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
-        raise InputError(f"{path.parent}: is a file, and no folder for {path.name}; choose another with -o") from error
+        raise InputError(f"{path.parent}: is a file, but {path.name} needs a folder; choose another with -o") from error
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"{path.parent}: folder cannot be created ({reason}); choose another with -o") from error

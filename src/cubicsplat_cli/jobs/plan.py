@@ -166,7 +166,7 @@ def plan_jobs(sources: list[Source], output: str | None, request: Request) -> li
     their names (`a.png.svg`, `a.jpg.svg`), but for one that has the short name from an earlier run. Raises UsageError
     where two pictures still meet, or where `output` cannot be a folder.
     """
-    _check_folder(output, len(sources))
+    _check_folder(output)
     suffix = request.suffix + (COMPRESSED if request.compress else PLAIN)
     stems = [_key(_folder_of(source, output) / source.path.stem) for source in sources]
     shared = {key for key, count in Counter(stems).items() if count > 1}
@@ -181,7 +181,7 @@ def plan_jobs(sources: list[Source], output: str | None, request: Request) -> li
     return jobs
 
 
-def _check_folder(output: str | None, pictures: int) -> None:
+def _check_folder(output: str | None) -> None:
     """`-o` of several pictures must be a folder; one that ends in .svg, .pdf or such was meant for one picture."""
     if output is None:
         return
@@ -192,9 +192,7 @@ def _check_folder(output: str | None, pictures: int) -> None:
         raise UsageError(f"-o {output} is a file; give a folder for the results of several pictures")
     of_one = path.suffix.lower() in (PLAIN, COMPRESSED) or format_of(path) is not None
     if of_one and not is_folder(path) and not output.endswith(("/", "\\")):
-        raise UsageError(
-            f"-o {output} names one {path.suffix[1:].upper()}, but there are {pictures} pictures; give a folder"
-        )
+        raise UsageError(f"-o {output} is for one picture that you name; give a folder for several or for a folder")
 
 
 def _folder_of(source: Source, output: str | None) -> Path:
