@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.artwork.document import Document
-from cubicsplat_cli.artwork.geometry.outlines import Circle
+from cubicsplat_cli.artwork.geometry.outlines import Circle, pieces_of_rings
 from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light, without_rim
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.sampling import aliased
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.raster.outlines import coverage
 
 
 def _text(
@@ -188,3 +189,19 @@ def test_what_the_border_of_a_picture_shows_alone_stays():
 def test_a_drawing_within_its_border_has_no_lines_along_it():
     drawing = draw(inset(0.08, [(55, 126, 63), (255, 255, 255), (180, 10, 45)])[..., :3] / 255.0)
     assert len(drawing.shapes) == 4  # green above and below
+
+
+def test_letters_of_a_px_without_anti_aliasing_keep_all_of_their_strokes():
+    y, x = np.mgrid[0:90, 0:160]
+    levels = np.full((90, 160), 255.0)
+    levels[np.abs(np.hypot(x - 50.2, y - 45.4) - 36.0) < 2.0] = 0.0
+    letters = {"t": "..#..|..#..|#####|..#..|..#..|..#..|..#.#|..##.", "x": "#...#|#...#|.#.#.|..#..|.#.#.|#...#|#...#"}
+    bars = [np.array([[cell == "#" for cell in row] for row in letters[name].split("|")]) for name in "txtx"]
+    for k, bar in enumerate(bars):
+        levels[40 : 40 + bar.shape[0], 100 + 12 * k : 100 + 12 * k + 5][bar] = 0.0
+    picture = np.repeat(levels[..., None] / 255.0, 3, axis=2)
+    assert analysed(picture).condition.aliased
+    drawing = draw(picture)
+    dark = [shape for shape in drawing.shapes if shape.fill == (0, 0, 0, 255)]
+    covered = sum(coverage(*pieces_of_rings(shape.oriented()), 0, 0, 90, 160) for shape in dark)
+    assert (covered[38:50, 98:] > 0.5).tolist() == (levels[38:50, 98:] < 128.0).tolist()

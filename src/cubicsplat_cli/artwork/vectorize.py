@@ -11,6 +11,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
+from cubicsplat_cli.artwork.finish.pixels import with_pixels
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.geometry.outlines import Outline
@@ -150,7 +151,9 @@ def _versions(
     if any(part.extent.layer == OVERLAY for part in plan.parts):
         opaque = parts_of(plan.regions, plan.found, settings.completion == ON, None)
         if settings.curves is None or len(opaque) <= settings.curves:
-            shapes = min(shapes, _traced(opaque, (height, width), settings, flat), key=_length)
+            without = _traced(opaque, (height, width), settings, flat)
+            if _length(without) < _length(shapes):
+                plan, shapes = replace(plan, parts=opaque), without
     drawing, goal = Drawing(width, height, shapes), None
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
@@ -161,6 +164,8 @@ def _versions(
         if few_enough(drawing):
             work().at("regularising", 0.8)
             drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
+        if condition.aliased:
+            drawing = with_pixels(drawing, plan)
         # What was given up for fewer fills or shapes is no detail that was lost.
         if settings.free_fills:
             work().at("adding details", 0.93)

@@ -1,0 +1,49 @@
+"""Parts of a px or two across in pictures without anti-aliasing, as letters of small text: their pixels themselves.
+
+Their outlines are known to half a px, which is half of what they are. Where the outlines that were fitted leave a
+pixel out, or go where none is, the part is no line drawn through its steps, and its pixels are drawn instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.geometry.outlines import Outline, pieces_of_rings, polygon
+from cubicsplat_cli.artwork.layers.extents import Extent
+from cubicsplat_cli.artwork.plan import Plan
+from cubicsplat_cli.artwork.regions.fills import PURE
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage, traced
+
+# Share of a pixel that a line may be off: one that runs through the pixel's middle covers half of it and more.
+# In a letter of fewer than 50 px one that is off more counts, in a long line several.
+MOST_OFF, FEW = 0.75, 0.02
+
+
+def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
+    """The drawing of a plan's parts, one shape each, in their order, with the pixels of thin parts that it misses."""
+    pairs = zip(drawing.shapes, plan.parts, strict=True)
+    shapes = [_of_pixels(shape, part.extent, plan.levels, part.fill) for shape, part in pairs]
+    return replace(drawing, shapes=tuple(shapes))
+
+
+def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarray) -> Shape:
+    """The shape of an extent, or its pixels in a picture (H, W, 4) of such a fill (4,), both in levels."""
+    if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any():
+        return shape
+    rows, columns = (slice(first, first + n) for first, n in zip((extent.top, extent.left), extent.shown.shape))
+    own = extent.shown & (np.abs(levels[rows, columns] - fill).max(axis=2) <= PURE)
+    drawn = coverage(*pieces_of_rings(shape.oriented()), extent.top, extent.left, *own.shape)
+    off = np.where(extent.allowed, np.minimum(drawn - own, 0.0), drawn - own)
+    if not own.any() or (np.abs(off) > MOST_OFF).sum() <= FEW * own.sum():
+        return shape
+    return replace(shape, outlines=tuple(_outline(loop, extent) for loop in traced(own)))
+
+
+def _outline(loop: np.ndarray, extent: Extent) -> Outline:
+    """The outline along a loop of cracks (n, 3) in the window of an extent."""
+    turns = loop[:, 2] != np.roll(loop[:, 2], 1)
+    return polygon(loop[turns, :2].astype(float) + [extent.left, extent.top])
