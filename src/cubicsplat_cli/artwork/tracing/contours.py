@@ -20,8 +20,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.regions.thin import thin_edges
 from cubicsplat_cli.raster.cpu import doubles
-from cubicsplat_cli.raster.outlines import Positions, traced
-from cubicsplat_cli.raster.outlines import loop_points as native_points
+from cubicsplat_cli.raster.outlines import Positions
 
 # So many pixels to either side of a crack may belong to the border's blend.
 WALK = 3
@@ -36,11 +35,6 @@ ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 # Of what ends with the canvas; and levels by which a pixel there must differ from its fill for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
-# Directions of a crack: east, south, west, north.
-STEP = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-# Pixel to the right and to the left of a crack from vertex (x, y) in each direction, relative to (x, y).
-RIGHT = np.array([[0, 0], [-1, 0], [-1, -1], [0, -1]])
-LEFT = np.array([[0, -1], [0, 0], [-1, 0], [-1, -1]])
 
 
 @dataclass(frozen=True)
@@ -186,40 +180,3 @@ def _third_beside(
         other = labels[row, np.clip(x + side, 0, labels.shape[1] - 1)]
         out |= (other != above) & (other != below)
     return out
-
-
-def loop_points(loop: CrackLoop, found: EdgePositions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sub-pixel points along a loop: see `raster.outlines.loop_points`."""
-    return native_points(np.stack([loop.x, loop.y, loop.direction], axis=1), found.native)
-
-
-@dataclass(frozen=True)
-class CrackLoop:
-    """A closed loop of cracks. x, y: (n,) start vertices; direction: (n,) 0..3, east, south, west, north."""
-
-    x: np.ndarray
-    y: np.ndarray
-    direction: np.ndarray
-
-    @property
-    def inside(self) -> tuple[np.ndarray, np.ndarray]:
-        """(rows, columns) of the pixels on the right, within the mask."""
-        offset = RIGHT[self.direction]
-        return self.y + offset[:, 1], self.x + offset[:, 0]
-
-    @property
-    def outside(self) -> tuple[np.ndarray, np.ndarray]:
-        """(rows, columns) of the pixels on the left, outside the mask and perhaps off the canvas."""
-        offset = LEFT[self.direction]
-        return self.y + offset[:, 1], self.x + offset[:, 0]
-
-    @property
-    def area(self) -> float:
-        """Enclosed px^2, negative for a hole."""
-        ends = np.stack([self.x, self.y], axis=1) + STEP[self.direction]
-        return 0.5 * float((self.x * ends[:, 1] - self.y * ends[:, 0]).sum())
-
-
-def trace(mask: np.ndarray) -> list[CrackLoop]:
-    """The loops around a mask (H, W) bool, the longest first; its pixels connect along edges, not corners."""
-    return [CrackLoop(*cracks.T) for cracks in sorted(traced(mask), key=lambda cracks: -len(cracks))]
