@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
-from cubicsplat_cli.raster.borders import Borders, borders_of
+from cubicsplat_cli.raster.borders import Borders, border_positions, borders_of
 from cubicsplat_cli.raster.ndimage import holes_of
 from cubicsplat_cli.raster.unmix import components
 
@@ -98,3 +98,21 @@ def test_labels_of_many_parts_may_touch_more_than_connected_regions_do(count):
     borders = borders_of(labels)
     assert borders.cracks.sum() == 2 * ((labels[1:] != labels[:-1]).sum() + (labels[:, 1:] != labels[:, :-1]).sum())
     assert len(borders.first) > 6 * (labels.max() + 1)
+
+
+FILLS = np.array([[255.0, 255.0, 255.0, 255.0], [200.0, 30.0, 30.0, 255.0]])
+
+
+@given(st.floats(3.0, 9.0), st.floats(-0.3, 0.3))
+def test_borders_run_where_the_shares_of_pixels_say(height, slope):
+    # What lies above a line that is rather level covers so much of each column, sums of shares in 64 samples a pixel.
+    fine = (np.arange(12 * 64)[:, None] + 0.5) / 64 < height + slope * (np.arange(8) - 3.5)
+    shares = fine.reshape(12, 64, 8).mean(axis=1)
+    levels = shares[..., None] * FILLS[0] + (1.0 - shares[..., None]) * FILLS[1]
+    labels = (shares < 0.5).astype(np.int32)
+    rows, errors, columns, column_errors = border_positions(levels, labels, FILLS, 0.8, 0.04)
+    y, x = np.nonzero(np.diff(labels, axis=0))
+    assert rows[y + 1, x] == pytest.approx(shares.sum(axis=0)[x], abs=0.03)  # a share below 0.02 may end the walk
+    assert errors[y + 1, x] == pytest.approx(0.04, abs=0.001)
+    turned = border_positions(levels.swapaxes(0, 1), labels.T, FILLS, 0.8, 0.04)
+    assert [(a == b.T).all() for a, b in zip(turned, (columns, column_errors, rows, errors), strict=True)] == [True] * 4

@@ -93,3 +93,24 @@ def passings(
     tries = len(reaches), doubles(reaches), float(smooth), float(least)
     count = _native("cs_passings", *given, *tries, places, turns, result=c_int64)
     return places[:count], turns[:count]
+
+
+def border_positions(
+    levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, error: float, share_error: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where borders run across all cracks, px, and the standard errors: two (H + 1, W) of horizontal cracks and two
+    (H, W + 1) of vertical ones.
+
+    levels: (H, W, 4), known to an error; share_error: of the shares of pixels that shapes cover. labels: (H, W) the
+    regions, fills: (R, 4) theirs, in levels. Raises EngineError where the library is missing.
+    """
+    height, width = labels.shape
+    wide = levels.dtype == np.float64
+    picture = np.ascontiguousarray(levels, np.float64 if wide else np.float32), wide
+    kinds = np.unique(doubles(fills), axis=0)
+    given = np.ascontiguousarray(labels, np.int32), height, width, doubles(fills), len(kinds), kinds
+    rows, row_sigma = np.empty((2, height + 1, width))
+    columns, column_sigma = np.empty((2, height, width + 1))
+    found = rows, row_sigma, columns, column_sigma
+    _native("cs_edge_positions", *picture, *given, float(error), float(share_error), *found, result=None)
+    return found
