@@ -11,7 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import doubles, native
-from cubicsplat_cli.raster.outlines import Positions, size_of
+from cubicsplat_cli.raster.outlines import EdgePositions, size_of
 
 _native = partial(native, "borders")
 
@@ -79,7 +79,7 @@ def borders_of(labels: np.ndarray) -> Borders:
 
 
 def passings(
-    loops: Loops, found: Positions, reaches: tuple[float, ...], smooth: float, least: float
+    loops: Loops, found: EdgePositions, reaches: tuple[float, ...], smooth: float, least: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where loops pass from one region beside them to another: (m, 5) int64 their own region, the two, and x and y of
     the vertex, and (m, 2) radians by which they turn there and the standard error. What is too rough is left out.

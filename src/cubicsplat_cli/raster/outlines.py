@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ctypes import byref, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,13 +18,22 @@ CIRCLE, ELLIPSE, BOX = 0, 1, 2
 _ROOM = 64  # cracks beyond those around a mask's box
 
 
-# Where borders run across the cracks of a picture of H x W px, and the standard errors, px: of horizontal cracks
-# (H + 1, W) each, of vertical ones (H, W + 1) each, C-contiguous; and px within the canvas's border in which an edge
-# may run and not show.
-Positions = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
+class EdgePositions(NamedTuple):
+    """Sub-pixel positions across every crack of a picture, C-contiguous.
+
+    rows: (H + 1, W) y of the border across the horizontal crack above pixel (y, x); columns: (H, W + 1) x of the border
+    across the vertical crack left of it; row_sigma, column_sigma: their standard errors in px. rim: px within the
+    canvas's border in which an edge may run and not show.
+    """
+
+    rows: np.ndarray
+    row_sigma: np.ndarray
+    columns: np.ndarray
+    column_sigma: np.ndarray
+    rim: float
 
 
-def loop_points(cracks: np.ndarray, found: Positions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def loop_points(cracks: np.ndarray, found: EdgePositions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sub-pixel points along a closed loop of cracks (n, 3) int64, as of `borders.Loops`: (m, 2) px, their standard
     errors (m,), and the index (m,) of each one's crack.
 
@@ -38,7 +48,7 @@ def loop_points(cracks: np.ndarray, found: Positions) -> tuple[np.ndarray, np.nd
 
 
 def contours_of(
-    part: np.ndarray, shown: np.ndarray, corner: tuple[int, int], found: Positions
+    part: np.ndarray, shown: np.ndarray, corner: tuple[int, int], found: EdgePositions
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """The loops around a part of a window (h, w) bool, with its top and left at a corner, px, those that enclose most
     first: points (n, 2) px and their standard errors (n,), as of `loop_points`, and the px^2 that each encloses, below
@@ -60,7 +70,7 @@ def contours_of(
     return [(points[own].copy(), sigma[own].copy(), area) for own, area in parts]
 
 
-def size_of(found: Positions) -> tuple[int, int]:
+def size_of(found: EdgePositions) -> tuple[int, int]:
     """The height and width of a picture, px."""
     return found[2].shape[0], found[0].shape[1]
 

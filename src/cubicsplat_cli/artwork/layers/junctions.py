@@ -17,11 +17,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, fit_primitive, parameter_price
 from cubicsplat_cli.raster.borders import passings
 from cubicsplat_cli.raster.contours import independent
-from cubicsplat_cli.raster.outlines import loop_points
+from cubicsplat_cli.raster.outlines import EdgePositions, loop_points
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
@@ -57,7 +56,7 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
     third, each from LEAST_VOTE to 1.
     """
     places: dict[tuple[int, ...], list[_Passing]] = {}
-    known = passings(regions.borders.loops, found.native, REACHES, SMOOTH, LEAST_TURN)
+    known = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)
     for (region, before, after, x, y), turn in zip(*(each.tolist() for each in known), strict=True):
         passing = _Passing(region, (before, after), (x, y), *turn)
         names = tuple(sorted((passing.region, *passing.others)))
@@ -109,7 +108,7 @@ def _full(cracks: np.ndarray) -> bool:
 
 
 def _round(cracks: np.ndarray, found: EdgePositions) -> bool:
-    points, sigma, _ = loop_points(cracks, found.native)
+    points, sigma, _ = loop_points(cracks, found)
     weights = independent(points, np.maximum(sigma, FINEST_SIGMA) ** -2.0)
     fitted = fit_primitive(points, weights, parameter_price(points, 1.0))
     return fitted is not None and isinstance(fitted[0], Circle | Ellipse) and fitted[2] <= PLAIN_MISFIT

@@ -19,10 +19,9 @@ from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import strong_groups
-from cubicsplat_cli.raster.outlines import held_by_hull
+from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004

@@ -1,4 +1,4 @@
-"""Outlines of masks along the cracks between pixels, and positions of the border between two fills within these pixels.
+"""Positions of the border between two fills within the pixels along it.
 
 A crack is the unit edge between two neighbouring pixels. Loops run with the mask on their right, so that outer loops
 are clockwise as seen (y grows downwards) and holes the other way.
@@ -10,43 +10,15 @@ whatever its slope, because a pixel's share is an area. That is taken as a point
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.raster.borders import border_positions
-from cubicsplat_cli.raster.cpu import doubles
-from cubicsplat_cli.raster.outlines import Positions
+from cubicsplat_cli.raster.outlines import EdgePositions
 
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
-
-
-@dataclass(frozen=True)
-class EdgePositions:
-    """Sub-pixel positions across every crack of a picture.
-
-    rows: (H + 1, W) y of the border across the horizontal crack above pixel (y, x); columns: (H, W + 1) x of the border
-    across the vertical crack left of it; row_sigma, column_sigma: their standard errors in px. rim: px within the
-    canvas's border in which an edge may run and not show.
-    """
-
-    rows: np.ndarray
-    row_sigma: np.ndarray
-    columns: np.ndarray
-    column_sigma: np.ndarray
-    rim: float = 0.0
-
-    @cached_property
-    def native(self) -> Positions:
-        """The same for the native library."""
-        rows, row_sigma, columns, column_sigma = map(
-            doubles, (self.rows, self.row_sigma, self.columns, self.column_sigma)
-        )
-        return rows, row_sigma, columns, column_sigma, float(self.rim)
 
 
 def edge_positions(
