@@ -171,11 +171,15 @@ def _pieces_of(layers: list[Layer]) -> StackPieces:
 
 
 def goal_of(
-    target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None, share_error: float = FEW_SAMPLES
+    target: np.ndarray,
+    blur: float = 0.0,
+    space: np.ndarray | None = None,
+    share_error: float = FEW_SAMPLES,
+    error: float = 0.0,
 ) -> Goal:
     """The goal of a drawing: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
     since it was drawn, and compared in other coordinates: rows of RGBA times `space` (4, 4).
-    share_error: of the shares of pixels that shapes cover.
+    share_error: of the shares of pixels that shapes cover; error: of pixels on edges, of full scale.
     """
     reach = math.ceil(BLUR_REACH * blur)
     taps = np.exp(-0.5 * (np.arange(reach + 1) / max(blur, 1e-9)) ** 2)
@@ -183,7 +187,7 @@ def goal_of(
     space = np.eye(4) if space is None else space
     target = np.ascontiguousarray(target @ space, dtype=np.float64)
     bound = max(HUBER, ERRORS * share_error)
-    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error)
+    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error)
 
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
@@ -197,9 +201,7 @@ def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]
     return [_layer(shape, constraints, goal.space) for shape in drawing.shapes]
 
 
-def settle(
-    state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None
-) -> State:
+def settle(state: State, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None) -> State:
     """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter.
 
     Outlines whose steps gain hardly anything rest, until the picture beneath them changes. changed: (outlines,) bool,

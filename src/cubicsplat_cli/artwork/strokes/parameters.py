@@ -178,9 +178,9 @@ def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     if pieces > MOST_PIECES:
         _log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
         return drawing
-    state = settle(_state(drawing, goal, fixed=False), goal, FIRST_ROUNDS)
+    state = settle(_state(drawing, goal, fixed=False), FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))
-    return _with(tied, _strokes(settle(_state(tied, goal, fixed=True), goal, LAST_ROUNDS)))
+    return _with(tied, _strokes(settle(_state(tied, goal, fixed=True), LAST_ROUNDS)))
 
 
 def _state(drawing: Drawing, goal: Goal, fixed: bool) -> State:
