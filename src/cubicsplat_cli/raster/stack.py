@@ -121,9 +121,9 @@ class Unknowns:
     (8 count, own variables); damping: (variables,) what is added to the diagonal
     of the Gram matrix, times that; keep: what is added besides."""
 
-    first: Sequence[int]
-    count: Sequence[int]
-    start: Sequence[int]
+    first: np.ndarray
+    count: np.ndarray
+    start: np.ndarray
     jacobians: Sequence[SparseRows]
     damping: np.ndarray
     keep: float

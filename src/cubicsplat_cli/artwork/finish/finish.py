@@ -312,19 +312,20 @@ def _stepped(
     """The layers after a step of some outlines (outlines,) bool and of their copies, and which have moved."""
     outlines = state.outlines
     awake = (np.bincount(families, awake, len(outlines)) > 0.0)[families]
-    free = [k for k in np.flatnonzero(awake).tolist() if outlines[families[k]].jacobian.shape[1]]
+    jacobians = {k: own for k in np.flatnonzero(awake).tolist() if (own := outlines[k].jacobian).count}
     moving = np.zeros(len(outlines), dtype=bool)
-    if not free:
+    if not jacobians:
         return state.layers, moving
-    models = [k for k in free if families[k] == k]
-    sizes = [outlines[k].jacobian.shape[1] for k in models]
-    starts = dict(zip(models, np.cumsum([0, *sizes]).tolist(), strict=False))
+    free, starts = np.array([*jacobians]), np.zeros(len(outlines), int)
+    models = free[families[free] == free]
+    sizes = np.array([jacobians[k].count for k in models.tolist()])
+    starts[models] = np.cumsum(sizes) - sizes
     found = state.stack.step(
         Unknowns(
-            state.pieces[free].tolist(),
-            [len(outlines[k].lines) for k in free],
-            [starts[int(families[k])] for k in free],
-            [outlines[k].jacobian for k in free],
+            state.pieces[free],
+            np.diff(state.pieces)[free],
+            starts[families[free]],
+            [*jacobians.values()],
             np.repeat(damping[models], sizes),
             (PIXEL_SIGMA / FREE) ** 2,
         ),
@@ -332,14 +333,14 @@ def _stepped(
     )
     moves = np.zeros(len(outlines))
     np.maximum.at(moves, families[free], found.moves)
-    misfits = np.bincount(families[free], found.misfits, len(outlines))
+    gained = np.add.reduceat(-found.values * found.gradient, starts[models])
+    moving[models] = gained > RESTS * np.bincount(families[free], found.misfits, len(outlines))[models]
+    steps = found.values * np.repeat(LONGEST / np.maximum(moves[models], LONGEST), sizes)
     following = list(outlines)
-    for k, size in zip(models, sizes, strict=True):
-        own = slice(starts[k], starts[k] + size)
-        moving[k] = -found.values[own] @ found.gradient[own] > RESTS * misfits[k]
+    for k, step in zip(models.tolist(), np.split(steps, starts[models[1:]]), strict=True):
         if moving[k]:
-            following[k] = outlines[k].moved(found.values[own] * min(1.0, LONGEST / moves[k]))
-    for k in free:
+            following[k] = outlines[k].moved(step)
+    for k in jacobians:
         copy = outlines[k]
         if isinstance(copy, CopyParameters) and moving[copy.source]:
             following[k], moving[k] = copy.following(following[copy.source]), True
