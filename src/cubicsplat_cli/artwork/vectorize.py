@@ -58,10 +58,9 @@ def draw(
     prepared: PreparedInput | None = None,
     *,
     strokes: bool = False,
-    on_sketch: Callable[[Drawing], None] = nothing,
 ) -> Drawing:
     """The drawing of a flat picture; the first of `versions`."""
-    return next(versions(target, settings, prepared, strokes=strokes, on_sketch=on_sketch))
+    return next(versions(target, settings, prepared, strokes=strokes))
 
 
 def versions(

@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.finish.parameters import (
     CopyParameters,
     Parameters,
     Pins,
+    RingParameters,
     parametrised,
 )
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
@@ -257,7 +258,8 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
 
 def trimmed(state: State, moved: np.ndarray) -> State:
     """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
-    outlines = [o.trimmed() if moves else o for o, moves in zip(state.outlines, moved.tolist(), strict=True)]
+    may = zip(state.outlines, moved.tolist(), strict=True)
+    outlines = [o.trimmed() if moves and isinstance(o, RingParameters) else o for o, moves in may]
     if all(map(is_, state.outlines, outlines)):
         return state
     return state.with_layers(with_outlines(state.layers, iter(outlines)))

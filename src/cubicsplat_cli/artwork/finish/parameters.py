@@ -24,8 +24,7 @@ SPECK, SMOOTH_SPECK = 0.3, 1.5  # px
 
 class Parameters(Protocol):
     """An outline with its variables. cubics: (S, 4, 2); lines: (S,) bool; jacobian: (8 S, variables), rows by piece,
-    control point and coordinate; moved: the same after a step (variables,); trimmed: without pieces that have become
-    too short to matter, itself where there are none; outline: as it stands."""
+    control point and coordinate; moved: the same after a step (variables,); outline: as it stands."""
 
     cubics: np.ndarray
     lines: np.ndarray
@@ -34,8 +33,6 @@ class Parameters(Protocol):
     def jacobian(self) -> SparseRows: ...
 
     def moved(self, step: np.ndarray) -> Parameters: ...
-
-    def trimmed(self) -> Parameters: ...
 
     def outline(self) -> Outline: ...
 
@@ -137,22 +134,19 @@ class RingParameters:
         return RingParameters(self.pieces.moved(step), self.constraints, self.origin)
 
     def trimmed(self) -> RingParameters:
+        """The ring without pieces that have become too short to matter, itself where there are none."""
         if (_speck_lengths(self.cubics, self.pieces.smooth) >= 1.0).all():
             return self
-        ring = self._ring()
+        ring = self.pieces.ring()
         shorter = ring if self.origin is not None else without_specks(ring)
         return self if shorter is ring else RingParameters(ring_pieces(shorter, self.constraints), self.constraints)
-
-    def _ring(self) -> Ring:
-        p = self.pieces
-        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
 
     def outline(self) -> Outline:
         p = self.pieces
         if self.origin is not None:
             low, high = p.anchors.min(axis=0), p.anchors.max(axis=0)
             return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
-        return self._ring()
+        return self.pieces.ring()
 
 
 def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
@@ -172,10 +166,6 @@ class Still:
         self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 
     def moved(self, _step: np.ndarray) -> Still:
-        """Itself."""
-        return self
-
-    def trimmed(self) -> Still:
         """Itself."""
         return self
 
@@ -216,9 +206,6 @@ class PrimitiveParameters:
         if isinstance(self.shape, Ellipse):
             return Ellipse(v[0], v[1], across, down, v[4])
         return Rectangle(v[0], v[1], across, down, min(max(v[4], 0.0), 0.5 * min(across, down)), v[5])
-
-    def trimmed(self) -> PrimitiveParameters:
-        return self
 
     def outline(self) -> Outline:
         return self.shape
@@ -276,9 +263,6 @@ class CopyParameters:
 
     def moved(self, step: np.ndarray) -> CopyParameters:
         return self.following(self.model.moved(step))
-
-    def trimmed(self) -> CopyParameters:
-        return self
 
     def outline(self) -> Outline:
         return self.way.outline(self.model.outline())

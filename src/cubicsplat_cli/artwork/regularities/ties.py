@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import Parameters, RingParameters
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 
@@ -101,12 +101,8 @@ class TiedRing:
     def moved(self, step: np.ndarray) -> TiedRing:
         return TiedRing(self.pieces.moved(self.ties.times(step)), self.ties)
 
-    def trimmed(self) -> TiedRing:
-        return self
-
     def outline(self) -> Outline:
-        p = self.pieces
-        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
+        return self.pieces.ring()
 
     def on_steps(self, step: float) -> TiedRing:
         """The ring with its anchors on whole steps of a file's grid, px, so that rounding leaves it as regular; itself

@@ -151,10 +151,6 @@ class StrokeParameters:
             stroke = replace(stroke, width=max(stroke.width + wider, LEAST_WIDTH))
         return StrokeParameters(stroke, self.line.moved(own), self.fixed)
 
-    def trimmed(self) -> StrokeParameters:
-        """Itself."""
-        return self
-
     def outline(self) -> Outline:
         """The outer one of its outlines."""
         return outlines_of_stroke(self.stroke)[0]

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.raster.cubics import (
     Division,
     Joints,
@@ -78,6 +79,10 @@ class Pieces:
         """(8 S, variables): how the control points move with the variables."""
         values, columns, starts = outline_jacobian(self.joints, self.outline)
         return SparseRows(starts, columns, values, self.joints.variables)
+
+    def ring(self) -> Ring:
+        """A closed outline as it stands."""
+        return Ring(self.anchors, self.cubics[:, 1:3].copy(), self.lines.copy(), self.smooth.copy())
 
     def moved(self, step: np.ndarray) -> Pieces:
         """The pieces after a step of their variables."""
