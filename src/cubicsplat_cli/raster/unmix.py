@@ -30,13 +30,13 @@ def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
     return out
 
 
-def nearest_fills(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(...) int32 index of the fill nearest to values (..., 4), and (...) float32 its distance in levels, that of the
-    channel that is farthest off.
+def nearest_fills(values: np.ndarray, palette: np.ndarray, *, straight: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """(...) int32 index of the fill nearest to values (..., 4), and (...) float32 its distance in levels: Euclid's if
+    that is to be `straight`, else that of the channel that is farthest off.
     """
     values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
     index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
-    _native("cs_nearest_fills", index.size, values, len(palette), palette, index, gap, result=None)
+    _native("cs_nearest_fills", index.size, values, len(palette), palette, straight, index, gap, result=None)
     return index, gap
 
 
