@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
+from cubicsplat_cli.artwork.tracing.variables import feet_of
 from cubicsplat_cli.raster.cubics import found_merges
 
 LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
@@ -128,11 +129,9 @@ def samples_along(ring: Ring, visibility: Visibility, most: int) -> Samples:
     """The samples of a ring: of each piece one per px, but at least 4 and at most so many."""
     lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     counts = np.clip(np.ceil(lengths), 4, most).astype(int)
-    ends = np.cumsum(counts)
-    piece = np.repeat(np.arange(ring.pieces), counts)
-    t = (np.arange(len(piece)) - (ends - counts)[piece] + 0.5) / counts[piece]
-    points = np.einsum("nk,nkc->nc", bernstein(t), ring.cubics[piece])
-    return Samples(points, visibility.weights(piece, t), (lengths / counts)[piece], ends)
+    at = feet_of(counts)
+    points = np.einsum("nk,nkc->nc", bernstein(at.u), ring.cubics[at.piece])
+    return Samples(points, visibility.weights(at.piece, at.u), (lengths / counts)[at.piece], np.cumsum(counts))
 
 
 def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: float) -> list[Merge]:

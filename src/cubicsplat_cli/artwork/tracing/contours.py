@@ -1,11 +1,9 @@
 """Positions of the border between two fills within the pixels along it.
 
-A crack is the unit edge between two neighbouring pixels. Loops run with the mask on their right, so that outer loops
-are clockwise as seen (y grows downwards) and holes the other way.
-
-The blends on an edge say how much of each pixel either fill covers. Summed along a column across a border that runs
-rather level (or along a row across a steep one) the shares give the border's mean height over that column exactly,
-whatever its slope, because a pixel's share is an area. That is taken as a point at the column's middle.
+A crack is the unit edge between two neighbouring pixels. The blends on an edge say how much of each pixel either fill
+covers. Summed along a column across a border that runs rather level (or along a row across a steep one) the shares give
+the border's mean height over that column exactly, whatever its slope, because a pixel's share is an area. That is taken
+as a point at the column's middle.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.raster.cubics import (
-    Division,
     Joints,
     moved_outline,
     outline_cubics,
@@ -101,9 +100,8 @@ class Feet:
     u: np.ndarray
 
 
-def feet_of(division: Division) -> Feet:
-    """First parameters of the points of a division: evenly along its pieces."""
-    sizes = division.sizes
+def feet_of(sizes: np.ndarray) -> Feet:
+    """Places evenly along pieces, so many on each (S,)."""
     piece = np.repeat(np.arange(len(sizes)), sizes)
     place = np.arange(len(piece)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     return Feet(piece, (place + 0.5) / sizes[piece])

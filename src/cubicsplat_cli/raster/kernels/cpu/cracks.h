@@ -1,5 +1,6 @@
-// Cracks, the unit edges between pixels, the closed loops of them around masks and regions, and where borders run across
-// them. What is computed is said in artwork/tracing/contours.py.
+// Cracks, the unit edges between pixels, the closed loops of them around masks and regions, which run with these on their
+// right, so that outer loops are clockwise as seen (y grows downwards) and holes the other way; and where borders run
+// across them.
 #pragma once
 
 #include <cstdint>
@@ -44,7 +45,7 @@ inline int64_t twice_enclosed(const Crack* first, const Crack* end) {
   return twice;
 }
 
-// Where borders run across the cracks of a picture: `EdgePositions` in artwork/tracing/contours.py.
+// Where borders run across the cracks of a picture: `EdgePositions` in raster/outlines.py.
 struct Positions {
   const double *rows, *row_sigma, *columns, *column_sigma;
   int64_t height, width;

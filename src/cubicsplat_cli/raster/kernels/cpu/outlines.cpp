@@ -1,5 +1,5 @@
 // Boundaries of masks, and local fits along chains of points: the loops over pixels and points of the artwork style's
-// tracing. What is computed is said in artwork/tracing/contours.py.
+// tracing. What is computed is said in raster/outlines.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
