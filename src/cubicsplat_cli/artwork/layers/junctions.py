@@ -29,9 +29,8 @@ LEAST_VOTE = 0.3
 MEETING = 3  # px within which the outlines of three regions meet at one place
 VOTE = 3.0  # more than the two places count where the outlines of two regions usually meet a third
 LEAST = 100  # px^2 of the box around a region, below which anything is round
-FULLNESS = (
-    0.02  # by which a region's area over the root of the determinant of its second moments may be off an ellipse's
-)
+# By which a region's area over the root of the determinant of its second moments may be off an ellipse's.
+FULLNESS = 0.02
 
 
 @dataclass(frozen=True)
