@@ -148,7 +148,7 @@ def test_copies_follow_their_model_and_fit_together():
     model = parametrised(shapes[0].outlines[0], constraints)
     state.layers[0].outlines[0] = model
     state.layers[1].outlines[0] = CopyParameters(model, RigidTransform((1.0, 1.0), (46.0, 0.0)), 0)
-    first, second = (layer.outlines[0].outline() for layer in settle(state, goal, trim=False).layers)
+    first, second = (layer.outlines[0].outline() for layer in settle(state, trim=False).layers)
     assert (first.r, second.r) == pytest.approx((9.02, 9.02), abs=0.005) and first.r == second.r
     assert (second.cx - first.cx, second.cy - first.cy) == (46.0, 0.0)
 
@@ -157,7 +157,7 @@ def copied(truth, begun):
     """The outlines of a drawing of primitives in white, with its copies, of a picture of others."""
     goal = goal_of(sum(covered(shape, 48, 128)[..., None] for shape in truth).repeat(4, axis=2))
     drawing = Drawing(128, 48, tuple(Shape((255, 255, 255, 255), (shape,), "x") for shape in begun))
-    state = with_copies(settle(begin(drawing, goal), goal), goal, Constraints(128, 48), 1.0, 0.0)
+    state = with_copies(settle(begin(drawing, goal)), Constraints(128, 48), 1.0)
     return [shape.outlines[0] for shape in drawn(drawing, state).shapes]
 
 

@@ -17,7 +17,7 @@ RED, BLUE, YELLOW = (255, 0, 0, 255), (0, 0, 255, 255), (255, 230, 0, 255)
 
 
 def finish(drawing, target):
-    return drawn(drawing, settle(begin(drawing, goal_of(target)), goal_of(target)))
+    return drawn(drawing, settle(begin(drawing, goal_of(target))))
 
 
 def covered(outline, height, width):
@@ -94,7 +94,7 @@ def test_the_finish_looks_through_a_blur():
     target = ndimage.gaussian_filter(picture(truth, 48, 56), (1.5, 1.5, 0.0), mode="nearest")
     drawing = Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in start))
     goal = goal_of(target, blur=1.5)
-    settled = settle(begin(drawing, goal), goal)
+    settled = settle(begin(drawing, goal))
     box, disc = (shape.outlines[0] for shape in drawn(drawing, settled).shapes)
     assert (disc.cx, disc.cy, disc.r) == pytest.approx((33.3, 30.7, 11.4), abs=5e-3)
     assert (box.x, box.y, box.width, box.height, box.radius) == pytest.approx((4.0, 5.0, 40.3, 30.6, 6.2), abs=0.02)
@@ -107,12 +107,12 @@ def test_the_finish_looks_through_a_blur():
 def test_outlines_that_rest_are_looked_at_again_when_the_picture_beneath_them_changes():
     truth = [(Rectangle(4.0, 5.0, 40.0, 30.0), RED), (Circle(24.0, 20.0, 9.0), BLUE)]
     goal = goal_of(picture(truth, 48, 56))
-    settled = settle(begin(Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in truth)), goal), goal)
+    settled = settle(begin(Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in truth)), goal))
     away = settled.outlines[1].moved(np.array([0.3, 0.0, 0.0]))
     changed = settled.with_layers([settled.layers[0], replace(settled.layers[1], outlines=[away])])
     noticed = changed.stack.changed(settled.stack, changed.owners, 2, NOTICED)
     assert noticed.tolist() == [False, True]
-    disc = settle(changed, goal).outlines[1].outline()
+    disc = settle(changed).outlines[1].outline()
     assert (disc.cx, disc.cy, disc.r) == pytest.approx((24.0, 20.0, 9.0), abs=3e-3)
 
 
@@ -121,7 +121,7 @@ def test_only_what_has_changed_is_fitted_until_the_picture_beneath_the_rest_chan
     target = picture(shapes, 40, 60)
     off = tuple(Shape(fill, (replace(each, cx=each.cx + 0.4),), "") for each, fill in shapes)
     state = begin(Drawing(60, 40, off), goal_of(target))
-    left, right = settle(state, state.goal, changed=np.array([True, False])).outlines
+    left, right = settle(state, changed=np.array([True, False])).outlines
     assert left.outline().cx == pytest.approx(15.0, abs=0.01)
     assert right is state.outlines[1]
 
@@ -134,7 +134,7 @@ def test_the_finish_of_a_jpeg_trusts_luma_more_than_chroma():
     drawing = Drawing(48, 48, (Shape(YELLOW, (ground,), "x"), Shape(BLUE, (disc,), "y")))
     off = []
     for goal in (goal_of(target), goal_of(target, space=space)):
-        found = drawn(drawing, settle(begin(drawing, goal), goal)).shapes[1].outlines[0]
+        found = drawn(drawing, settle(begin(drawing, goal))).shapes[1].outlines[0]
         off.append(abs(found.cx - disc.cx))
     assert off[0] > 0.3 and off[1] < 0.5 * off[0]
 

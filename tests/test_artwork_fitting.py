@@ -25,7 +25,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.progress import Work, under_way
-from cubicsplat_cli.raster.outlines import traced
+from cubicsplat_cli.raster.borders import borders_of
 from cubicsplat_cli.svg import write_drawing
 
 NOISE = 0.02
@@ -273,7 +273,8 @@ def test_only_rings_off_their_points_have_another_one() -> None:
     star = 30.0 + (10.0 + 8.0 * np.cos(5.0 * angles))[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     letter = Image.new("L", (20, 20))
     ImageDraw.Draw(letter).text((4, 3), "e", fill=255, font=ImageFont.load_default(12))
-    cracks = max(traced(np.asarray(letter) > 127), key=len).astype(float)
+    (_, (_, cracks, _)) = borders_of(np.asarray(letter) > 127).loops.outer()
+    cracks = cracks.astype(float)
     steps = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])[cracks[:, 2].astype(int)]
     loops = [star, cracks[:, :2] + 0.5 * steps]
     sure, rough = fit_outlines(loops, [np.full(60, 0.05), np.full(len(cracks), 0.3)])

@@ -84,7 +84,7 @@ def test_hidden_edges_leave_the_pixels_where_others_meet():
     target = target_of(stacked(30.0))
     target[MEETING - 2 : MEETING + 2, MEETING, :3] *= 0.8
     goal = goal_of(target)
-    sealed, leaking = (ground_inside(settle(begin(stacked(20.7), g), g)) for g in (goal, weightless(goal)))
+    sealed, leaking = (ground_inside(settle(begin(stacked(20.7), g))) for g in (goal, weightless(goal)))
     assert leaking > 2e-3
     assert sealed < 2e-4
 

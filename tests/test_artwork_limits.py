@@ -65,7 +65,7 @@ def test_regularities_are_sought_in_a_page_of_very_many_shapes(monkeypatch, capl
     goal = goal_of(begin(drawing, goal_of(np.zeros((300, 300, 4)))).image)
     monkeypatch.setattr(regularities, "_tied", lambda state, tied, *_: tied if len(tied) > 1 else state)
     constraints = Constraints(300, 300)
-    copies = regularities.with_copies(begin(drawing, goal), goal, constraints, 1.0, 0.0)
+    copies = regularities.with_copies(begin(drawing, goal), constraints, 1.0)
     assert len(copies) == letters - 1 and not caplog.text
     monkeypatch.setattr(limits, "MOST_POLISHED", letters - 1)
     assert not limits.few_enough(drawing) and "symmetries and copies are not sought" in caplog.text

@@ -29,7 +29,7 @@ def picture_of(*shapes: Shape) -> np.ndarray:
 
 def after_merges(target: np.ndarray, *shapes: Shape, detail: float = 1.0) -> tuple[State, Drawing]:
     drawing, goal = Drawing(SIZE, SIZE, shapes), goal_of(target)
-    state = with_merges(begin(drawing, goal), goal, HELD, detail)
+    state = with_merges(begin(drawing, goal), HELD, detail)
     return state, drawn(drawing, state)
 
 

@@ -14,8 +14,8 @@ from cubicsplat_cli.artwork.layers.extents import extents
 from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
 from cubicsplat_cli.artwork.layers.stacking import Stack, StackedShape, _without_cycles, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions, edge_positions
-from cubicsplat_cli.raster.outlines import coverage
+from cubicsplat_cli.artwork.tracing.contours import edge_positions
+from cubicsplat_cli.raster.outlines import EdgePositions, coverage
 
 FINE = 8
 SIZE = 100

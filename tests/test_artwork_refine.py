@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from test_artwork_fitting import sampled, star
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, bernstein, derivatives, points_at
-from cubicsplat_cli.artwork.tracing.variables import Feet, Pieces, Variables, refine
-from cubicsplat_cli.raster.cubics import divided_run
+from cubicsplat_cli.artwork.tracing.variables import Feet, Pieces, refine
+from cubicsplat_cli.raster.cubics import divided_run, held_ring, tied_coordinates
 from cubicsplat_cli.raster.outlines import corners_of
 
 SIGMA = 0.02
@@ -32,25 +34,62 @@ def drop() -> Pieces:
 
 
 def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> None:
-    variables = Variables(drop())
-    jacobian = variables.jacobian().toarray()
-    assert jacobian.shape == (40, variables.total)
-    for k in range(variables.total):
-        step = np.zeros(variables.total + 1)
+    pieces = drop()
+    jacobian = pieces.jacobian.toarray()
+    assert jacobian.shape == (40, pieces.joints.variables)
+    for k in range(pieces.joints.variables):
+        step = np.zeros(pieces.joints.variables)
         step[k] = 1e-5
-        ends = [variables.moved(sign * step).cubics.ravel() for sign in (1.0, -1.0)]
+        ends = [pieces.moved(sign * step).cubics.ravel() for sign in (1.0, -1.0)]
         np.testing.assert_allclose(jacobian[:, k], (ends[0] - ends[1]) / 2e-5, atol=1e-5)
 
 
-def test_the_variables_are_numbered_alike_in_both_languages() -> None:
-    for smooth in (drop().smooth, np.zeros(5, dtype=bool), np.ones(5, dtype=bool)):
-        for tied in (np.arange(10).reshape(5, 2), np.full((5, 2), -1)):
-            variables = Variables(replace(drop(), smooth=smooth, tied=tied))
-            assert variables.total == variables.numbering.total
-            step = np.zeros(variables.total + 1)
-            step[variables.numbering.length_out[2]] = 0.25  # px, of a handle that is smooth or at a corner
-            if smooth[2]:
-                assert variables.moved(step).outgoing[2] == pytest.approx([-12.25, 0.0])
+@pytest.mark.parametrize("tied", [np.arange(10).reshape(5, 2), np.full((5, 2), -1)])
+@pytest.mark.parametrize("smooth", [drop().smooth, np.zeros(5, dtype=bool), np.ones(5, dtype=bool)])
+def test_a_variable_moves_what_its_number_says(smooth: np.ndarray, tied: np.ndarray) -> None:
+    pieces = replace(drop(), smooth=smooth, tied=tied)
+    numbers, still = pieces.joints.numbers, pieces.moved(np.zeros(pieces.joints.variables))
+    every = np.concatenate([tied.ravel(), *numbers[:3], *numbers[3:], *(each[each >= 0] + 1 for each in numbers[3:])])
+    assert sorted(every[every >= 0].tolist()) == [*range(pieces.joints.variables)]
+    for lengths, vectors, name in zip(numbers[1:3], numbers[3:], ("incoming", "outgoing"), strict=True):
+        for k in np.flatnonzero((lengths >= 0) | (vectors >= 0)):
+            step = np.zeros(pieces.joints.variables)
+            step[lengths[k] if lengths[k] >= 0 else vectors[k]] = 0.25
+            before, after = (getattr(each, name)[k] for each in (still, still.moved(step)))
+            way = before / np.hypot(*before) if lengths[k] >= 0 else np.array([1.0, 0.0])
+            assert after == pytest.approx(before + 0.25 * way)
+    for k in np.flatnonzero(numbers.angle >= 0):
+        step = np.zeros(pieces.joints.variables)
+        step[numbers.angle[k]] = 0.1
+        turned = np.cross(still.directions[k], still.moved(step).directions[k])
+        assert turned == pytest.approx(math.sin(0.1))
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.booleans()), min_size=3, max_size=9, unique=True),
+    st.sampled_from([(), (2.0,)]),
+)
+def test_ends_of_level_and_upright_lines_share_a_variable_and_what_is_on_the_border_has_none(places, pins) -> None:
+    anchors = np.array([place[:2] for place in places], float)
+    lines = np.array([place[2] for place in places])
+    controls = np.stack([anchors, np.roll(anchors, -1, axis=0)], axis=1)
+    (found, _, _), joints = held_ring(anchors + 0.01, controls, lines, np.zeros(len(lines), bool), (3, 9), (pins, ()))
+    assert found == pytest.approx(np.where((anchors == 0.0) | (anchors == [3.0, 9.0]), anchors, anchors + 0.01))
+    assert joints.level.tolist() == [False] * len(lines)
+    numbers = np.arange(anchors.size).reshape(anchors.shape)
+    for _ in anchors:  # each takes the least number that it is linked to, once more for every line between the two
+        for i, j, c in ((i, (i + 1) % len(lines), c) for i in np.flatnonzero(lines) for c in (0, 1)):
+            if found[i, c] == found[j, c]:
+                numbers[i, c] = numbers[j, c] = min(numbers[i, c], numbers[j, c])
+    held = (found == 0.0) | (found == [3.0, 9.0]) | np.isin(found, pins) & [True, False]
+    held = np.isin(numbers, numbers[held])
+    assert (joints.tied < 0).tolist() == held.tolist()
+    pairs = {*zip(numbers[~held].tolist(), joints.tied[~held].tolist(), strict=True)}
+    assert len(pairs) == len(np.unique(numbers[~held])) == joints.tied.max() + 1
+    assert (
+        (tied_coordinates(found, lines)[..., None, None] == tied_coordinates(found, lines))
+        == (numbers[..., None, None] == numbers)
+    ).all()
 
 
 def test_pieces_moved_off_their_points_find_back() -> None:
@@ -58,11 +97,10 @@ def test_pieces_moved_off_their_points_find_back() -> None:
     u = np.tile((np.arange(30) + 0.5) / 30, 5)
     piece = np.repeat(np.arange(5), 30)
     points = (bernstein(u)[:, None, :] @ truth.cubics[piece])[:, 0]
-    variables = Variables(truth)
-    step = np.random.default_rng(0).normal(0.0, 0.2, variables.total + 1)
-    step[-1] = 0.0
-    step[variables.numbering.angle[variables.numbering.turning]] *= 0.05
-    start = variables.moved(step)
+    numbers = truth.joints.numbers
+    step = np.random.default_rng(0).normal(0.0, 0.2, truth.joints.variables)
+    step[numbers.angle[numbers.angle >= 0]] *= 0.05
+    start = truth.moved(step)
     found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), Feet(piece, u))
     assert misfit < 5.0
     assert np.abs(found.anchors[0] - truth.anchors[0]).max() < 0.05
@@ -76,7 +114,7 @@ def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) ->
     flags = {name: np.tile(getattr(one, name), repeats) for name in ("lines", "smooth", "level")}
     anchors = (one.anchors + shift).reshape(-1, 2)
     pieces = Pieces(anchors, **tiled, **flags, tied=np.arange(2 * len(anchors)).reshape(-1, 2))
-    truth = Variables(pieces).moved(np.zeros(Variables(pieces).total + 1))
+    truth = pieces.moved(np.zeros(pieces.joints.variables))
     piece = np.repeat(np.arange(count * repeats), 30)
     u = np.tile((np.arange(30) + 0.5) / 30, count * repeats)
     rng = np.random.default_rng(3)
@@ -88,13 +126,13 @@ def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) ->
     rest = ((points_at(start.cubics[feet.piece], feet.u[:, None])[:, 0] - points) * normals).sum(axis=1)
     rows = np.zeros((len(u), count * repeats, 8))
     rows[np.arange(len(u)), feet.piece] = (bernstein(feet.u)[:, :, None] * normals[:, None]).reshape(-1, 8)
-    jacobian = rows.reshape(len(u), -1) @ Variables(start).jacobian().toarray()
+    jacobian = rows.reshape(len(u), -1) @ start.jacobian.toarray()
     gram = jacobian.T @ (weights[:, None] * jacobian)
     gram += np.diag(1e-3 * (gram.diagonal() + 1e-4 * gram.diagonal().max()) + 0.3)
     step = np.linalg.solve(gram, -jacobian.T @ (weights * rest))
     found, _, after = refine(start, points, weights, Feet(piece, u), 1)
     assert after < before
-    assert found.cubics == pytest.approx(Variables(start).moved(np.append(step, 0.0)).cubics, abs=1e-7)
+    assert found.cubics == pytest.approx(start.moved(step).cubics, abs=1e-7)
 
 
 def test_a_star_has_corners_and_a_circle_has_none() -> None:

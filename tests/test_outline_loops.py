@@ -1,4 +1,4 @@
-"""Loops of cracks around masks: the native tracer against its definition."""
+"""Corners of loops, hulls and links, against their definitions."""
 
 from __future__ import annotations
 
@@ -8,40 +8,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.tracing.contours import STEP, trace
 from cubicsplat_cli.raster.cubics import laid_out
 from cubicsplat_cli.raster.outlines import Hiding, corners_of, fewest_links, held_by_hull, hull_mask
-
-
-def blotches(seed: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return ndimage.gaussian_filter(rng.uniform(size=rng.integers(1, 40, 2)), 0.3 * seed) > 0.5
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_loops_are_the_cracks_of_a_mask_and_turn_right_first(seed):
-    mask = blotches(seed)
-    padded = np.pad(mask, 1)
-    expected = int((padded[1:] != padded[:-1]).sum() + (padded[:, 1:] != padded[:, :-1]).sum())
-    loops = trace(mask)
-    assert sum(len(loop.x) for loop in loops) == expected
-    assert sum(loop.area for loop in loops) == mask.sum()
-    assert [len(loop.x) for loop in loops] == sorted((len(loop.x) for loop in loops), reverse=True)
-    for loop in loops:
-        inside, outside = (padded[row + 1, column + 1] for row, column in (loop.inside, loop.outside))
-        assert inside.all() and not outside.any()
-        ends = np.stack([loop.x, loop.y], axis=1) + STEP[loop.direction]
-        assert (np.roll(ends, 1, axis=0) == np.stack([loop.x, loop.y], axis=1)).all()
-        # Where two pixels touch at a corner the loop keeps to its own: a turn to the left has its pixel ahead.
-        turn = (np.roll(loop.direction, -1) - loop.direction) % 4
-        row, column = loop.outside
-        step = STEP[loop.direction]
-        ahead = padded[row + step[:, 1] + 1, column + step[:, 0] + 1]
-        assert (ahead[turn == 3]).all() and not ahead[turn == 0].any() and (turn != 2).all()
-
-
-def test_an_empty_mask_has_no_loops():
-    assert trace(np.zeros((3, 4), dtype=bool)) == []
 
 
 def saw(teeth: int) -> np.ndarray:

@@ -13,10 +13,11 @@ from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, pictur
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, EdgePositions, edge_positions
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import EdgePositions
 
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
 # BLURS, px.

@@ -59,10 +59,9 @@ def draw(
     prepared: PreparedInput | None = None,
     *,
     strokes: bool = False,
-    on_sketch: Callable[[Drawing], None] = nothing,
 ) -> Drawing:
     """The drawing of a flat picture; the first of `versions`."""
-    return next(versions(target, settings, prepared, strokes=strokes, on_sketch=on_sketch))
+    return next(versions(target, settings, prepared, strokes=strokes))
 
 
 def versions(
@@ -135,7 +134,7 @@ def _versions(
 ) -> Iterator[Drawing]:
     """The drawing of what was taken in, in px of that, and simpler versions of it; see `versions`."""
     condition = prepared.condition
-    error = condition.edge_error
+    error = condition.edge_error / 255.0
     work().at("finding gradients", 0.05)
     flat = without_gradients(prepared, settings)
     work().at("finding colours", 0.1)
@@ -159,11 +158,11 @@ def _versions(
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
-        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error)
-        drawing = polish(drawing, goal, settings.detail, error / 255.0)
+        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error, error)
+        drawing = polish(drawing, goal, settings.detail)
         if few_enough(drawing):
             work().at("regularising", 0.8)
-            drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
+            drawing = regularised(drawing, goal, settings.detail, grid)
         if condition.aliased:
             drawing = with_pixels(drawing, plan)
         # What was given up for fewer fills or shapes is no detail that was lost.
@@ -171,9 +170,9 @@ def _versions(
             work().at("adding details", 0.93)
             min_area = settings.min_area / prepared.scale**2
             drawing = with_added(drawing, goal, condition, settings.detail, min_area, settings.curves)
-    further = iter(()) if goal is None else simpler(drawing, goal, settings.detail, error / 255.0)
+    further = iter(()) if goal is None else simpler(drawing, goal, settings.detail)
     for each in chain([drawing], further):
-        yield _painted(_with_strokes(each, goal, settings.detail, error / 255.0) if strokes else each)
+        yield _painted(_with_strokes(each, goal, settings.detail, error) if strokes else each)
 
 
 def _with_strokes(drawing: Drawing, goal: Goal | None, detail: float, error: float) -> Drawing:
@@ -189,22 +188,19 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, detail: float, error: flo
     return drawing
 
 
-def draw_flat(picture: FlatPicture, settings: ArtworkSettings, error: float) -> Drawing:
-    """The drawing of a picture in flat fills, in no others than these, without regard to how the fills look.
-
-    error: levels by which pixels on edges may be off.
-    """
+def draw_flat(picture: FlatPicture, settings: ArtworkSettings) -> Drawing:
+    """The drawing of a picture in flat fills, in no others than these, without regard to how the fills look."""
     height, width = picture.levels.shape[:2]
     work().at("finding regions", 0.1)
-    plan = planned(picture, settings, 1, error, None)
+    plan = planned(picture, settings, 1, 0.0, None)
     flat = Flattened(plan.levels, np.zeros((0, 4)), ())
     drawing = Drawing(width, height, _traced(plan.parts, (height, width), settings, flat))
     with work().stoppable():
         goal = goal_of(plan.levels.astype(float) / 255.0)
-        drawing = polish(drawing, goal, settings.detail, error / 255.0)
+        drawing = polish(drawing, goal, settings.detail)
         if few_enough(drawing):
             work().at("regularising", 0.8)
-            drawing = regularised(drawing, goal, settings.detail, 0, error / 255.0)
+            drawing = regularised(drawing, goal, settings.detail)
     return drawing
 
 

@@ -94,7 +94,7 @@ def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = N
     """The drawing of objects with their shading; where the work under way is stopped, some are without. most: curves of
     an object, or None for as many as are of use.
     """
-    outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings(), 0.0)
+    outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings())
     straight, shares = _straight(objects.levels), shown(outlined)
     shapes = [
         _in_paint(straight, shape, share >= min(FULL, float(share.max())))

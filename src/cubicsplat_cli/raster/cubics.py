@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import byref, c_double, c_int64
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -149,6 +150,64 @@ class Joints:
         """The number of variables that move the outline. Raises EngineError where the library or the memory is
         missing."""
         return int(_native("cs_count_variables", *self._given, result=c_int64))
+
+    @cached_property
+    def numbers(self) -> JointNumbers:
+        """The variables of the joints. Raises EngineError where the library or the memory is missing."""
+        out = np.empty((len(self.smooth), 5), np.int64)
+        _native("cs_number_joints", *self._given, out)
+        return JointNumbers(*out.T)
+
+
+class JointNumbers(NamedTuple):
+    """The variables of joints by number, (A,) each, -1 for none: the angle and the lengths of the handles of smooth
+    ones; and the first of two, of a handle at a corner."""
+
+    angle: np.ndarray
+    length_in: np.ndarray
+    length_out: np.ndarray
+    vector_in: np.ndarray
+    vector_out: np.ndarray
+
+
+def tied_coordinates(anchors: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """(A, 2) int64 the variable of each coordinate of anchors (A, 2): one for both ends of a piece that is a level or
+    upright line; lines: (S,) bool. Raises EngineError where the library or the memory is missing.
+    """
+    tied = np.empty(anchors.shape, np.int64)
+    _native("cs_tie", len(anchors), len(lines), doubles(anchors), np.ascontiguousarray(lines, bool), tied)
+    return tied
+
+
+def held_ring(
+    anchors: np.ndarray,
+    controls: np.ndarray,
+    lines: np.ndarray,
+    smooth: np.ndarray,
+    size: tuple[int, int],
+    pins: tuple[Sequence[float], Sequence[float]],
+) -> tuple[Outline, Joints]:
+    """A ring of anchors (A, 2), px, and control points (A, 2, 2) with what is held in place, and its joints: those that
+    are no smooth ones by their handles are corners.
+
+    size: px of the canvas, on whose border what lies near it is brought; pins: the x, and the y, that stay. Raises
+    EngineError where the library or the memory is missing.
+    """
+    outline = np.array(anchors, np.float64, order="C"), np.empty(anchors.shape), np.empty(anchors.shape)
+    joints = Joints(lines, np.array(smooth, bool), np.empty(len(smooth), bool), np.empty(anchors.shape, np.int64))
+    held = *size, len(pins[0]), len(pins[1]), doubles([*pins[0], *pins[1]])
+    given = len(anchors), doubles(controls), np.ascontiguousarray(lines, bool), *held
+    _native("cs_hold_ring", *given, *outline, joints.smooth, joints.level, joints.tied)
+    return outline, joints
+
+
+def outline_directions(joints: Joints, outline: Outline) -> np.ndarray:
+    """(A, 2) unit tangents of the smooth joints. outline: as for `moved_outline`. Raises EngineError where the library
+    or the memory is missing.
+    """
+    out = np.empty(outline[0].shape)
+    _native("cs_directions", *joints._given, *map(doubles, outline), out)
+    return out
 
 
 def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> tuple[Outline, np.ndarray]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ctypes import byref, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,30 +18,23 @@ CIRCLE, ELLIPSE, BOX = 0, 1, 2
 _ROOM = 64  # cracks beyond those around a mask's box
 
 
-def traced(mask: np.ndarray) -> list[np.ndarray]:
-    """The loops of cracks around a mask (H, W) bool, (n, 3) int64 x, y and direction (0 to 3: east, south, west, north)
-    of each crack, the mask on its right; pixels connect along edges. In the order of the first pixels of the loops.
+class EdgePositions(NamedTuple):
+    """Sub-pixel positions across every crack of a picture, C-contiguous.
 
-    Raises EngineError where the library or the memory is missing.
+    rows: (H + 1, W) y of the border across the horizontal crack above pixel (y, x); columns: (H, W + 1) x of the border
+    across the vertical crack left of it; row_sigma, column_sigma: their standard errors in px. rim: px within the
+    canvas's border in which an edge may run and not show.
     """
-    mask = np.ascontiguousarray(mask, dtype=bool)
-    room, count = 4 * sum(mask.shape) + _ROOM, c_int64(0)
-    while True:
-        cracks, ends = np.empty((room, 3), np.int64), np.empty(room, np.int64)
-        loops = _native("cs_trace", mask, *mask.shape, room, cracks, ends, byref(count), result=c_int64)
-        if count.value <= room:
-            return np.split(cracks[: count.value], ends[: loops - 1]) if loops else []
-        room = count.value
+
+    rows: np.ndarray
+    row_sigma: np.ndarray
+    columns: np.ndarray
+    column_sigma: np.ndarray
+    rim: float
 
 
-# Where borders run across the cracks of a picture of H x W px, and the standard errors, px: of horizontal cracks
-# (H + 1, W) each, of vertical ones (H, W + 1) each, C-contiguous; and px within the canvas's border in which an edge
-# may run and not show.
-Positions = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]
-
-
-def loop_points(cracks: np.ndarray, found: Positions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sub-pixel points along a closed loop of cracks (n, 3) int64, as those of `traced`: (m, 2) px, their standard
+def loop_points(cracks: np.ndarray, found: EdgePositions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sub-pixel points along a closed loop of cracks (n, 3) int64, as of `borders.Loops`: (m, 2) px, their standard
     errors (m,), and the index (m,) of each one's crack.
 
     Where the border runs rather level its points come from the horizontal cracks, else from the vertical ones, so that
@@ -48,13 +42,13 @@ def loop_points(cracks: np.ndarray, found: Positions) -> tuple[np.ndarray, np.nd
     """
     count = len(cracks)
     out = np.empty((count, 2)), np.empty(count), np.empty(count, np.int64)
-    given = count, np.ascontiguousarray(cracks, np.int64), *_size(found), *found
+    given = count, np.ascontiguousarray(cracks, np.int64), *size_of(found), *found
     points = _native("cs_loop_points", *given, *out, result=c_int64)
     return out[0][:points], out[1][:points], out[2][:points]
 
 
 def contours_of(
-    part: np.ndarray, shown: np.ndarray, corner: tuple[int, int], found: Positions
+    part: np.ndarray, shown: np.ndarray, corner: tuple[int, int], found: EdgePositions
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """The loops around a part of a window (h, w) bool, with its top and left at a corner, px, those that enclose most
     first: points (n, 2) px and their standard errors (n,), as of `loop_points`, and the px^2 that each encloses, below
@@ -65,7 +59,7 @@ def contours_of(
     room, count = 4 * sum(part.shape) + _ROOM, c_int64(0)
     while True:
         points, sigma, ends, told = np.empty((room, 2)), np.empty(room), np.empty(room, np.int64), np.empty((room, 2))
-        given = *masks, *part.shape, *corner, *_size(found), *found, room
+        given = *masks, *part.shape, *corner, *size_of(found), *found, room
         loops = _native("cs_contours", *given, points, sigma, ends, told, byref(count), result=c_int64)
         if max(count.value, loops) <= room:
             break
@@ -76,7 +70,7 @@ def contours_of(
     return [(points[own].copy(), sigma[own].copy(), area) for own, area in parts]
 
 
-def _size(found: Positions) -> tuple[int, int]:
+def size_of(found: EdgePositions) -> tuple[int, int]:
     """The height and width of a picture, px."""
     return found[2].shape[0], found[0].shape[1]
 
@@ -203,31 +197,6 @@ def end_heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> np.ndarr
     out = np.empty(7)
     given = len(points), doubles(points), doubles(sigma), float(reach)
     return out if _native("cs_heading", *given, out, result=c_int64) else None
-
-
-def turns(
-    beside: np.ndarray,
-    outline: tuple[np.ndarray, np.ndarray, np.ndarray],
-    behind: np.ndarray,
-    reaches: Sequence[float],
-    smooth: float,
-    least: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """By how much a loop of n cracks turns behind some of them (k,), where what lies beside it (n,) changes: radians
-    (k,) and their standard errors (k,), NaN where unknown.
-
-    outline: points (m, 2) px of the loop, their standard errors (m,), px, and the crack of each (m,), ascending.
-    reaches: px along the loop from which its headings on either side are taken, the first where the mean squared
-    residual, in sigmas, of a parabola is at most `smooth`; least: radians, of the standard error beyond that of the
-    points. Raises EngineError where the library or the memory is missing.
-    """
-    points, sigma, index = outline
-    integers = [np.ascontiguousarray(array, np.int64) for array in (beside, index, behind)]
-    turn, error = np.empty(len(behind)), np.empty(len(behind))
-    loop = len(beside), integers[0], len(index), integers[1], doubles(points), doubles(sigma)
-    tries = len(reaches), doubles(reaches), float(smooth), float(least)
-    _native("cs_turns", *loop, len(behind), integers[2], *tries, turn, error)
-    return turn, error
 
 
 def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height: int, width: int) -> np.ndarray:

@@ -54,7 +54,8 @@ class Goal:
     taps: (reach + 1,) weights along a row or column, from the middle on, of what blurs the stack's picture before it is
     compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which fills are too.
     leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that, so it
-    counts without one. share_error: standard deviation of the shares of pixels that shapes cover in the target."""
+    counts without one. share_error: standard deviation of the shares of pixels that shapes cover in the target; error:
+    that of pixels on edges beyond that of a clean picture, of full scale."""
 
     target: np.ndarray
     channels: Sequence[float]
@@ -64,6 +65,7 @@ class Goal:
     space: np.ndarray = field(default_factory=lambda: np.eye(4))
     leak_weight: float = 0.0
     share_error: float = 0.04
+    error: float = 0.0
 
     @property
     def reach(self) -> int:
@@ -119,9 +121,9 @@ class Unknowns:
     (8 count, own variables); damping: (variables,) what is added to the diagonal
     of the Gram matrix, times that; keep: what is added besides."""
 
-    first: Sequence[int]
-    count: Sequence[int]
-    start: Sequence[int]
+    first: np.ndarray
+    count: np.ndarray
+    start: np.ndarray
     jacobians: Sequence[SparseRows]
     damping: np.ndarray
     keep: float

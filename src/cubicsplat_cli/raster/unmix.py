@@ -16,6 +16,7 @@ from cubicsplat_cli.raster.cpu import doubles, native
 
 _native = partial(native, "regions")
 SLOTS, REACH = 4, 3  # colours that are looked at near a pixel, and px up to which they lie away
+CLEARLY = 0.5  # levels by which what comes later must explain better
 STRANGE = 24.0  # levels of residual that the colours near a pixel do not explain: something thin lies there
 
 
@@ -29,13 +30,13 @@ def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
     return out
 
 
-def nearest_fills(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(...) int32 index of the fill nearest to values (..., 4), and (...) float32 its distance in levels, that of the
-    channel that is farthest off.
+def nearest_fills(values: np.ndarray, palette: np.ndarray, *, straight: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """(...) int32 index of the fill nearest to values (..., 4), and (...) float32 its distance in levels: Euclid's if
+    that is to be `straight`, else that of the channel that is farthest off.
     """
     values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
     index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
-    _native("cs_nearest_fills", index.size, values, len(palette), palette, index, gap, result=None)
+    _native("cs_nearest_fills", index.size, values, len(palette), palette, straight, index, gap, result=None)
     return index, gap
 
 
@@ -83,6 +84,21 @@ def blend_with(
     steps = [part for each in given for part in (each, 4 * (each.ndim - 1))]
     _native("cs_blend_with", count, *steps, share, residual, result=None)
     return share, residual
+
+
+def seam_shares(
+    values: np.ndarray, own: np.ndarray, beside: np.ndarray, grounds: np.ndarray, steps: int, odd: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n, 4) as seams of two fills (n, 4) each, the one in front with a share a, the other with (1 - a)^2, over
+    what is left of one of the grounds (G, 4): the share (n,) of the fill beside, in whole steps, and the residual (n,)
+    in levels, inf where all grounds are within `odd` levels of one of the two.
+
+    Later grounds must explain clearly better than earlier ones.
+    """
+    values, share, rest = np.ascontiguousarray(values, np.float32), np.empty(len(values)), np.empty(len(values))
+    given = len(values), values, doubles(own), doubles(beside), len(grounds), doubles(grounds)
+    _native("cs_seam_shares", *given, steps, float(odd), CLEARLY, share, rest, result=None)
+    return share, rest
 
 
 def fills_of_lines(

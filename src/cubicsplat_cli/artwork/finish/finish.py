@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.finish.parameters import (
     CopyParameters,
     Parameters,
     Pins,
+    RingParameters,
     parametrised,
 )
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
@@ -171,11 +172,15 @@ def _pieces_of(layers: list[Layer]) -> StackPieces:
 
 
 def goal_of(
-    target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None, share_error: float = FEW_SAMPLES
+    target: np.ndarray,
+    blur: float = 0.0,
+    space: np.ndarray | None = None,
+    share_error: float = FEW_SAMPLES,
+    error: float = 0.0,
 ) -> Goal:
     """The goal of a drawing: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
     since it was drawn, and compared in other coordinates: rows of RGBA times `space` (4, 4).
-    share_error: of the shares of pixels that shapes cover.
+    share_error: of the shares of pixels that shapes cover; error: of pixels on edges, of full scale.
     """
     reach = math.ceil(BLUR_REACH * blur)
     taps = np.exp(-0.5 * (np.arange(reach + 1) / max(blur, 1e-9)) ** 2)
@@ -183,7 +188,7 @@ def goal_of(
     space = np.eye(4) if space is None else space
     target = np.ascontiguousarray(target @ space, dtype=np.float64)
     bound = max(HUBER, ERRORS * share_error)
-    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error)
+    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error)
 
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
@@ -197,9 +202,7 @@ def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]
     return [_layer(shape, constraints, goal.space) for shape in drawing.shapes]
 
 
-def settle(
-    state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None
-) -> State:
+def settle(state: State, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None) -> State:
     """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter.
 
     Outlines whose steps gain hardly anything rest, until the picture beneath them changes. changed: (outlines,) bool,
@@ -255,7 +258,8 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
 
 def trimmed(state: State, moved: np.ndarray) -> State:
     """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
-    outlines = [o.trimmed() if moves else o for o, moves in zip(state.outlines, moved.tolist(), strict=True)]
+    may = zip(state.outlines, moved.tolist(), strict=True)
+    outlines = [o.trimmed() if moves and isinstance(o, RingParameters) else o for o, moves in may]
     if all(map(is_, state.outlines, outlines)):
         return state
     return state.with_layers(with_outlines(state.layers, iter(outlines)))
@@ -310,19 +314,20 @@ def _stepped(
     """The layers after a step of some outlines (outlines,) bool and of their copies, and which have moved."""
     outlines = state.outlines
     awake = (np.bincount(families, awake, len(outlines)) > 0.0)[families]
-    free = [k for k in np.flatnonzero(awake).tolist() if outlines[families[k]].jacobian.shape[1]]
+    jacobians = {k: own for k in np.flatnonzero(awake).tolist() if (own := outlines[k].jacobian).count}
     moving = np.zeros(len(outlines), dtype=bool)
-    if not free:
+    if not jacobians:
         return state.layers, moving
-    models = [k for k in free if families[k] == k]
-    sizes = [outlines[k].jacobian.shape[1] for k in models]
-    starts = dict(zip(models, np.cumsum([0, *sizes]).tolist(), strict=False))
+    free, starts = np.array([*jacobians]), np.zeros(len(outlines), int)
+    models = free[families[free] == free]
+    sizes = np.array([jacobians[k].count for k in models.tolist()])
+    starts[models] = np.cumsum(sizes) - sizes
     found = state.stack.step(
         Unknowns(
-            state.pieces[free].tolist(),
-            [len(outlines[k].lines) for k in free],
-            [starts[int(families[k])] for k in free],
-            [outlines[k].jacobian for k in free],
+            state.pieces[free],
+            np.diff(state.pieces)[free],
+            starts[families[free]],
+            [*jacobians.values()],
             np.repeat(damping[models], sizes),
             (PIXEL_SIGMA / FREE) ** 2,
         ),
@@ -330,14 +335,14 @@ def _stepped(
     )
     moves = np.zeros(len(outlines))
     np.maximum.at(moves, families[free], found.moves)
-    misfits = np.bincount(families[free], found.misfits, len(outlines))
+    gained = np.add.reduceat(-found.values * found.gradient, starts[models])
+    moving[models] = gained > RESTS * np.bincount(families[free], found.misfits, len(outlines))[models]
+    steps = found.values * np.repeat(LONGEST / np.maximum(moves[models], LONGEST), sizes)
     following = list(outlines)
-    for k, size in zip(models, sizes, strict=True):
-        own = slice(starts[k], starts[k] + size)
-        moving[k] = -found.values[own] @ found.gradient[own] > RESTS * misfits[k]
+    for k, step in zip(models.tolist(), np.split(steps, starts[models[1:]]), strict=True):
         if moving[k]:
-            following[k] = outlines[k].moved(found.values[own] * min(1.0, LONGEST / moves[k]))
-    for k in free:
+            following[k] = outlines[k].moved(step)
+    for k in jacobians:
         copy = outlines[k]
         if isinstance(copy, CopyParameters) and moving[copy.source]:
             following[k], moving[k] = copy.following(following[copy.source]), True

@@ -16,8 +16,8 @@ from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
+from cubicsplat_cli.artwork.tracing.variables import feet_of
 from cubicsplat_cli.raster.cubics import found_merges
-from cubicsplat_cli.raster.stack import Goal
 
 LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
 # Px to which a place is known by a pixel where an outline shows, as coverages are, and how far hidden parts may move.
@@ -42,10 +42,10 @@ class Merge:
     net: float
 
 
-def with_merges(state: State, goal: Goal, constraints: Constraints, detail: float, error: float = 0.0) -> State:
+def with_merges(state: State, constraints: Constraints, detail: float) -> State:
     """The state with runs of pieces merged wherever that makes the description shorter; the same where none do.
 
-    detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale.
+    detail as in ArtworkSettings.
     """
     rings = [o.outline() for o in state.outlines]
     plans = [
@@ -55,19 +55,19 @@ def with_merges(state: State, goal: Goal, constraints: Constraints, detail: floa
     if not any(plans):
         return state
     changed = np.array([bool(plan) for plan in plans])
-    trial = settle(_with(state, plans, constraints), goal, ROUNDS, trim=False, changed=changed)
-    paying = _paying(state, trial, plans, detail, error)
+    trial = settle(_with(state, plans, constraints), ROUNDS, trim=False, changed=changed)
+    paying = _paying(state, trial, plans, detail)
     if not any(paying):
         return state
     differ = np.array([len(fewer) < len(plan) for fewer, plan in zip(paying, plans, strict=True)])
     if differ.any():
         fewer = kept(trial.layers, _with(state, paying, constraints).layers, ~differ)
-        trial = settle(trial.with_layers(fewer), goal, ROUNDS, changed=differ)
+        trial = settle(trial.with_layers(fewer), ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
     trial = trimmed(trial, changed)
-    refused = shorter(state, trial, changed, detail, error)
+    refused = shorter(state, trial, changed, detail)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2, changed=refused)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), 2, changed=refused)
     return trial
 
 
@@ -129,11 +129,9 @@ def samples_along(ring: Ring, visibility: Visibility, most: int) -> Samples:
     """The samples of a ring: of each piece one per px, but at least 4 and at most so many."""
     lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     counts = np.clip(np.ceil(lengths), 4, most).astype(int)
-    ends = np.cumsum(counts)
-    piece = np.repeat(np.arange(ring.pieces), counts)
-    t = (np.arange(len(piece)) - (ends - counts)[piece] + 0.5) / counts[piece]
-    points = np.einsum("nk,nkc->nc", bernstein(t), ring.cubics[piece])
-    return Samples(points, visibility.weights(piece, t), (lengths / counts)[piece], ends)
+    at = feet_of(counts)
+    points = np.einsum("nk,nkc->nc", bernstein(at.u), ring.cubics[at.piece])
+    return Samples(points, visibility.weights(at.piece, at.u), (lengths / counts)[at.piece], np.cumsum(counts))
 
 
 def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: float) -> list[Merge]:
@@ -173,7 +171,7 @@ def _with(state: State, plans: list[list[Merge]], constraints: Constraints) -> S
     return state.with_layers(with_outlines(state.layers, iter(outlines)))
 
 
-def _paying(before: State, after: State, plans: list[list[Merge]], detail: float, error: float) -> list[list[Merge]]:
+def _paying(before: State, after: State, plans: list[list[Merge]], detail: float) -> list[list[Merge]]:
     """The merges that save more than the pixels lose that the run crossed, and that what stands for it crosses."""
     own, other = np.full(before.pieces[-1], -1), np.full(after.pieces[-1], -1)
     judged: dict[int, int] = {}  # merges by identity
@@ -192,7 +190,7 @@ def _paying(before: State, after: State, plans: list[list[Merge]], detail: float
 
     def pays(merge: Merge, k: int) -> bool:
         number = judged.get(id(merge))
-        lost = 0.0 if number is None else 0.5 * float(grown[number]) / floor_of(before, k, error)
+        lost = 0.0 if number is None else 0.5 * float(grown[number]) / floor_of(before, k)
         return lost * detail < PRICE * merge.saved
 
     return [[merge for merge in plan if pays(merge, k)] for k, plan in enumerate(plans)]

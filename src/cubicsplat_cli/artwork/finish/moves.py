@@ -40,15 +40,10 @@ class Complaint:
     end: float
 
 
-def with_moves(
-    state: State, constraints: Constraints, detail: float, error: float = 0.0
-) -> tuple[list[Layer], np.ndarray]:
-    """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool.
-
-    error: of pixels on edges beyond that of a clean picture, of full scale.
-    """
+def with_moves(state: State, constraints: Constraints, detail: float) -> tuple[list[Layer], np.ndarray]:
+    """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool."""
     layers, changed = [], np.zeros(len(state.marks) - 1, dtype=bool)
-    found = complaints(state, error)
+    found = complaints(state)
     first = number = 0
     for layer in state.layers:
         outlines: list[Parameters] = []
@@ -63,10 +58,10 @@ def with_moves(
     return layers, changed
 
 
-def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
+def complaints(state: State) -> dict[int, Complaint]:
     """The complaints against the pieces of a drawing, numbered through all its outlines."""
     c, count = state.crossings, int(state.pieces[-1])
-    floor = _floor(state, slice(None), error)
+    floor = _floor(state, slice(None))
     chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
     cubics = np.concatenate([o.cubics for layer in state.layers for o in layer.outlines])
     lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
@@ -85,10 +80,10 @@ def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
     }
 
 
-def _floor(state: State, own: slice, error: float) -> np.ndarray:
+def _floor(state: State, own: slice) -> np.ndarray:
     """(m,) the misfit that the pixels of some crossings have by chance."""
     slopes = ((state.crossings.slope[own] * WHITE) ** 2).sum(axis=1)
-    return state.goal.share_error**2 * state.sharing * slopes + error**2
+    return state.goal.share_error**2 * state.sharing * slopes + state.goal.error**2
 
 
 def _edited(
@@ -138,25 +133,25 @@ def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
     return divided(ring, i, float(np.clip(complaint.t, 0.25, 0.75)))
 
 
-def shorter(before: State, after: State, changed: np.ndarray, detail: float, error: float = 0.0) -> np.ndarray:
+def shorter(before: State, after: State, changed: np.ndarray, detail: float) -> np.ndarray:
     """(outlines,) bool: which changed outlines make the whole description longer rather than shorter."""
-    worse, gained = np.zeros(len(changed), dtype=bool), gains(before, after, changed, error)
+    worse, gained = np.zeros(len(changed), dtype=bool), gains(before, after, changed)
     for k in np.flatnonzero(changed):
         cost = PRICE * (after.outlines[k].outline().parameters - before.outlines[k].outline().parameters)
         worse[k] = gained[k] * detail < cost
     return worse
 
 
-def gains(before: State, after: State, wanted: np.ndarray, error: float) -> np.ndarray:
+def gains(before: State, after: State, wanted: np.ndarray) -> np.ndarray:
     """(outlines,) by how much half of chi^2 falls on the pixels that some outlines (outlines,) bool cross before or
     after; 0 for the others."""
     found = -0.5 * before.growth(after, wanted)
     for k in np.flatnonzero(wanted).tolist():
-        found[k] /= floor_of(before, k, error)
+        found[k] /= floor_of(before, k)
     return found
 
 
-def floor_of(state: State, number: int, error: float) -> float:
+def floor_of(state: State, number: int) -> float:
     """The misfit of a pixel that an outline crosses by chance."""
-    own = _floor(state, slice(state.marks[number], state.marks[number + 1]), error)
+    own = _floor(state, slice(state.marks[number], state.marks[number + 1]))
     return max(float(np.median(own)) if len(own) else 0.0, state.goal.share_error**2 * state.sharing * 1e-4)

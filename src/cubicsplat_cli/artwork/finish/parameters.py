@@ -11,7 +11,8 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.raster.cubics import held_ring
 from cubicsplat_cli.raster.sparse import SparseRows
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
@@ -19,13 +20,11 @@ ON_BORDER = 0.06
 LEAST_SIZE = 0.05  # px, of a primitive
 FINEST_TURN = 1e-9
 SPECK, SMOOTH_SPECK = 0.3, 1.5  # px
-MOST_BEND = 0.05  # tangent of the angle by which a joint that is called smooth may be off
 
 
 class Parameters(Protocol):
     """An outline with its variables. cubics: (S, 4, 2); lines: (S,) bool; jacobian: (8 S, variables), rows by piece,
-    control point and coordinate; moved: the same after a step (variables,); trimmed: without pieces that have become
-    too short to matter, itself where there are none; outline: as it stands."""
+    control point and coordinate; moved: the same after a step (variables,); outline: as it stands."""
 
     cubics: np.ndarray
     lines: np.ndarray
@@ -34,8 +33,6 @@ class Parameters(Protocol):
     def jacobian(self) -> SparseRows: ...
 
     def moved(self, step: np.ndarray) -> Parameters: ...
-
-    def trimmed(self) -> Parameters: ...
 
     def outline(self) -> Outline: ...
 
@@ -128,76 +125,35 @@ class RingParameters:
     def __init__(self, pieces: Pieces, constraints: Constraints, origin: Rectangle | None = None) -> None:
         self.pieces, self.constraints, self.origin = pieces, constraints, origin
         self.cubics, self.lines = pieces.cubics, pieces.lines
-        self._variables = Variables(pieces)
 
-    @cached_property
+    @property
     def jacobian(self) -> SparseRows:
-        return self._variables.jacobian()
+        return self.pieces.jacobian
 
     def moved(self, step: np.ndarray) -> RingParameters:
-        return RingParameters(self._variables.moved(np.append(step, 0.0)), self.constraints, self.origin)
+        return RingParameters(self.pieces.moved(step), self.constraints, self.origin)
 
     def trimmed(self) -> RingParameters:
+        """The ring without pieces that have become too short to matter, itself where there are none."""
         if (_speck_lengths(self.cubics, self.pieces.smooth) >= 1.0).all():
             return self
-        ring = self._ring()
+        ring = self.pieces.ring()
         shorter = ring if self.origin is not None else without_specks(ring)
         return self if shorter is ring else RingParameters(ring_pieces(shorter, self.constraints), self.constraints)
-
-    def _ring(self) -> Ring:
-        p = self.pieces
-        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
 
     def outline(self) -> Outline:
         p = self.pieces
         if self.origin is not None:
             low, high = p.anchors.min(axis=0), p.anchors.max(axis=0)
             return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
-        return self._ring()
+        return self.pieces.ring()
 
 
 def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
     """A ring with what is held in place; what lies near the canvas's border is brought onto it."""
-    anchors = ring.anchors.copy()
-    borders = np.array([[0.0, 0.0], [float(constraints.width), float(constraints.height)]])
-    fixed = np.zeros(anchors.shape, dtype=bool)
-    for border in borders:
-        near = np.abs(anchors - border) < ON_BORDER
-        anchors[near] = np.broadcast_to(border, anchors.shape)[near]
-        fixed |= near
-    for axis, known in enumerate((constraints.pins.x, constraints.pins.y)):
-        for pin in known:
-            fixed[:, axis] |= np.abs(anchors[:, axis] - pin) < FINEST_TURN
-    outgoing = ring.controls[:, 0] - ring.anchors
-    incoming = np.roll(ring.controls[:, 1] - np.roll(ring.anchors, -1, axis=0), 1, axis=0)
-    along = np.abs(np.concatenate([outgoing, incoming], axis=1))
-    smooth = ring.smooth & ~_bent(outgoing, incoming)
-    level = smooth & ((along[:, [0, 2]].max(axis=1) < FINEST_TURN) | (along[:, [1, 3]].max(axis=1) < FINEST_TURN))
-    pieces = Pieces(
-        anchors, incoming, outgoing, ring.lines, smooth, level, tied_coordinates(anchors, ring.lines, fixed)
-    )
-    variables = Variables(pieces)
-    return variables.moved(np.zeros(variables.total + 1))
-
-
-def _bent(outgoing: np.ndarray, incoming: np.ndarray) -> np.ndarray:
-    """(A,) bool: the handles on either side of an anchor are not in line."""
-    cross = outgoing[:, 0] * incoming[:, 1] - outgoing[:, 1] * incoming[:, 0]
-    dot = (outgoing * incoming).sum(axis=1)
-    return (np.abs(cross) > MOST_BEND * np.abs(dot)) | (dot > 0.0)
-
-
-def tied_coordinates(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """(A, 2) the variable of each coordinate: one for both ends of a level or upright line, -1 where fixed."""
-    tied = np.arange(anchors.size).reshape(anchors.shape)
-    level = np.abs(np.roll(anchors, -1, axis=0) - anchors) < FINEST_TURN
-    for i, c in np.argwhere(level[: len(lines)] & lines[:, None]).tolist():
-        tied[tied == tied[(i + 1) % len(anchors), c]] = tied[i, c]
-    # What is tied to the border is on it.
-    constraints, used = np.zeros((2, anchors.size), dtype=bool)
-    constraints[tied[fixed]] = True
-    used[tied[~constraints[tied]]] = True
-    return np.where(constraints[tied], -1, (np.cumsum(used) - 1)[tied])
+    held = (constraints.width, constraints.height), (constraints.pins.x, constraints.pins.y)
+    outline, joints = held_ring(ring.anchors, ring.controls, ring.lines, ring.smooth, *held)
+    return Pieces(*outline, joints.lines, joints.smooth, joints.level, joints.tied)
 
 
 class Still:
@@ -210,10 +166,6 @@ class Still:
         self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 
     def moved(self, _step: np.ndarray) -> Still:
-        """Itself."""
-        return self
-
-    def trimmed(self) -> Still:
         """Itself."""
         return self
 
@@ -254,9 +206,6 @@ class PrimitiveParameters:
         if isinstance(self.shape, Ellipse):
             return Ellipse(v[0], v[1], across, down, v[4])
         return Rectangle(v[0], v[1], across, down, min(max(v[4], 0.0), 0.5 * min(across, down)), v[5])
-
-    def trimmed(self) -> PrimitiveParameters:
-        return self
 
     def outline(self) -> Outline:
         return self.shape
@@ -314,9 +263,6 @@ class CopyParameters:
 
     def moved(self, step: np.ndarray) -> CopyParameters:
         return self.following(self.model.moved(step))
-
-    def trimmed(self) -> CopyParameters:
-        return self
 
     def outline(self) -> Outline:
         return self.way.outline(self.model.outline())

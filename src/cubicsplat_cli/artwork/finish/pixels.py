@@ -6,6 +6,7 @@ pixel out, or go where none is, the part is no line drawn through its steps, and
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,8 @@ from cubicsplat_cli.artwork.plan import Plan
 from cubicsplat_cli.artwork.regions.fills import PURE
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import coverage, traced
+from cubicsplat_cli.raster.borders import borders_of
+from cubicsplat_cli.raster.outlines import coverage
 
 # Share of a pixel that a line may be off: one that runs through the pixel's middle covers half of it and more.
 # In a letter of fewer than 50 px one that is off more counts, in a long line several.
@@ -34,16 +36,19 @@ def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarra
     """The shape of an extent, or its pixels in a picture (H, W, 4) of such a fill (4,), both in levels."""
     if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any():
         return shape
-    rows, columns = (slice(first, first + n) for first, n in zip((extent.top, extent.left), extent.shown.shape))
-    own = extent.shown & (np.abs(levels[rows, columns] - fill).max(axis=2) <= PURE)
-    drawn = coverage(*pieces_of_rings(shape.oriented()), extent.top, extent.left, *own.shape)
+    height, width = extent.shown.shape
+    levels = levels[extent.top : extent.top + height, extent.left : extent.left + width]
+    own = extent.shown & (np.abs(levels - fill).max(axis=2) <= PURE)
+    drawn = coverage(*pieces_of_rings(shape.oriented()), extent.top, extent.left, height, width)
     off = np.where(extent.allowed, np.minimum(drawn - own, 0.0), drawn - own)
     if not own.any() or (np.abs(off) > MOST_OFF).sum() <= FEW * own.sum():
         return shape
-    return replace(shape, outlines=tuple(_outline(loop, extent) for loop in traced(own)))
+    return replace(shape, outlines=tuple(_along_pixels(own, np.array([extent.left, extent.top]))))
 
 
-def _outline(loop: np.ndarray, extent: Extent) -> Outline:
-    """The outline along a loop of cracks (n, 3) in the window of an extent."""
-    turns = loop[:, 2] != np.roll(loop[:, 2], 1)
-    return polygon(loop[turns, :2].astype(float) + [extent.left, extent.top])
+def _along_pixels(own: np.ndarray, corner: np.ndarray) -> Iterator[Outline]:
+    """The outlines of pixels (h, w) bool in a window with such a corner x, y."""
+    loops = borders_of(own.astype(np.int32)).loops
+    for cracks, owner in zip(np.split(loops.cracks, loops.ends[:-1]), loops.owners, strict=True):
+        if owner:
+            yield polygon(cracks[cracks[:, 2] != np.roll(cracks[:, 2], 1), :2] + corner.astype(float))

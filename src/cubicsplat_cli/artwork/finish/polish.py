@@ -25,11 +25,8 @@ TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
 _log = logging.getLogger("cubicsplat")
 
 
-def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0) -> Drawing:
-    """The drawing fitted to its goal; detail as in ArtworkSettings.
-
-    error: of pixels on edges beyond that of a clean picture, of full scale.
-    """
+def polish(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
+    """The drawing fitted to its goal; detail as in ArtworkSettings."""
     pieces = drawing.segments
     if pieces > CHANGED:
         left = "fitted to the pixels" if pieces > MOST else "merged, cut and rounded as the pixels ask"
@@ -41,23 +38,23 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
     at("fitting to the pixels", 0.5)
     state = begin(drawing, goal)
     with work().stoppable():
-        state = settle(state, goal, _rounds(pieces))
+        state = settle(state, _rounds(pieces))
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
         if pieces <= FULL:
-            state = _merged(state, goal, constraints, detail, error, MERGES if goal.reach and pieces <= CROWDED else 1)
+            state = _merged(state, constraints, detail, MERGES if goal.reach and pieces <= CROWDED else 1)
         at("fitting to the pixels", 0.7)
         for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= CHANGED else 0):
-            following = _moved(state, goal, constraints, detail, error)
+            following = _moved(state, constraints, detail)
             if following is state:
                 break
             state = following
-        state = _tried(state, goal, *_otherwise(drawing, state, constraints), detail, error)
+        state = _tried(state, *_otherwise(drawing, state, constraints), detail)
         if pieces <= MANY:
-            state = settle(state, goal, _trial_rounds(pieces))
+            state = settle(state, _trial_rounds(pieces))
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:
-            state = _merged(state, goal, constraints, detail, error, MERGES if pieces <= SEVERAL else 1)
+            state = _merged(state, constraints, detail, MERGES if pieces <= SEVERAL else 1)
     return drawn(drawing, state)
 
 
@@ -71,10 +68,10 @@ def _trial_rounds(pieces: int) -> int:
     return min(TRIAL_ROUNDS, _rounds(pieces))
 
 
-def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, error: float, passes: int) -> State:
+def _merged(state: State, constraints: Constraints, detail: float, passes: int) -> State:
     """The state after passes of merges, until one changes nothing."""
     for _ in range(passes):
-        following = with_merges(state, goal, constraints, detail, error)
+        following = with_merges(state, constraints, detail)
         if following is state:
             break
         state = following
@@ -91,17 +88,17 @@ def _otherwise(drawing: Drawing, state: State, constraints: Constraints) -> tupl
     return with_outlines(state.layers, iter(found)), np.array([ring is not None for ring in rings])
 
 
-def _moved(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
+def _moved(state: State, constraints: Constraints, detail: float) -> State:
     """The state after one pass of moves, the same where none paid."""
-    return _tried(state, goal, *with_moves(state, constraints, detail, error), detail, error)
+    return _tried(state, *with_moves(state, constraints, detail), detail)
 
 
-def _tried(state: State, goal: Goal, layers: list[Layer], changed: np.ndarray, detail: float, error: float) -> State:
+def _tried(state: State, layers: list[Layer], changed: np.ndarray, detail: float) -> State:
     """The state with those of the changed outlines (outlines,) bool of some layers that pay once they are settled."""
     if not changed.any():
         return state
-    trial = settle(state.with_layers(layers), goal, _trial_rounds(int(state.pieces[-1])), changed=changed)
-    refused = shorter(state, trial, changed, detail, error)
+    trial = settle(state.with_layers(layers), _trial_rounds(int(state.pieces[-1])), changed=changed)
+    refused = shorter(state, trial, changed, detail)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2, changed=refused)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), 2, changed=refused)
     return trial if not refused[changed].all() else state

@@ -7,6 +7,7 @@ cost, and runs of pieces become one piece by the same measure, as in the finish.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -27,13 +28,16 @@ WORTHY = 3.0  # times its price: a shape that explains so much is not looked at 
 _ENDS = (np.minimum, slice(0, 2)), (np.maximum, slice(2, 4))  # of boxes: of two boxes, that around both
 
 
-def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0) -> Iterator[Drawing]:
+def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Iterator[Drawing]:
     """Versions of a drawing that is fitted to its goal, each with fewer shapes or pieces than the one before.
 
-    detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale; here at least
-    the error of shares, so that what is faint counts less than what is plain to see. It ends where the work is stopped.
+    detail as in ArtworkSettings. The error of pixels on edges counts as at least that of shares, so that what is faint
+    counts less than what is plain to see. It ends where the work is stopped.
     """
-    constraints, error = Constraints(drawing.width, drawing.height), max(error, goal.share_error)
+    constraints, goal = (
+        Constraints(drawing.width, drawing.height),
+        replace(goal, error=max(goal.error, goal.share_error)),
+    )
     state, price, step = begin(drawing, goal), 1.0, STEP
     worth: dict[int, float] = {}
     while price < DEAREST:
@@ -41,7 +45,7 @@ def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.
         with work().stoppable():
             work().at("simplifying", 0.95)
             dearer = detail / (price * step)
-            following = _merged(_without_shapes(state, dearer, error, worth), goal, constraints, dearer, error)
+            following = _merged(_without_shapes(state, dearer, worth), constraints, dearer)
         if work().stopped:
             return
         left, pieces = int(following.pieces[-1]), int(state.pieces[-1])
@@ -54,11 +58,11 @@ def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.
             yield drawing
 
 
-def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
+def _merged(state: State, constraints: Constraints, detail: float) -> State:
     """The state with runs of pieces merged. Merges look at the pixels that outlines cross; here outlines may move by
     more than a pixel, so what lies between is looked at too.
     """
-    after = with_merges(state, goal, constraints, detail, error)
+    after = with_merges(state, constraints, detail)
     if after is state:
         return state
     boxes, others = _boxes(state), _boxes(after)
@@ -68,11 +72,11 @@ def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, e
         if saved > 0.0:
             box = np.concatenate([f(boxes[number, own], others[number, own]) for f, own in _ENDS])
             grown = _squares(after, box) - _squares(state, box)
-            refused[number] = 0.5 * detail * grown > saved * floor_of(state, number, error)
+            refused[number] = 0.5 * detail * grown > saved * floor_of(state, number)
     return after.with_layers(kept(state.layers, after.layers, refused)) if refused.any() else after
 
 
-def _without_shapes(state: State, detail: float, error: float, worth: dict[int, float]) -> State:
+def _without_shapes(state: State, detail: float, worth: dict[int, float]) -> State:
     """The state without the shapes that explain less than they cost. Those that do not touch are tried together.
 
     worth: by the identity of a shape, the price of a parameter up to which it pays; brought up to date.
@@ -82,7 +86,7 @@ def _without_shapes(state: State, detail: float, error: float, worth: dict[int, 
     boxes = np.concatenate([f.reduceat(_boxes(state)[:, own], firsts) for f, own in _ENDS], axis=1)
     there = np.ones(len(layers), dtype=bool)
     prices = [PRICE * (SHAPE_PARAMETERS + sum(o.outline().parameters for o in each.outlines)) for each in layers]
-    floors = [floor_of(state, first, error) for first in firsts.tolist()]
+    floors = [floor_of(state, first) for first in firsts.tolist()]
     in_question = [n for n, each in enumerate(layers) if worth.get(id(each.shape), 0.0) * detail < WORTHY]
     for group in apart(boxes, in_question):
         work().at()

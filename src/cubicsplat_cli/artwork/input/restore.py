@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.regions.hairlines import solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import REACH, near_fills
+from cubicsplat_cli.raster.unmix import REACH, near_fills, nearest_fills
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.
@@ -82,12 +82,12 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
     seen = (levels @ space).astype(np.float32)
     palette = noisy_fills(levels, seen, condition)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
-    nearest, _ = _nearest(seen, palette @ space)
+    nearest, _ = nearest_fills(seen, palette @ space, straight=True)
     new = missing_colours(levels, palette, nearest, LUMA_CHROMA, condition)
     palette = np.vstack([palette, new])
     thick = len(palette)
     if thick <= MOST_THICK:
-        _, gap = _nearest(seen, palette @ space)
+        _, gap = nearest_fills(seen, palette @ space, straight=True)
         far = gap > MOST * sigma
         reach = reach_of(condition)
         # What a JPEG's chroma smears beside edges is no fill.
@@ -164,7 +164,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
         again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
         sharp = np.clip(out + levels - again, 0.0, 255.0)
         if number == 0 and thick <= MOST_THICK:
-            _, gap = _nearest(sharp, palette)
+            _, gap = nearest_fills(sharp, palette, straight=True)
             far = gap > MOST * SHARP_MISFIT
             new = hidden_fills(sharp[far], palette, STRANGE_FILL * SHARP_MISFIT, ONE_COLOUR, FEWEST)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
@@ -175,7 +175,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
 
 def _labels(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np.ndarray:
     """(H, W) int32 the fill that each pixel has most of; of fills from `thick` on there are only thin lines."""
-    nearest, gap = _nearest(seen, fills)
+    nearest, gap = nearest_fills(seen, fills, straight=True)
     pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
     solid = np.where(pure >= thick, pure, solid_labels(pure))
     y, x = np.nonzero(solid < 0)
@@ -200,17 +200,6 @@ def _labels(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np
             break
         labels[y, x] = chosen
     return labels
-
-
-def _nearest(seen: np.ndarray, fills: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) the nearest fill, and its distance."""
-    best = np.full(seen.shape[:2], np.inf, dtype=np.float32)
-    index = np.zeros(seen.shape[:2], dtype=np.int32)
-    for k, fill in enumerate(fills.astype(np.float32)):
-        gap = np.sqrt(((seen - fill) ** 2).sum(axis=-1))
-        better = gap < best
-        best[better], index[better] = gap[better], k
-    return index, best
 
 
 def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.ndarray:

@@ -15,10 +15,9 @@ from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flatt
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import contours_of, coverage, hull_mask
+from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage, hull_mask
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
@@ -103,7 +102,7 @@ def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
 def _extent(
     place: int, top: int, left: int, part: np.ndarray, shown: np.ndarray, above: np.ndarray, found: EdgePositions
 ) -> Extent:
-    loops = contours_of(part, shown, (top, left), found.native)
+    loops = contours_of(part, shown, (top, left), found)
     contours = tuple(Contour(points, sigma, area < 0.0) for points, sigma, area in loops)
     return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), contours)
 

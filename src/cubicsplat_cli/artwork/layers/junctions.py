@@ -17,12 +17,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import CrackLoop, EdgePositions, loop_points, trace
-from cubicsplat_cli.artwork.tracing.contours import CrackLoop as Cracks
 from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, fit_primitive, parameter_price
-from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.borders import passings
 from cubicsplat_cli.raster.contours import independent
-from cubicsplat_cli.raster.outlines import turns
+from cubicsplat_cli.raster.outlines import EdgePositions, loop_points
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
@@ -31,9 +29,8 @@ LEAST_VOTE = 0.3
 MEETING = 3  # px within which the outlines of three regions meet at one place
 VOTE = 3.0  # more than the two places count where the outlines of two regions usually meet a third
 LEAST = 100  # px^2 of the box around a region, below which anything is round
-FULLNESS = (
-    0.02  # by which a region's area over the root of the determinant of its second moments may be off an ellipse's
-)
+# By which a region's area over the root of the determinant of its second moments may be off an ellipse's.
+FULLNESS = 0.02
 
 
 @dataclass(frozen=True)
@@ -58,13 +55,15 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
     third, each from LEAST_VOTE to 1.
     """
     places: dict[tuple[int, ...], list[_Passing]] = {}
-    for passing in _passings(regions, found):
+    known = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)
+    for (region, before, after, x, y), turn in zip(*(each.tolist() for each in known), strict=True):
+        passing = _Passing(region, (before, after), (x, y), *turn)
         names = tuple(sorted((passing.region, *passing.others)))
         places.setdefault(names, []).append(passing)
     votes: dict[tuple[int, int], float] = {}
-    for passings in places.values():
-        for passing in passings:
-            rivals = [p for p in passings if p.region != passing.region and _near(p.at, passing.at)]
+    for same in places.values():
+        for passing in same:
+            rivals = [p for p in same if p.region != passing.region and _near(p.at, passing.at)]
             if len(rivals) != 2:
                 continue
             sure = passing.likelihood / (1.0 + passing.likelihood + sum(p.likelihood for p in rivals))
@@ -78,54 +77,27 @@ def _near(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return max(abs(a[0] - b[0]), abs(a[1] - b[1])) <= MEETING
 
 
-def _passings(regions: Regions, found: EdgePositions) -> list[_Passing]:
-    out = []
-    labels = np.pad(regions.labels, 1, constant_values=-1)
-    for region, box in enumerate(ndimage.find_objects(regions.labels + 1)):
-        top, left = box[0].start, box[1].start
-        for loop in trace(regions.labels[box] == region):
-            placed = Cracks(loop.x + left, loop.y + top, loop.direction)
-            row, column = placed.outside
-            beside = labels[row + 1, column + 1]
-            after = np.roll(beside, -1)
-            change = np.flatnonzero((beside != after) & (beside >= 0) & (after >= 0))
-            if not len(change):
-                continue
-            turn, error = turns(beside, loop_points(placed, found), change, REACHES, SMOOTH, LEAST_TURN)
-            for k, radians, known_to in zip(change.tolist(), turn.tolist(), error.tolist(), strict=True):
-                if not math.isnan(radians):
-                    at = (k + 1) % len(beside)
-                    others = int(beside[k]), int(after[k])
-                    out.append(_Passing(region, others, (int(placed.x[at]), int(placed.y[at])), radians, known_to))
-    return out
-
-
 def round_votes(regions: Regions, found: EdgePositions, clear: np.ndarray) -> dict[tuple[int, int], float]:
     """The evidence that a region lies above another: VOTE for each neighbour of one that is round all the way.
 
     found: where the outlines of the regions run. clear: (R,) bool, regions of which nothing is drawn.
     """
     votes: dict[tuple[int, int], float] = {}
-    for region, box in enumerate(ndimage.find_objects(regions.labels + 1)):
-        mask = regions.labels[box] == region
-        if clear[region] or mask.size < LEAST:
+    for region, cracks, beside in regions.borders.loops.outer():
+        if clear[region] or np.ptp(cracks[:, :2], axis=0).prod() < LEAST or beside.min() < 0 or not _full(cracks):
             continue
-        loop = max(trace(mask), key=lambda one: one.area)
-        if not _full(loop):
-            continue
-        placed = CrackLoop(loop.x + box[1].start, loop.y + box[0].start, loop.direction)
-        beside = _beside(regions.labels, placed)
-        if len(beside) > 1 and _round(placed, found):
-            votes |= {(region, other): VOTE for other in beside}
+        others = np.unique(beside).tolist()
+        if len(others) > 1 and _round(cracks, found):
+            votes |= {(region, other): VOTE for other in others}
     return votes
 
 
-def _full(loop: CrackLoop) -> bool:
-    """Whether what a loop encloses is as full as an ellipse, which no rectangle is: by its area and second moments, in
-    integrals along its cracks.
+def _full(cracks: np.ndarray) -> bool:
+    """Whether what a loop of cracks (n, 3) encloses is as full as an ellipse, which no rectangle is: by its area and
+    second moments, in integrals along the loop.
     """
-    along = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[loop.direction]
-    x, y = loop.x - loop.x.mean(), loop.y - loop.y.mean()
+    along = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[cracks[:, 2]]
+    x, y = (cracks[:, :2] - cracks[:, :2].mean(axis=0)).T
     area = float((x * along[:, 1]).sum())
     mean = np.array([(x**2 * along[:, 1]).sum(), -(y**2 * along[:, 0]).sum()]) / (2.0 * area)
     xx, yy = (x**3 * along[:, 1]).sum() / 3.0, -(y**3 * along[:, 0]).sum() / 3.0
@@ -134,15 +106,8 @@ def _full(loop: CrackLoop) -> bool:
     return bool(abs(area / (4.0 * math.pi * math.sqrt(float(np.linalg.det(spread)))) - 1.0) <= FULLNESS)
 
 
-def _round(loop: CrackLoop, found: EdgePositions) -> bool:
-    points, sigma, _ = loop_points(loop, found)
+def _round(cracks: np.ndarray, found: EdgePositions) -> bool:
+    points, sigma, _ = loop_points(cracks, found)
     weights = independent(points, np.maximum(sigma, FINEST_SIGMA) ** -2.0)
     fitted = fit_primitive(points, weights, parameter_price(points, 1.0))
     return fitted is not None and isinstance(fitted[0], Circle | Ellipse) and fitted[2] <= PLAIN_MISFIT
-
-
-def _beside(labels: np.ndarray, loop: CrackLoop) -> set[int]:
-    """The regions around a loop; none where it touches the canvas's border."""
-    row, column = loop.outside
-    beyond = (row < 0) | (column < 0) | (row >= labels.shape[0]) | (column >= labels.shape[1])
-    return set() if beyond.any() else set(np.unique(labels[row, column]).tolist())

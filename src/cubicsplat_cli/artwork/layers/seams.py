@@ -13,6 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import seam_shares
 
 # Levels: a pixel that its two fills explain worse than this, and a seam between them better than that, is a seam.
 ODD, SEEN = 6.0, 4.0
@@ -22,7 +23,6 @@ MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
 OPAQUE = 254.5  # levels
 AROUND = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]  # px
 MOST_GROUNDS = 8  # fills, beside none at all, that may shine through: the commonest
-CHUNK = 4096  # pixels at a time
 
 
 def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
@@ -31,14 +31,15 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     y, x, other = _odd(levels, regions)
     if not 0 < len(y) <= MOST_ODD:
         return levels
-    nothing, fills = np.zeros((1, 4)), _common_fills(regions)
-    clear = _shares(levels, regions, (y, x), other, nothing)
-    share = np.where(np.isnan(clear), _along_runs(_shares(levels, regions, (y, x), other, fills)), clear)[y, x]
-    seam = ~np.isnan(share)
-    y, x, other, share = y[seam], x[seam], other[seam], share[seam]
-    healed = levels.copy()
     own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
-    healed[y, x] = own + (beside - own) * share[:, None]
+    clear, filled = np.full((2, *regions.labels.shape), np.nan)
+    for shares, grounds in ((clear, np.zeros((1, 4))), (filled, _common_fills(regions))):
+        share, rest = seam_shares(levels[y, x], own, beside, grounds, STEPS, ODD)
+        shares[y, x] = np.where(rest <= SEEN, share, np.nan)
+    share = np.where(np.isnan(clear), _along_runs(filled), clear)[y, x]
+    seam = ~np.isnan(share)
+    healed = levels.copy()
+    healed[y[seam], x[seam]] = own[seam] + (beside - own)[seam] * share[seam, None]
     return healed
 
 
@@ -59,25 +60,6 @@ def _closed_junctions(levels: np.ndarray, regions: Regions) -> np.ndarray:
     healed = levels.copy()
     healed[y, x] *= 255.0 / levels[y, x, 3:]
     return healed
-
-
-def _shares(
-    levels: np.ndarray,
-    regions: Regions,
-    place: tuple[np.ndarray, np.ndarray],
-    other: np.ndarray,
-    grounds: np.ndarray,
-) -> np.ndarray:
-    """(H, W) the share of the other fill in pixels that are seams over one of the grounds, NaN elsewhere."""
-    out = np.full(regions.labels.shape, np.nan)
-    y, x = place
-    for start in range(0, len(y), CHUNK):
-        part = slice(start, start + CHUNK)
-        rows, columns = y[part], x[part]
-        own, beside = regions.fills[regions.labels[rows, columns]], regions.fills[other[part]]
-        share, rest = _best_share(levels[rows, columns], own, beside, grounds)
-        out[rows, columns] = np.where(rest <= SEEN, share, np.nan)
-    return out
 
 
 def _along_runs(shares: np.ndarray) -> np.ndarray:
@@ -111,22 +93,3 @@ def _common_fills(regions: Regions) -> np.ndarray:
     fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
     areas = np.bincount(index.reshape(-1), regions.areas(), len(fills))
     return fills[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
-
-
-def _best_share(
-    values: np.ndarray, own: np.ndarray, beside: np.ndarray, grounds: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) the share of the fill beside in seams, and (n,) the residual in levels, inf without a third fill."""
-    a = (np.arange(STEPS + 1) / STEPS)[None, :, None]
-    best, rest = np.zeros(len(values)), np.full(len(values), np.inf)
-    for ground in grounds:
-        third = np.minimum(np.abs(own - ground).max(axis=1), np.abs(beside - ground).max(axis=1)) > ODD
-        for front, back, forward in ((beside, own, True), (own, beside, False)):
-            seam = a * front[:, None] + (1.0 - a) ** 2 * back[:, None] + a * (1.0 - a) * ground
-            gap = largest(np.abs(seam - values[:, None]))
-            k = gap.argmin(axis=1)
-            least = np.where(third, gap[np.arange(len(gap)), k], np.inf)
-            better = least + 0.5 < rest
-            share = k / STEPS if forward else 1.0 - k / STEPS
-            best, rest = np.where(better, share, best), np.where(better, least, rest)
-    return best, rest

@@ -8,6 +8,7 @@ higher regions between them are pieces of one shape that continues beneath.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
@@ -17,12 +18,10 @@ import numpy as np
 from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
-from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import strong_groups
-from cubicsplat_cli.raster.outlines import held_by_hull
+from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
@@ -77,22 +76,29 @@ class _Facts:
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
         self.labels = np.ascontiguousarray(regions.labels, np.int32)
-        self.touching = touching(regions.labels)
-        self.inside = enclosures(self.touching, on_the_border(regions.labels))
+        self.around = regions.borders.around.tolist()
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
             for pair, vote in round_votes(regions, found, clear).items():
                 self.votes[pair] = self.votes.get(pair, 0.0) + vote
-        for outer, held in self.inside.items():
-            for i in held:
-                self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
+        for pair in self.held():
+            self.votes[pair] = self.votes.get(pair, 0.0) + ENCLOSED
         # The regions that each one lies above, and those that it is taken to lie above.
         self.beneath: dict[int, set[int]] = {}
         self.assumed: dict[int, set[int]] = {}
         for above, below in self.votes:
             if self.vote(above, below) > 0.0:
                 self.beneath.setdefault(above, set()).add(below)
+
+    def enclosing(self, region: int) -> Iterator[int]:
+        """The regions that enclose one, the innermost first."""
+        while (region := self.around[region]) >= 0:
+            yield region
+
+    def held(self) -> Iterator[tuple[int, int]]:
+        """Every region with each that encloses it."""
+        return ((inner, outer) for inner in range(self.regions.count) for outer in self.enclosing(inner))
 
     def assume(self, above: np.ndarray, below: np.ndarray) -> None:
         """Takes regions to lie above others, where nothing is known of the two."""
@@ -150,7 +156,7 @@ def _all_of(some: list[np.ndarray]) -> np.ndarray:
 def _candidates(facts: _Facts) -> list[tuple[int, int]]:
     """Pairs of regions of one fill with a common neighbour that is drawn, the largest first."""
     pairs = set()
-    for between, beside in facts.touching.items():
+    for between, beside in enumerate(facts.regions.borders.beside):
         if facts.clear[between]:
             continue
         by_fill: dict[int, list[int]] = {}
@@ -168,16 +174,19 @@ def _candidates(facts: _Facts) -> list[tuple[int, int]]:
 def _shows_through(facts: _Facts, a: int, b: int) -> bool:
     """Whether one lies in a hole of a region that the other encloses: then that region has a hole."""
     for outer, inner in ((a, b), (b, a)):
-        held = facts.inside.get(outer, set())
-        if inner in held and any(inner in facts.inside.get(k, set()) for k in facts.touching[outer] if k in held):
-            return True
+        around = [inner, *facts.enclosing(inner)]
+        if outer in around:
+            # The only one of those between the two that may touch the outer one.
+            between = around[around.index(outer) - 1]
+            if between != inner and outer in facts.regions.borders.beside[between]:
+                return True
     return False
 
 
 def _held(facts: _Facts, outer: np.ndarray, inner: np.ndarray) -> bool:
     """Whether one of some regions encloses one of others."""
-    wanted = set(inner.tolist())
-    return any(not wanted.isdisjoint(facts.inside.get(i, ())) for i in outer.tolist())
+    some = set(outer.tolist())
+    return any(not some.isdisjoint(facts.enclosing(i)) for i in inner.tolist())
 
 
 def _box_around(facts: _Facts, members: np.ndarray) -> tuple[slice, slice]:
@@ -268,14 +277,12 @@ def _without_cycles(
 
 def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: dict[tuple[int, int], float]) -> None:
     """Groups with pieces around and within another one lie beneath it: what is within shows through its holes."""
-    for outer, held in facts.inside.items():
-        below = int(group[outer])
-        if below < 0 or below not in {int(group[i]) for i in held}:
-            continue
-        for inner in held:
-            above = int(group[inner])
-            if above >= 0 and above != below and facts.areas[outer] > facts.areas[inner]:
-                weight[below, above] = 0.0
+    held = [*facts.held()]
+    broken = {outer for inner, outer in held if group[inner] == group[outer] >= 0}
+    for inner, outer in held:
+        above, below = int(group[inner]), int(group[outer])
+        if outer in broken and above >= 0 and above != below and facts.areas[outer] > facts.areas[inner]:
+            weight[below, above] = 0.0
 
 
 def _spans(facts: _Facts, group: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from cubicsplat_cli.artwork.regions.hairlines import (
 )
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
+from cubicsplat_cli.raster.borders import Borders, borders_of
 from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills
 
@@ -60,6 +62,11 @@ class Regions:
     def areas(self) -> np.ndarray:
         """(R,) px of every region."""
         return np.bincount(self.labels.ravel(), minlength=self.count)
+
+    @cached_property
+    def borders(self) -> Borders:
+        """The map of their borders."""
+        return borders_of(self.labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,17 +270,12 @@ def _numbered(labels: np.ndarray) -> np.ndarray:
 
 def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(count,) label to take over: itself where not doomed; and how many other labels each doomed one may take."""
-    pairs = []
-    for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
-        edge = a != b
-        for u, v in ((a[edge], b[edge]), (b[edge], a[edge])):
-            keep = doomed[u] & ~doomed[v]
-            pairs.append(u[keep].astype(np.int64) * count + v[keep])
-    key, touches = np.unique(np.concatenate(pairs), return_counts=True)
+    borders = borders_of(labels)
+    taking = np.flatnonzero(doomed[borders.first] & ~doomed[borders.second])
     target = np.arange(count)
-    order = np.argsort(touches, kind="stable")
-    target[key[order] // count] = key[order] % count
-    return target, np.bincount(key // count, minlength=count)
+    order = taking[np.argsort(borders.cracks[taking], kind="stable")]
+    target[borders.first[order]] = borders.second[order]
+    return target, np.bincount(borders.first[taking], minlength=count)
 
 
 def _majority(labels: np.ndarray, fills: np.ndarray) -> np.ndarray:

@@ -72,12 +72,12 @@ def _between(one: float, other: float) -> float:
 
 def directed(ring: TiedRing, slopes: Iterable[Slope]) -> TiedRing | None:
     """A ring with some lines brought into their directions and kept there; None where other ties do not let them."""
-    p, v = ring.pieces, ring.variables
+    p = ring.pieces
     rows = []
     for slope in slopes:
         i, j = slope.piece, (slope.piece + 1) % len(p.anchors)
         across = _across(slope.angle)
-        row = np.zeros(v.total + 1)
+        row = np.zeros(p.joints.variables + 1)
         # The last entry stands for all that is fixed.
         for c in (0, 1):
             row[p.tied[j, c]] += across[c]

@@ -10,7 +10,7 @@ from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
 from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at
 from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
-from cubicsplat_cli.artwork.tracing.variables import Numbering
+from cubicsplat_cli.artwork.tracing.variables import Pieces
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it
 SQUARE = 0.15  # tangent of the angle off square to the axis below which a smooth joint there is square
@@ -196,17 +196,16 @@ def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
 def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> TiedRing:
     """A ring that is its own mirror image and stays so: the parametrisation of one half; the axis stays where it is."""
     pieces = ring_pieces(found.ring, constraints)
-    numbering = Numbering(pieces)
-    return TiedRing(pieces, tie_matrix(numbering.total, list(_ties(numbering, found))))
+    return TiedRing(pieces, tie_matrix(pieces.joints.variables, _ties(pieces, found)))
 
 
-def _ties(v: Numbering, found: MirroredRing) -> list[Tie]:
+def _ties(pieces: Pieces, found: MirroredRing) -> list[Tie]:
     """Pairs of a ring's numbers that are equal or opposite on both sides of its axis; a number fixed on one side is on
     both."""
-    across, ties = found.axis.across, []
+    across, ties, tied, v = found.axis.across, [], pieces.tied, pieces.joints.numbers
     signs = np.where(np.arange(2) == across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):
-        ties += [Tie(int(v.tied[i, c]), int(v.tied[j, c]), float(signs[c])) for c in (0, 1)]
+        ties += [Tie(int(tied[i, c]), int(tied[j, c]), float(signs[c])) for c in (0, 1)]
         ties.append(Tie(int(v.angle[i]), int(v.angle[j]), -1.0))
         ties.append(Tie(int(v.length_out[i]), int(v.length_in[j]), 1.0))
         if v.vector_out[i] >= 0 and v.vector_in[j] >= 0:

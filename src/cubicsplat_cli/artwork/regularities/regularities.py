@@ -47,11 +47,10 @@ TINY = 1e-12
 MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
 
 
-def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0, error: float = 0.0) -> Drawing:
+def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0) -> Drawing:
     """The drawing with its regularities, fitted to its goal; detail as in ArtworkSettings.
 
-    grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas. error: of pixels on edges
-    beyond that of a clean picture, of full scale.
+    grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas.
     """
     if not drawing.shapes:
         return drawing
@@ -59,27 +58,27 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
     done, pins = on_grid(drawing, state, 1.0 / grid if grid else 0.0)
     if pins != NO_PINS:
         goal = replace(goal, grid=grid)
-        state = settle(begin(done, goal, pins), goal, ROUNDS)
+        state = settle(begin(done, goal, pins), ROUNDS)
     constraints = Constraints(drawing.width, drawing.height, pins)
-    state = with_circles(state, goal, constraints, detail, error)
-    state = with_symmetries(state, goal, constraints, detail, error)
-    state = with_directions(state, goal, detail, error)
-    state = with_copies(state, goal, constraints, detail, error)
-    state = with_rotations(state, goal, detail, error)
+    state = with_circles(state, constraints, detail)
+    state = with_symmetries(state, constraints, detail)
+    state = with_directions(state, detail)
+    state = with_copies(state, constraints, detail)
+    state = with_rotations(state, detail)
     return drawn(done, _on_steps(state, 10.0 ** -suggested_precision(constraints.width, constraints.height)))
 
 
-def with_circles(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
+def with_circles(state: State, constraints: Constraints, detail: float) -> State:
     """The state with the ellipses that hardly are none made circles; the same without any."""
     tied: dict[int, Parameters] = {}
     for k, parameters in enumerate(state.outlines):
         one = parameters.outline()
         if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
             tied[k] = parametrised(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), constraints)
-    return _tied(state, tied, goal, detail, error)
+    return _tied(state, tied, detail)
 
 
-def with_symmetries(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
+def with_symmetries(state: State, constraints: Constraints, detail: float) -> State:
     """The state with the rings that are their own mirror images made and kept such; the same without any."""
     outlines = state.outlines
     rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
@@ -87,7 +86,7 @@ def with_symmetries(state: State, goal: Goal, constraints: Constraints, detail: 
     axes = _found_axes(shown, (constraints.width, constraints.height))
     mirrored = {k: _mirrored(rings[k], axis, constraints) for k, axis in axes.items()}
     tied = {k: parameters for k, parameters in mirrored.items() if parameters is not None}
-    return _tied(state, tied, goal, detail, error)
+    return _tied(state, tied, detail)
 
 
 def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> TiedRing | None:
@@ -104,17 +103,17 @@ def _fits(found: MirroredRing, constraints: Constraints) -> bool:
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 
 
-def with_directions(state: State, goal: Goal, detail: float, error: float) -> State:
+def with_directions(state: State, detail: float) -> State:
     """The state with the lines at 45 degrees, or at 30 and 60, made and kept such; the same without any."""
     outlines = state.outlines
     free = {k: one for k, o in enumerate(outlines) if (one := tied_ring(o)) is not None}
     rings = {k: ring for k in free if isinstance(ring := free[k].outline(), Ring)}
     slopes = found_slopes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()})
     tied = {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}
-    return _tied(state, tied, goal, detail, error)
+    return _tied(state, tied, detail)
 
 
-def with_copies(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
+def with_copies(state: State, constraints: Constraints, detail: float) -> State:
     """The state with the outlines that are like another one, moved, mirrored or turned, made and kept such."""
     outlines, size = state.outlines, (constraints.width, constraints.height)
     tracks = {}
@@ -131,10 +130,10 @@ def with_copies(state: State, goal: Goal, constraints: Constraints, detail: floa
     numbers = {k: outlines[k].jacobian.shape[1] for k in order}
     copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
     tied = {k: CopyParameters(outlines[copy.model], copy.transform, copy.model) for k, copy in copies.items()}
-    return _tied(state, tied, goal, detail, error)
+    return _tied(state, tied, detail)
 
 
-def with_rotations(state: State, goal: Goal, detail: float, error: float) -> State:
+def with_rotations(state: State, detail: float) -> State:
     """The state with the rings that are their own images by parts of a turn, and their copies, made and kept such."""
     outlines = state.outlines
     tied: dict[int, Parameters] = {}
@@ -144,7 +143,7 @@ def with_rotations(state: State, goal: Goal, detail: float, error: float) -> Sta
             found = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
             tied |= {k: found} if found is not None else {}
     tied |= _followers(outlines, tied)
-    return _tied(state, tied, goal, detail, error)
+    return _tied(state, tied, detail)
 
 
 def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> dict[int, Parameters]:
@@ -153,30 +152,28 @@ def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> 
     return {k: copy.following(models[copy.source]) for k, copy in copies.items()}
 
 
-def _tied(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: float, error: float) -> State:
+def _tied(state: State, tied: Mapping[int, Parameters], detail: float) -> State:
     """The state with some outlines tied, less those that cost more than they save: of a model and its copies, where
     these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
     # The others rest where they are settled already, until the picture beneath them changes.
-    trial = settle(_with(state, tied), goal, ROUNDS, trim=False, changed=np.isin(range(len(state.outlines)), [*tied]))
+    trial = settle(_with(state, tied), ROUNDS, trim=False, changed=np.isin(range(len(state.outlines)), [*tied]))
     # What has been a copy before stays one of whatever its model becomes.
     new = [isinstance(tied.get(k), CopyParameters) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
     copies = np.array(new)
     for able in (copies, np.ones_like(copies)):
-        families, saved = _saved(state, trial, tied, detail, error)
+        families, saved = _saved(state, trial, tied, detail)
         refused = able & (np.bincount(families, saved, len(saved))[families] < 0.0)
         if able is copies:
             refused &= saved < 0.0
         if refused.any():
-            trial = settle(_back(trial, state, refused), goal, AFTER_REFUSALS, trim=False, changed=refused)
+            trial = settle(_back(trial, state, refused), AFTER_REFUSALS, trim=False, changed=refused)
             tied = {k: parameters for k, parameters in tied.items() if not refused[k]}
     return trial
 
 
-def _saved(
-    state: State, trial: State, tied: Mapping[int, Parameters], detail: float, error: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: float) -> tuple[np.ndarray, np.ndarray]:
     """Of each outline the number of the model that it follows, or its own, and the nats that it saves by its ties.
 
     Outlines are off by SYSTEMATIC px besides by chance, alike along their length; what a tie moves them so far is free.
@@ -188,10 +185,10 @@ def _saved(
             families[k] = parameters.source
     wanted = np.zeros(len(outlines), dtype=bool)
     wanted[[*tied, *families[list(tied)].tolist()]] = True
-    gained = gains(state, trial, wanted, error)
+    gained = gains(state, trial, wanted)
     for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
-        known = 1.0 - error**2 / max(floor_of(state, k, error), error**2, TINY)
+        known = 1.0 - state.goal.error**2 / max(floor_of(state, k), state.goal.error**2, TINY)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / state.goal.share_error) ** 2
         saved[k] = (gained[k] + allowed) * detail
     for k, parameters in tied.items():

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
 from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.regularities.turned import NEAR, STEPS, Walk
-from cubicsplat_cli.artwork.tracing.variables import PAIR, Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 
 MOST_PARTS = 36
@@ -88,17 +88,17 @@ def rotational(parameters: RingParameters | TiedRing, rotation: Rotation) -> Tie
     ties that it has; None where these, or what is held, do not let it."""
     if isinstance(parameters, RingParameters):
         pieces = _freed(parameters.pieces, rotation.parts)
-        ring = TiedRing(pieces, SparseRows.identity(Variables(pieces).total))
+        ring = TiedRing(pieces, SparseRows.identity(pieces.joints.variables))
     else:
         ring = parameters
     count = ring.ties.shape[1]
-    rows, off = _constraints(ring.variables, rotation)
+    rows, off = _constraints(ring.pieces, rotation)
     # Behind the free variables of the ring come the x and y of the middle.
     matrix = np.hstack([rows[:, :-3] @ ring.ties.toarray(), rows[:, -2:]])
     step = np.linalg.lstsq(matrix, -off, rcond=None)[0]
     brought = ring.moved(step[:count])
     at = replace(rotation, middle=rotation.middle + step[count:])
-    if np.abs(_constraints(brought.variables, at)[1]).max() > EXACT:
+    if np.abs(_constraints(brought.pieces, at)[1]).max() > EXACT:
         return None
     equations = [{int(k): float(row[k]) for k in np.flatnonzero(np.abs(row) > LEAST)} for row in matrix]
     basis = null_basis(count + 2, equations)
@@ -115,10 +115,10 @@ def _freed(pieces: Pieces, parts: int) -> Pieces:
     return replace(pieces, level=level, tied=tied)
 
 
-def _constraints(v: Variables, rotation: Rotation) -> tuple[np.ndarray, np.ndarray]:
+def _constraints(p: Pieces, rotation: Rotation) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of what is alike in all parts by the variables (rows, variables + 3), behind which come one for all
     that is fixed and the x and y of the middle, and (rows,) by how much, px and radians, each is off now."""
-    p, n, numbers = v.pieces, rotation.parts, v.numbering
+    n, numbers, total = rotation.parts, p.joints.numbers, p.joints.variables
     own = np.arange(len(p.anchors) // n)
     rows, off = [], []
 
@@ -126,10 +126,10 @@ def _constraints(v: Variables, rotation: Rotation) -> tuple[np.ndarray, np.ndarr
         """Variables (m, c) are others (m, c) times a matrix (c, c), but for gaps (m, c); those below 0 are fixed."""
         for one, other, apart in zip(ones, others, gap, strict=True):
             for c in range(len(factors)):
-                row = np.zeros(v.total + 3)
-                row[one[c] if one[c] >= 0 else v.total] += 1.0
+                row = np.zeros(total + 3)
+                row[one[c] if one[c] >= 0 else total] += 1.0
                 for k, number in enumerate(other):
-                    row[number if number >= 0 else v.total] -= factors[k, c]
+                    row[number if number >= 0 else total] -= factors[k, c]
                 rows.append(row)
                 off.append(apart[c])
 
@@ -141,17 +141,17 @@ def _constraints(v: Variables, rotation: Rotation) -> tuple[np.ndarray, np.ndarr
         for row, c in zip(rows[first:], np.tile([0, 1], len(own)), strict=True):
             row[-2:] -= (np.eye(2) - turn)[:, c]
         one = np.eye(1)
-        curved = numbers.turning[own]
-        headings = [np.arctan2(*v.direction[k[curved]].T[::-1]) for k in (there, own)]
+        curved = numbers.angle[own] >= 0
+        headings = [np.arctan2(*p.directions[k[curved]].T[::-1]) for k in (there, own)]
         gap = np.mod(headings[0] - headings[1] - 2.0 * math.pi * count / n + math.pi, 2.0 * math.pi) - math.pi
         add(numbers.angle[there[curved], None], numbers.angle[own[curved], None], one, gap[:, None])
-        for handles, long, lengths, free, vectors in (
-            (p.incoming, numbers.long_in, numbers.length_in, numbers.free_in, numbers.vector_in),
-            (p.outgoing, numbers.long_out, numbers.length_out, numbers.free_out, numbers.vector_out),
+        for handles, lengths, vectors in (
+            (p.incoming, numbers.length_in, numbers.vector_in),
+            (p.outgoing, numbers.length_out, numbers.vector_out),
         ):
-            k, sizes = long[own], np.hypot(*handles.T)
+            k, sizes = lengths[own] >= 0, np.hypot(*handles.T)
             add(lengths[there[k], None], lengths[own[k], None], one, (sizes[there[k]] - sizes[own[k]])[:, None])
-            k = free[own]
+            k = vectors[own] >= 0
             gap = handles[there[k]] - handles[own[k]] @ turn
-            add(vectors[there[k], None] + PAIR, vectors[own[k], None] + PAIR, turn, gap)
+            add(vectors[there[k], None] + np.arange(2), vectors[own[k], None] + np.arange(2), turn, gap)
     return np.array(rows), np.array(off)

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import Parameters, RingParameters
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring
-from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.artwork.geometry.outlines import Outline
+from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 
 ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one
@@ -88,26 +88,21 @@ def null_basis(count: int, equations: Iterable[Mapping[int, float]]) -> SparseRo
 
 
 class TiedRing:
-    """A ring that moves as its free variables say. ties: (variables, free), see `Variables`."""
+    """A ring that moves as its free variables say. ties: (variables, free), of the pieces."""
 
     def __init__(self, pieces: Pieces, ties: SparseRows) -> None:
         self.pieces, self.ties = pieces, ties
-        self.variables = Variables(pieces)
         self.cubics, self.lines = pieces.cubics, pieces.lines
 
     @cached_property
     def jacobian(self) -> SparseRows:
-        return self.variables.jacobian().after(self.ties)
+        return self.pieces.jacobian.after(self.ties)
 
     def moved(self, step: np.ndarray) -> TiedRing:
-        return TiedRing(self.variables.moved(np.append(self.ties.times(step), 0.0)), self.ties)
-
-    def trimmed(self) -> TiedRing:
-        return self
+        return TiedRing(self.pieces.moved(self.ties.times(step)), self.ties)
 
     def outline(self) -> Outline:
-        p = self.pieces
-        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
+        return self.pieces.ring()
 
     def on_steps(self, step: float) -> TiedRing:
         """The ring with its anchors on whole steps of a file's grid, px, so that rounding leaves it as regular; itself
@@ -127,6 +122,5 @@ def tied_ring(parameters: Parameters) -> TiedRing | None:
     if isinstance(parameters, TiedRing):
         return parameters
     if isinstance(parameters, RingParameters) and parameters.origin is None:
-        total = Variables(parameters.pieces).total
-        return TiedRing(parameters.pieces, SparseRows.identity(total))
+        return TiedRing(parameters.pieces, SparseRows.identity(parameters.pieces.joints.variables))
     return None

@@ -164,7 +164,7 @@ class _Trials:
         if rounds:
             free = replace(self.drawing, shapes=tuple(each.shape for each in new))
             layers = layers_of(free, self.goal)
-        after = settle(self.before.beside(layers, [each.beneath for each in new]), self.goal, rounds)
+        after = settle(self.before.beside(layers, [each.beneath for each in new]), rounds)
         new = _outlined(new, after)
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
         changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]

@@ -11,12 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import State, layer_of, premultiplied, settle
-from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised, tied_coordinates
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
-from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.raster.cubics import tied_coordinates
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import Goal
 
@@ -34,7 +35,6 @@ class ChainParameters:
     def __init__(self, pieces: Pieces) -> None:
         self.pieces = pieces
         self.cubics, self.lines = pieces.cubics, pieces.lines
-        self._variables = Variables(pieces)
 
     @classmethod
     def of(cls, chain: Chain) -> ChainParameters:
@@ -42,20 +42,19 @@ class ChainParameters:
         nothing = np.zeros((1, 2))
         outgoing = np.concatenate([chain.controls[:, 0] - chain.anchors[:-1], nothing])
         incoming = np.concatenate([nothing, chain.controls[:, 1] - chain.anchors[1:]])
-        tied = tied_coordinates(chain.anchors, chain.lines, np.zeros(chain.anchors.shape, dtype=bool))
+        tied = tied_coordinates(chain.anchors, chain.lines)
         level = np.zeros(len(chain.anchors), dtype=bool)
         pieces = Pieces(chain.anchors, incoming, outgoing, chain.lines, chain.smooth, level, tied)
-        variables = Variables(pieces)
-        return cls(variables.moved(np.zeros(variables.total + 1)))
+        return cls(pieces.moved(np.zeros(pieces.joints.variables)))
 
-    @cached_property
+    @property
     def jacobian(self) -> SparseRows:
         """(8 S, variables)."""
-        return self._variables.jacobian()
+        return self.pieces.jacobian
 
     def moved(self, step: np.ndarray) -> ChainParameters:
         """The line after a step."""
-        return ChainParameters(self._variables.moved(np.append(step, 0.0)))
+        return ChainParameters(self.pieces.moved(step))
 
     def chain(self) -> Chain:
         """The line as it stands."""
@@ -152,10 +151,6 @@ class StrokeParameters:
             stroke = replace(stroke, width=max(stroke.width + wider, LEAST_WIDTH))
         return StrokeParameters(stroke, self.line.moved(own), self.fixed)
 
-    def trimmed(self) -> StrokeParameters:
-        """Itself."""
-        return self
-
     def outline(self) -> Outline:
         """The outer one of its outlines."""
         return outlines_of_stroke(self.stroke)[0]
@@ -179,9 +174,9 @@ def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     if pieces > MOST_PIECES:
         _log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
         return drawing
-    state = settle(_state(drawing, goal, fixed=False), goal, FIRST_ROUNDS)
+    state = settle(_state(drawing, goal, fixed=False), FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))
-    return _with(tied, _strokes(settle(_state(tied, goal, fixed=True), goal, LAST_ROUNDS)))
+    return _with(tied, _strokes(settle(_state(tied, goal, fixed=True), LAST_ROUNDS)))
 
 
 def _state(drawing: Drawing, goal: Goal, fixed: bool) -> State:

@@ -21,6 +21,7 @@ MOST_MOVED = 0.3  # widths, that such a point lies off the skeleton at the most
 # A width is even where it is off the usual one by no more than a share of it and so many px.
 EVEN_SHARE, EVEN_PX = 0.05, 0.2
 _ROUNDS = 3
+_Pixel = tuple[int, int]  # y, x
 
 
 @dataclass(eq=False)
@@ -67,7 +68,7 @@ def _graph(skeleton: np.ndarray) -> Graph:
     """The graph of a skeleton one pixel wide, in x, y of its pixels."""
     pixels = {(int(y), int(x)) for y, x in np.argwhere(skeleton)}
 
-    def neighbours(pixel: tuple[int, int]) -> list[tuple[int, int]]:
+    def neighbours(pixel: _Pixel) -> list[_Pixel]:
         y, x = pixel
         straight = [(y + dy, x + dx) for dy, dx in _AROUND[:4] if (y + dy, x + dx) in pixels]
         out = list(straight)
@@ -84,33 +85,33 @@ def _graph(skeleton: np.ndarray) -> Graph:
     labels, count = ndimage.label(special, ndimage.SQUARE)
     places = np.array(ndimage.center_of_mass(special, labels, np.arange(1, count + 1))).reshape(-1, 2)[:, ::-1]
     branches: list[Branch] = []
-    seen: set[tuple[int, int]] = set()
+    seen: set[_Pixel] = set()
     for pixel in sorted(p for p in pixels if special[p]):
         node = int(labels[pixel]) - 1
         for step in around[pixel]:
             if (special[step] and labels[step] == labels[pixel]) or step in seen:
                 continue
-            row, before, here = [pixel], pixel, step
-            while not special[here]:
-                seen.add(here)
-                row.append(here)
-                onward = [p for p in around[here] if p != before]
-                before, here = here, onward[0]
-            if special[here] and len(row) == 1 and (int(labels[here]) - 1 < node):
+            row = _walked(around, pixel, step, special)
+            seen.update(row[1:-1])
+            here = row[-1]
+            if len(row) == 2 and (int(labels[here]) - 1 < node):
                 continue  # two nodes side by side, met from the other one
-            row.append(here)
             branches.append(Branch(np.array(row)[:, ::-1].astype(float), (node, int(labels[here]) - 1)))
     for pixel in sorted(pixels):
         if special[pixel] or pixel in seen:
             continue
-        row, before, here = [pixel], pixel, around[pixel][0]
-        while here != pixel:
-            row.append(here)
-            onward = [p for p in around[here] if p != before]
-            before, here = here, onward[0]
+        row = _walked(around, pixel, around[pixel][0], special)[:-1]
         seen.update(row)
         branches.append(Branch(np.array(row)[:, ::-1].astype(float), (-1, -1)))
     return Graph(branches, places)
+
+
+def _walked(around: dict[_Pixel, list[_Pixel]], start: _Pixel, step: _Pixel, special: np.ndarray) -> list[_Pixel]:
+    """The pixels from one on, by a neighbour of it, to the next special one, or round to itself."""
+    row = [start, step]
+    while not special[row[-1]] and row[-1] != start:
+        row.append(next(p for p in around[row[-1]] if p != row[-2]))
+    return row
 
 
 def _length(branch: Branch) -> float:

@@ -12,7 +12,6 @@ from itertools import permutations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.neighbours import touching
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import linked_groups
@@ -40,20 +39,14 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     fill = regions.fill_of.copy()
     for covered, ground in grounds.items():
         fill[covered] = regions.fill_of[ground]
-    labels = regions.labels
-    joined = [(a, b) for a, b in _pairs(labels) if fill[a] == fill[b] and (a in grounds or b in grounds)]
-    rows, columns = (np.array([pair[i] for pair in joined], dtype=int) for i in (0, 1))
-    count, name = linked_groups(regions.count, rows, columns)
+    first, second = regions.borders.first, regions.borders.second
+    joined = (fill[first] == fill[second]) & np.isin(first, list(grounds))
+    count, name = linked_groups(regions.count, first[joined], second[joined])
     fills, fill_of, stays = np.zeros((count, 4)), np.zeros(count, dtype=fill.dtype), np.zeros(count, dtype=bool)
     under = np.arange(regions.count)
     under[list(grounds)] = list(grounds.values())
     fills[name], fill_of[name], stays[name] = regions.fills[under], fill, fixed
-    return Regions(name[labels].astype(np.int32), fills, fill_of), stays
-
-
-def _pairs(labels: np.ndarray) -> list[tuple[int, int]]:
-    """The pairs of different regions with a common edge, either way round."""
-    return [(a, b) for a, beside in touching(labels).items() for b in beside]
+    return Regions(name[regions.labels].astype(np.int32), fills, fill_of), stays
 
 
 def with_covered(
@@ -67,7 +60,7 @@ def with_covered(
     left = True
     while overlays and left:
         left = False
-        for above, below in _pairs(regions.labels):
+        for above, below in zip(regions.borders.first.tolist(), regions.borders.second.tolist(), strict=True):
             over = () if fixed[[above, below]].any() else _over(regions, overlays, above, below)
             if over:
                 mask = regions.labels == above

@@ -20,9 +20,9 @@ from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES
 from cubicsplat_cli.artwork.layers.stacking import Stack, stack
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.translucent.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import EdgePositions
 
 MOST_OVERLAYS = 64
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "abi.h"
+#include "cracks.h"
 #include "local_fits.h"
 
 namespace cs {
@@ -63,47 +64,65 @@ CS_EXPORT int64_t cs_heading(int64_t count, const double* points, const double* 
   return 1;
 }
 
-// By how much a loop turns behind some of its cracks, where what lies beside it changes: turn and standard error in
-// radians, NaN where unknown. beside: cracks; index: points, ascending, the crack of each; points (x 2), sigma: of these.
-// behind: places; reach: px from which headings are taken, the first whose misfit is at most `most`; least: standard error
-// beyond that of the points. 1 where there is no memory, else 0.
-CS_EXPORT int32_t cs_turns(int64_t cracks, const int64_t* beside, int64_t points, const int64_t* index,
-                           const double* at, const double* sigma, int64_t places, const int64_t* behind,
-                           int64_t reaches, const double* reach, double most, double least, double* turn,
-                           double* error) {
+// By how much loops turn where what lies beside them changes: see `passings` in raster/outlines.py. cracks: x 3, x, y and
+// direction, all loops' one after the other; beside: of each crack; loops: their number, ends and owners. reach: px from
+// which headings are taken, the first whose misfit is at most `most`; least: standard error beyond that of the points.
+// places (x 5), turns (x 2): room for one of each crack. Returns how many are known, -1 where there is no memory.
+CS_EXPORT int64_t cs_passings(const int64_t* cracks, const int64_t* beside, int64_t loops, const int64_t* ends,
+                              const int64_t* owners, int64_t height, int64_t width, const double* rows,
+                              const double* row_sigma, const double* columns, const double* column_sigma, double rim,
+                              int64_t reaches, const double* reach, double most, double least, int64_t* places,
+                              double* turns) {
   using namespace cs;
   try {
-    std::vector<int64_t> own(cracks, -1);
-    for (int64_t i = 0; i < points; i++) own[index[i]] = i;
+    std::vector<Crack> loop;
+    std::vector<EdgePoint> points;
+    std::vector<int64_t> own;
     std::vector<double> arm, known;
-    for (int64_t n = 0; n < places; n++) {
-      Heading arms[2];
-      bool smooth = true;
-      for (int side = 0; side < 2 && smooth; side++) {
-        const int64_t first = (behind[n] + side) % cracks, step = side ? 1 : cracks - 1;
-        arm.clear(), known.clear();
-        int64_t crack = first;
-        for (int64_t k = 0; k < std::min<int64_t>(cracks, int64_t(2.0 * reach[0]) + 4); k++) {
-          if (beside[crack] != beside[first]) break;
-          if (const int64_t i = own[crack]; i >= 0)
-            arm.push_back(at[2 * i]), arm.push_back(at[2 * i + 1]), known.push_back(sigma[i]);
-          crack = (crack + step) % cracks;
-        }
-        smooth = false;
-        for (int64_t k = 0; k < reaches && !smooth; k++)
-          smooth = heading(int64_t(known.size()), arm.data(), known.data(), reach[k], arms[side]) &&
-                   arms[side].misfit <= most;
+    int64_t found = 0;
+    for (int64_t k = 0, start = 0; k < loops; start = ends[k++]) {
+      const int64_t count = ends[k] - start, *around = beside + start;
+      loop.clear(), points.clear();
+      for (int64_t n = 0; n < count; n++) {
+        const int64_t* c = cracks + 3 * (start + n);
+        loop.push_back({c[0], c[1], int(c[2])});
       }
-      turn[n] = error[n] = NAN;
-      if (!smooth) continue;
-      // Both head into the meeting point: straight on is opposite.
-      const Point u = arms[0].tangent, v = arms[1].tangent;
-      turn[n] = 3.141592653589793 - std::acos(std::clamp(u.x * v.x + u.y * v.y, -1.0, 1.0));
-      error[n] = std::sqrt(arms[0].error * arms[0].error + arms[1].error * arms[1].error + least * least);
+      add_points(loop.data(), count, {rows, row_sigma, columns, column_sigma, height, width, rim}, points);
+      own.assign(count, -1);
+      for (size_t i = 0; i < points.size(); i++) own[points[i].crack] = int64_t(i);
+      for (int64_t behind = 0; behind < count; behind++) {
+        const int64_t next = (behind + 1) % count;
+        if (around[behind] == around[next] || around[behind] < 0 || around[next] < 0) continue;
+        Heading arms[2];
+        bool smooth = true;
+        for (int side = 0; side < 2 && smooth; side++) {
+          const int64_t first = side ? next : behind, step = side ? 1 : count - 1;
+          arm.clear(), known.clear();
+          int64_t crack = first;
+          for (int64_t n = 0; n < std::min<int64_t>(count, int64_t(2.0 * reach[0]) + 4); n++) {
+            if (around[crack] != around[first]) break;
+            if (const int64_t i = own[crack]; i >= 0)
+              arm.push_back(points[i].x), arm.push_back(points[i].y), known.push_back(points[i].sigma);
+            crack = (crack + step) % count;
+          }
+          smooth = false;
+          for (int64_t n = 0; n < reaches && !smooth; n++)
+            smooth = heading(int64_t(known.size()), arm.data(), known.data(), reach[n], arms[side]) &&
+                     arms[side].misfit <= most;
+        }
+        if (!smooth) continue;
+        // Both head into the meeting point: straight on is opposite.
+        const Point u = arms[0].tangent, v = arms[1].tangent;
+        const int64_t place[5] = {owners[k], around[behind], around[next], loop[next].x, loop[next].y};
+        std::copy(place, place + 5, places + 5 * found);
+        turns[2 * found] = 3.141592653589793 - std::acos(std::clamp(u.x * v.x + u.y * v.y, -1.0, 1.0));
+        turns[2 * found + 1] = std::sqrt(arms[0].error * arms[0].error + arms[1].error * arms[1].error + least * least);
+        found++;
+      }
     }
+    return found;
   } catch (const std::exception&) {
-    return 1;
+    return -1;
   }
-  return 0;
 }
 }

@@ -1,5 +1,5 @@
 // Boundaries of masks, and local fits along chains of points: the loops over pixels and points of the artwork style's
-// tracing. What is computed is said in artwork/tracing/contours.py.
+// tracing. What is computed is said in raster/outlines.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -9,28 +9,18 @@
 #include <vector>
 
 #include "abi.h"
+#include "cracks.h"
 #include "local_fits.h"
 
 namespace cs {
 namespace {
 
-// East, south, west, north; and the pixels to the right and left of a crack from vertex (x, y), relative to it.
-constexpr int kStep[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
-constexpr int kRight[4][2] = {{0, 0}, {-1, 0}, {-1, -1}, {0, -1}};
-constexpr int kLeft[4][2] = {{0, -1}, {0, 0}, {-1, 0}, {-1, -1}};
-
 struct Mask {
   const uint8_t* pixels;
   int64_t height, width;
-  bool at(int64_t x, int64_t y) const {
+  bool operator()(int64_t x, int64_t y) const {
     return x >= 0 && y >= 0 && x < width && y < height && pixels[y * width + x] != 0;
   }
-};
-
-struct Crack {
-  int64_t x, y;
-  int d;
-  double middle(int axis) const { return double(axis == 0 ? x : y) + 0.5 * kStep[d][axis]; }
 };
 
 // The loops of cracks around a mask, one after the other.
@@ -45,34 +35,11 @@ struct Loops {
     std::vector<uint8_t> seen(mask.height * mask.width, 0);
     for (int64_t top = 0; top < mask.height; top++)
       for (int64_t left = 0; left < mask.width; left++) {
-        if (!mask.at(left, top) || mask.at(left, top - 1) || seen[top * mask.width + left]) continue;
-        int64_t x = left, y = top;
-        int d = 0;
-        do {
-          if (d == 0) seen[y * mask.width + x] = 1;
-          cracks.push_back({x, y, d});
-          x += kStep[d][0], y += kStep[d][1];
-          // Right where the mask ends ahead, else straight, else left.
-          if (!mask.at(x + kRight[d][0], y + kRight[d][1]))
-            d = (d + 1) % 4;
-          else if (mask.at(x + kLeft[d][0], y + kLeft[d][1]))
-            d = (d + 3) % 4;
-        } while (x != left || y != top || d != 0);
+        if (!mask(left, top) || mask(left, top - 1) || seen[top * mask.width + left]) continue;
+        follow(mask, left, top, mask.width, seen, cracks);
         ends.push_back(int64_t(cracks.size()));
       }
   }
-};
-
-// Where borders run across the cracks of a picture: `EdgePositions` in artwork/tracing/contours.py.
-struct Positions {
-  const double *rows, *row_sigma, *columns, *column_sigma;
-  int64_t height, width;
-  double rim;
-};
-
-struct EdgePoint {
-  double x, y, sigma;
-  int64_t crack;
 };
 
 constexpr int64_t kSmooth = 4;    // cracks to either side by which a border runs rather level or rather steep
@@ -112,7 +79,8 @@ std::vector<uint8_t> leaving(const Crack* loop, int64_t count, const Positions& 
   return out;
 }
 
-// Adds the points along a closed loop.
+}  // namespace
+
 void add_points(const Crack* loop, int64_t count, const Positions& at, std::vector<EdgePoint>& out) {
   const int64_t reach = std::min(kSmooth, (count - 1) / 2), window = 2 * reach + 1;
   const auto is_level = [&](int64_t n) { return loop[((n % count) + count) % count].d % 2 == 0; };
@@ -143,7 +111,6 @@ void add_points(const Crack* loop, int64_t count, const Positions& at, std::vect
   }
 }
 
-}  // namespace
 }  // namespace cs
 
 extern "C" {
@@ -156,24 +123,6 @@ CS_EXPORT void cs_parabolas(int64_t count, const double* points, const double* w
   using namespace cs;
   for (int64_t i = 0; i < count; i++)
     windows[i] = parabola(count, points, weights, along, i, {kinds, halves, most}, terms + 6 * i, errors + 2 * i);
-}
-
-// The loops around a mask (height x width bytes). cracks: room x 3, x, y and direction of each; ends: room, where each
-// loop ends among them. Returns the number of loops; *count: of the cracks, of which those beyond the room are missing.
-// -1 where there is no memory.
-CS_EXPORT int64_t cs_trace(const uint8_t* pixels, int64_t height, int64_t width, int64_t room, int64_t* cracks,
-                           int64_t* ends, int64_t* count) {
-  using namespace cs;
-  try {
-    const Loops loops({pixels, height, width});
-    *count = int64_t(loops.cracks.size());
-    for (int64_t n = 0; n < std::min(room, *count); n++)
-      cracks[3 * n] = loops.cracks[n].x, cracks[3 * n + 1] = loops.cracks[n].y, cracks[3 * n + 2] = loops.cracks[n].d;
-    for (int64_t n = 0; n < std::min(room, loops.count()); n++) ends[n] = loops.ends[n];
-    return loops.count();
-  } catch (const std::exception&) {
-    return -1;
-  }
 }
 
 // The points along a closed loop of cracks (x 3, x, y and direction): see `loop_points` in raster/outlines.py. points:
@@ -228,10 +177,9 @@ CS_EXPORT int64_t cs_contours(const uint8_t* part, const uint8_t* shown, int64_t
         }
         ++*count;
       }
-      double twice = 0.0;
-      for (const Crack* c = loop; c < &loops.cracks[0] + loops.ends[k]; c++)
-        twice += double(c->x * kStep[c->d][1] - c->y * kStep[c->d][0]);
-      if (k < room) ends[k] = *count, told[2 * k] = 0.5 * twice, told[2 * k + 1] = double(loops.ends[k] - first);
+      const int64_t many = loops.ends[k] - first;
+      if (k < room)
+        ends[k] = *count, told[2 * k] = 0.5 * double(twice_enclosed(loop, loop + many)), told[2 * k + 1] = double(many);
     }
     return loops.count();
   } catch (const std::exception&) {

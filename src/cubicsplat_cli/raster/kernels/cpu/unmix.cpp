@@ -123,9 +123,10 @@ CS_EXPORT int32_t cs_spread(const float* values, int64_t height, int64_t width, 
   return 0;
 }
 
-// The nearest fill (n) to each of n values, by the channel that is farthest off, and how far it is.
+// The nearest fill (n) to each of n values, by their distance where that is to be `straight`, else by the channel that is
+// farthest off, and how far it is.
 CS_EXPORT void cs_nearest_fills(int64_t count, const float* values, int64_t fills, const float* palette,
-                                int32_t* nearest, float* gap) {
+                                int64_t straight, int32_t* nearest, float* gap) {
   // Pictures have few colours, so most were looked up before.
   int64_t known[4096];
   std::fill(std::begin(known), std::end(known), -1);
@@ -142,9 +143,12 @@ CS_EXPORT void cs_nearest_fills(int64_t count, const float* values, int64_t fill
     float least = INFINITY;
     int32_t best = 0;
     for (int64_t k = 0; k < fills; k++) {
-      float most = 0.0f;
-      for (int c = 0; c < 4; c++) most = std::max(most, std::fabs(value[c] - palette[4 * k + c]));
-      if (most < least) least = most, best = int32_t(k);
+      float most = 0.0f, square = 0.0f;
+      for (int c = 0; c < 4; c++) {
+        const float off = std::fabs(value[c] - palette[4 * k + c]);
+        most = std::max(most, off), square += off * off;
+      }
+      if (const float far = straight ? std::sqrt(square) : most; far < least) least = far, best = int32_t(k);
     }
     nearest[i] = best, gap[i] = least;
     before = i;
