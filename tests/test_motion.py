@@ -205,11 +205,28 @@ def test_a_curve_without_opacity_is_not_drawn_and_stays_so() -> None:
     assert (scene.curves, seen.tolist()) == (2, [0, 2])
     frames = [np.full((20, 20, 3), 0.5, np.float32)] * 5
     joint = JointFit(tracks, frames, CpuEngine(1), RasterSettings("exact", 1.0, 12))
-    joint.run(3, KnotRates(0.1, 0.1), np.random.default_rng(0))
+    joint.run(3, KnotRates(0.1, 0.1), np.random.default_rng(0), joint.raster, 0.0)
     assert (opacities[2:, 1] == 0.0).all()
     moved = (shapes != before).any(axis=2)
     assert moved[:, [0, 2]].all()
     assert moved[:, 1].tolist() == [True, True, False, False, False]
+
+
+def test_the_last_epochs_of_the_joint_fit_have_exact_coverage(monkeypatch: pytest.MonkeyPatch) -> None:
+    relaxed, exact = RasterSettings("relaxed", 0.8, 12), RasterSettings("exact", 1.0, 12)
+    used = []
+    monkeypatch.setattr(JointFit, "step", lambda fit, *_: used.append(fit.raster))
+    joint = JointFit(random_tracks(np.random.default_rng(2), frames=2), [disc(9.0, 9.0)] * 2, CpuEngine(1), relaxed)
+    joint.run(10, KnotRates(0.1, 0.1), np.random.default_rng(0), exact, 0.2)
+    assert used == [relaxed] * 16 + [exact] * 4
+
+
+def test_tracks_are_as_far_from_others_as_their_shapes_are_where_these_show() -> None:
+    tracks, others = (random_tracks(np.random.default_rng(2), every=True) for _ in range(2))
+    others.by_name["opacities"].values[:, 1] = 0.0
+    tracks.by_name["shapes"].values[:, 1] += 50.0
+    tracks.by_name["shapes"].values[:, [0, 2]] += 0.5
+    assert tracks.away(others) == pytest.approx(0.5, rel=1e-4)
 
 
 def test_a_curve_that_is_there_for_a_few_frames_counts_as_much_in_these() -> None:

@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.motion.following import follow
+from cubicsplat_cli.motion.following import RATE as FOLLOWING_RATE
+from cubicsplat_cli.motion.following import RATE_END, follow
 from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import START_BYTES, choose, knot_bytes, sensitivity, split_offsets
@@ -28,7 +29,7 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 16, 0.12
+FOLLOWING, EPOCHS = 1 / 16, 0.21
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 24, 0.07  # of a cubic's polyline, and px: with 0.1, a tenth of a dB is lost in finer renderers
@@ -38,8 +39,9 @@ LEAST_STEPS, LEAST_EPOCHS = 8, 10
 EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the choice of knots
 MEASURED_STEPS = 4
 OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
-# Step sizes of the joint fit: of control points, in length units, and of colours and opacities, in their range.
-RATE, PAINT_RATE = 0.03, 0.01
+# Step sizes of the joint fit: of control points as a share of how far the choice of knots left them off their paths,
+# but no less than the last of the steps that followed them; of colours and opacities in those of a fit's start.
+RATE, PAINT_RATE = 0.5, 0.2
 MOST_SHARE = 0.32  # of the bytes of pictures of the frames: for more, a clip is better shown as these
 SEEN = 0.004  # an opacity that 8-bit renderers show
 
@@ -139,7 +141,9 @@ class ClipFit:
         self.generator = np.random.default_rng(settings.seed)
         self.bytes_per_second, self.count, self.done = bytes_per_second, count, 0
         self.unit = settings.recipe.unit(width, height, settings.curves or 1)
-        self.raster = RasterSettings("exact", settings.recipe.finish_edge_width, EDGES, TOLERANCE)
+        recipe = settings.recipe
+        self.relaxed = RasterSettings("relaxed", recipe.edge_end, settings.samples, recipe.tolerance)
+        self.raster = RasterSettings("exact", recipe.finish_edge_width, EDGES, TOLERANCE)
         self.grid = grid_of(points_from_segments(settings.mode, settings.segments), precision)
         by_curves = math.sqrt(MEMORY / (8 * len(TRACKS) * settings.curves))
         self.most_frames = max(2, min(MOST_FRAMES, MEMORY // picture.nbytes, int(by_curves)))
@@ -172,14 +176,17 @@ class ClipFit:
 
     def _joint(self, tracks: Tracks, pictures: list[np.ndarray], epochs: int) -> Tracks:
         """The tracks with fewer knots, fitted to all frames at once, with numbers as the file has them."""
-        tracks = self._thinned(tracks, pictures)
-        fit = JointFit(tracks, pictures, self.engine, self.raster, self.grid)
+        followed, tracks = tracks, self._thinned(tracks, pictures)
+        fit = JointFit(tracks, pictures, self.engine, self.relaxed, self.grid)
+        recipe = self.settings.recipe
+        least = FOLLOWING_RATE * RATE_END * recipe.rate_points * self.unit
+        rates = KnotRates(max(least, RATE * tracks.away(followed)), PAINT_RATE * recipe.rate_colours)
 
         def on_epoch(share: float) -> None:
             self._tell("moving curves", (FOLLOWING_SHARE + (1.0 - FOLLOWING_SHARE) * share) * len(pictures))
 
         with work().stoppable():
-            fit.run(epochs, KnotRates(RATE * self.unit, PAINT_RATE), self.generator, on_epoch)
+            fit.run(epochs, rates, self.generator, self.raster, recipe.finish, on_epoch)
         return tracks
 
     def _thinned(self, tracks: Tracks, pictures: list[np.ndarray]) -> Tracks:
