@@ -16,7 +16,7 @@ from cubicsplat_cli.motion.following import RATE as FOLLOWING_RATE
 from cubicsplat_cli.motion.following import RATE_END, follow
 from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
-from cubicsplat_cli.motion.knots import START_BYTES, choose, knot_bytes, sensitivity, split_offsets
+from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
 from cubicsplat_cli.motion.tracks import Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
@@ -36,13 +36,13 @@ EDGES, TOLERANCE = 24, 0.07  # of a cubic's polyline, and px: with 0.1, a tenth 
 BEFORE_DEADLINE = 0.9  # of the time that is left
 FOLLOWING_SHARE = 0.3  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
-EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the choice of knots
 MEASURED_STEPS = 4
 OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
 # Step sizes of the joint fit: of control points as a share of how far the choice of knots left them off their paths,
 # but no less than the last of the steps that followed them; of colours and opacities in those of a fit's start.
 RATE, PAINT_RATE = 0.5, 0.2
-MOST_SHARE = 0.32  # of the bytes of pictures of the frames: for more, a clip is better shown as these
+# Of the bytes of pictures of the frames, after gzip: the part that a clip is promised to take at most.
+MOST_SHARE = 0.25
 SEEN = 0.004  # an opacity that 8-bit renderers show
 
 
@@ -60,8 +60,7 @@ def fit_clip(
     seconds at which it begins and ends; they are read as they are needed, and at most `MEMORY` bytes of them kept.
     settings: of the fit of a picture; its number of curves is that which a frame shows, its steps are those of the
     first frame, and all else follows from them. The work is done on the CPU. count: of the frames, for progress.
-    precision: decimals of coordinates in the file. bytes_per_second: about what the file's knots may take, before
-    compression.
+    precision: decimals of coordinates in the file. bytes_per_second: about what the file may take after gzip.
 
     A stop (Ctrl-C, the deadline of `work()`) ends the fit with the frames so far. Raises InputError for no frame, or
     one of another size, UsageError for fills or shapes other than plain ones, EngineError where the engine fails.
@@ -198,11 +197,10 @@ class ClipFit:
         split_offsets(tracks, weights)
         there = tracks.by_name["opacities"].values[..., 0] > SEEN
         seconds = tracks.end - float(tracks.times[0])
-        curve = sum(knot_bytes(name, track.values.shape[2]) for name, track in tracks.by_name.items())
-        apart = tracks.frames * self.settings.curves * curve  # what files of the frames would take
         # In a short clip too every curve may move.
-        moving = max(MOST_SHARE * apart - there.shape[1] * curve, there.shape[1] * (START_BYTES + curve))
-        return choose(tracks, weights, there, loss, min(self.bytes_per_second * seconds, moving))
+        shown = max(MOST_SHARE * tracks.frames * self.settings.curves, 2.0 * there.shape[1])
+        most = min(self.bytes_per_second * seconds, shown * curve_bytes(tracks))
+        return choose(tracks, weights, there, loss, most)
 
     def _effort(self, frames: int, *, fresh: bool) -> Effort:
         """Steps and epochs for a group; fewer where the deadline asks for it."""
@@ -212,7 +210,7 @@ class ClipFit:
         if left == math.inf:
             return effort
         share = frames / max(frames, (self.count or frames) - self.done)
-        needed = frames * (effort.following + effort.epochs * EPOCH_COST) + fresh * steps
+        needed = frames * (effort.following + effort.epochs) + fresh * steps
         allowed = max(left, 0.0) * share / self._step_seconds
         return effort.scaled(min(1.0, allowed / needed), self._step_seconds)
 
