@@ -224,14 +224,6 @@ def test_the_last_epochs_of_the_joint_fit_have_exact_coverage(monkeypatch: pytes
     assert used == [relaxed] * 16 + [exact] * 4
 
 
-def test_tracks_are_as_far_from_others_as_their_shapes_are_where_these_show() -> None:
-    tracks, others = (random_tracks(np.random.default_rng(2), every=True) for _ in range(2))
-    others.by_name["opacities"].values[:, 1] = 0.0
-    tracks.by_name["shapes"].values[:, 1] += 50.0
-    tracks.by_name["shapes"].values[:, [0, 2]] += 0.5
-    assert tracks.away(others) == pytest.approx(0.5, rel=1e-4)
-
-
 def test_a_curve_that_is_there_for_a_few_frames_counts_as_much_in_these() -> None:
     generator = np.random.default_rng(4)
     tracks = random_tracks(generator, every=True)

@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.motion.following import RATE as FOLLOWING_RATE
-from cubicsplat_cli.motion.following import RATE_END, follow
+from cubicsplat_cli.motion.following import follow
 from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
@@ -29,7 +28,7 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 16, 0.21
+FOLLOWING, EPOCHS = 1 / 16, 0.22
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 24, 0.07  # of a cubic's polyline, and px: with 0.1, a tenth of a dB is lost in finer renderers
@@ -38,9 +37,7 @@ FOLLOWING_SHARE = 0.3  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
 MEASURED_STEPS = 4
 OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
-# Step sizes of the joint fit: of control points as a share of how far the choice of knots left them off their paths,
-# but no less than the last of the steps that followed them; of colours and opacities in those of a fit's start.
-RATE, PAINT_RATE = 0.5, 0.2
+RATE = 0.15  # of the joint fit, in step sizes of the start of a fit
 # Of the bytes of pictures of the frames, after gzip: the part that a clip is promised to take at most.
 MOST_SHARE = 0.25
 SEEN = 0.004  # an opacity that 8-bit renderers show
@@ -175,11 +172,10 @@ class ClipFit:
 
     def _joint(self, tracks: Tracks, pictures: list[np.ndarray], epochs: int) -> Tracks:
         """The tracks with fewer knots, fitted to all frames at once, with numbers as the file has them."""
-        followed, tracks = tracks, self._thinned(tracks, pictures)
+        tracks = self._thinned(tracks, pictures)
         fit = JointFit(tracks, pictures, self.engine, self.relaxed, self.grid)
         recipe = self.settings.recipe
-        least = FOLLOWING_RATE * RATE_END * recipe.rate_points * self.unit
-        rates = KnotRates(max(least, RATE * tracks.away(followed)), PAINT_RATE * recipe.rate_colours)
+        rates = KnotRates(recipe.rate_points * self.unit, recipe.rate_colours).scaled(RATE)
 
         def on_epoch(share: float) -> None:
             self._tell("moving curves", (FOLLOWING_SHARE + (1.0 - FOLLOWING_SHARE) * share) * len(pictures))

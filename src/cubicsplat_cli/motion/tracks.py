@@ -131,14 +131,6 @@ class Tracks:
         }
         return engine_scene(self.scene, found), seen
 
-    def away(self, others: Tracks) -> float:
-        """The root mean square distance, px, of the shapes' coordinates from those of other tracks of the same curves,
-        where these have an opacity.
-        """
-        shapes = (each.by_name["shapes"].whole(self.times).values for each in (self, others))
-        seen = others.by_name["opacities"].whole(self.times).values[..., 0] > 0.0
-        return float(np.sqrt(np.square(np.subtract(*shapes)[seen]).mean()))
-
     def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:
         """The same with the values of knots as a file has them."""
         by_name = {
