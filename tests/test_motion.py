@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import itertools
 import math
 import time
@@ -17,7 +18,7 @@ from cubicsplat_cli.motion.flow import flow, sampled
 from cubicsplat_cli.motion.following import Follower
 from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRates
-from cubicsplat_cli.motion.knots import Choice, choose, sensitivity
+from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
 from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Progress, Work, under_way
@@ -26,6 +27,8 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Clip, Scene
 from cubicsplat_cli.settings import FitSettings, Mode
+from cubicsplat_cli.svg.moving import to_grid_clip
+from cubicsplat_cli.svg.moving_writer import write_clip
 
 WHITE = (1.0, 1.0, 1.0)
 QUICK = FitSettings.from_preset("draft", curves=2, steps=120, threads=1, background="#e6e6cc")
@@ -205,11 +208,20 @@ def test_a_curve_without_opacity_is_not_drawn_and_stays_so() -> None:
     assert (scene.curves, seen.tolist()) == (2, [0, 2])
     frames = [np.full((20, 20, 3), 0.5, np.float32)] * 5
     joint = JointFit(tracks, frames, CpuEngine(1), RasterSettings("exact", 1.0, 12))
-    joint.run(3, KnotRates(0.1, 0.1), np.random.default_rng(0))
+    joint.run(3, KnotRates(0.1, 0.1), np.random.default_rng(0), joint.raster, 0.0)
     assert (opacities[2:, 1] == 0.0).all()
     moved = (shapes != before).any(axis=2)
     assert moved[:, [0, 2]].all()
     assert moved[:, 1].tolist() == [True, True, False, False, False]
+
+
+def test_the_last_epochs_of_the_joint_fit_have_exact_coverage(monkeypatch: pytest.MonkeyPatch) -> None:
+    relaxed, exact = RasterSettings("relaxed", 0.8, 12), RasterSettings("exact", 1.0, 12)
+    used = []
+    monkeypatch.setattr(JointFit, "step", lambda fit, *_: used.append(fit.raster))
+    joint = JointFit(random_tracks(np.random.default_rng(2), frames=2), [disc(9.0, 9.0)] * 2, CpuEngine(1), relaxed)
+    joint.run(10, KnotRates(0.1, 0.1), np.random.default_rng(0), exact, 0.2)
+    assert used == [relaxed] * 16 + [exact] * 4
 
 
 def test_a_curve_that_is_there_for_a_few_frames_counts_as_much_in_these() -> None:
@@ -235,6 +247,47 @@ def test_fewer_bytes_leave_fewer_knots() -> None:
         for most in (math.inf, 500.0, 0.0)
     ]
     assert counts[0] > counts[1] > counts[2] == 0
+
+
+def test_knots_take_the_bytes_that_gzip_leaves_of_them() -> None:
+    generator = np.random.default_rng(6)
+    scenes = [
+        Scene(
+            Mode.CLOSED, 176, 144, (88.0 + 12.0 * generator.standard_normal((60, 12, 2))).astype(np.float32),
+            generator.random((60, 3)).astype(np.float32), generator.random(60).astype(np.float32),
+            np.zeros(60, np.float32), WHITE,
+        )
+        for _ in range(13)
+    ]  # fmt: skip
+    tracks = Tracks.on_every_frame(scenes, np.arange(13) / 13, 1.0)
+    tracks.by_name["offsets"].values[1:] = 10.0 * generator.standard_normal((12, 60, 2))
+    for track in tracks.by_name.values():
+        track.knots[1:-1], track.still[:] = generator.random((11, 60)) < 0.5, True
+
+    def size() -> int:
+        clip = Clip(176, 144, WHITE, [tracks.moving()])
+        return len(gzip.compress(write_clip(to_grid_clip(clip, 1)).encode(), 9, mtime=0))
+
+    standing = size()
+    assert 60 * curve_bytes(tracks) == pytest.approx(standing, rel=0.25)
+    for name, track in tracks.by_name.items():
+        track.still[:] = False
+        wanted = 60 * START_BYTES + knot_bytes(name, track.values.shape[2]) * (track.count - 60)
+        assert size() - standing == pytest.approx(wanted, rel=0.25)
+        track.still[:] = True
+
+
+@pytest.mark.parametrize(("worth", "moves"), [(0.15, False), (0.8, True)])
+def test_what_knots_take_away_is_worth_their_share_of_the_bytes(worth: float, moves: bool) -> None:
+    # Beside three curves that stand still, the knots of one take 0.4 of all bytes.
+    tracks = random_tracks(np.random.default_rng(1), frames=3, every=True)
+    for track in tracks.by_name.values():
+        track.values[:] = track.values[:1]
+    tracks.by_name["shapes"].values[1, 0, 0] += 1.0
+    weights = {name: np.ones(track.values.shape[1:]) for name, track in tracks.by_name.items()}
+    loss = 2 / 3 / worth  # a curve that stands at the mean of 0, 1 and 0 is wrong by 2 / 3
+    chosen = choose(tracks, weights, np.ones((3, 3), bool), loss, math.inf)
+    assert (~chosen.by_name["shapes"].still).tolist() == [moves, False, False]
 
 
 def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:

@@ -15,7 +15,7 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion.following import follow
 from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
-from cubicsplat_cli.motion.knots import START_BYTES, choose, knot_bytes, sensitivity, split_offsets
+from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
 from cubicsplat_cli.motion.tracks import Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
@@ -28,19 +28,18 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 16, 0.12
+FOLLOWING, EPOCHS = 1 / 16, 0.22
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 24, 0.07  # of a cubic's polyline, and px: with 0.1, a tenth of a dB is lost in finer renderers
 BEFORE_DEADLINE = 0.9  # of the time that is left
 FOLLOWING_SHARE = 0.3  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
-EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the choice of knots
 MEASURED_STEPS = 4
 OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
-# Step sizes of the joint fit: of control points, in length units, and of colours and opacities, in their range.
-RATE, PAINT_RATE = 0.03, 0.01
-MOST_SHARE = 0.32  # of the bytes of pictures of the frames: for more, a clip is better shown as these
+RATE = 0.15  # of the joint fit, in step sizes of the start of a fit
+# Of the bytes of pictures of the frames, after gzip: the part that a clip is promised to take at most.
+MOST_SHARE = 0.25
 SEEN = 0.004  # an opacity that 8-bit renderers show
 
 
@@ -58,8 +57,7 @@ def fit_clip(
     seconds at which it begins and ends; they are read as they are needed, and at most `MEMORY` bytes of them kept.
     settings: of the fit of a picture; its number of curves is that which a frame shows, its steps are those of the
     first frame, and all else follows from them. The work is done on the CPU. count: of the frames, for progress.
-    precision: decimals of coordinates in the file. bytes_per_second: about what the file's knots may take, before
-    compression.
+    precision: decimals of coordinates in the file. bytes_per_second: about what the file may take after gzip.
 
     A stop (Ctrl-C, the deadline of `work()`) ends the fit with the frames so far. Raises InputError for no frame, or
     one of another size, UsageError for fills or shapes other than plain ones, EngineError where the engine fails.
@@ -139,7 +137,9 @@ class ClipFit:
         self.generator = np.random.default_rng(settings.seed)
         self.bytes_per_second, self.count, self.done = bytes_per_second, count, 0
         self.unit = settings.recipe.unit(width, height, settings.curves or 1)
-        self.raster = RasterSettings("exact", settings.recipe.finish_edge_width, EDGES, TOLERANCE)
+        recipe = settings.recipe
+        self.relaxed = RasterSettings("relaxed", recipe.edge_end, settings.samples, recipe.tolerance)
+        self.raster = RasterSettings("exact", recipe.finish_edge_width, EDGES, TOLERANCE)
         self.grid = grid_of(points_from_segments(settings.mode, settings.segments), precision)
         by_curves = math.sqrt(MEMORY / (8 * len(TRACKS) * settings.curves))
         self.most_frames = max(2, min(MOST_FRAMES, MEMORY // picture.nbytes, int(by_curves)))
@@ -173,13 +173,15 @@ class ClipFit:
     def _joint(self, tracks: Tracks, pictures: list[np.ndarray], epochs: int) -> Tracks:
         """The tracks with fewer knots, fitted to all frames at once, with numbers as the file has them."""
         tracks = self._thinned(tracks, pictures)
-        fit = JointFit(tracks, pictures, self.engine, self.raster, self.grid)
+        fit = JointFit(tracks, pictures, self.engine, self.relaxed, self.grid)
+        recipe = self.settings.recipe
+        rates = KnotRates(recipe.rate_points * self.unit, recipe.rate_colours).scaled(RATE)
 
         def on_epoch(share: float) -> None:
             self._tell("moving curves", (FOLLOWING_SHARE + (1.0 - FOLLOWING_SHARE) * share) * len(pictures))
 
         with work().stoppable():
-            fit.run(epochs, KnotRates(RATE * self.unit, PAINT_RATE), self.generator, on_epoch)
+            fit.run(epochs, rates, self.generator, self.raster, recipe.finish, on_epoch)
         return tracks
 
     def _thinned(self, tracks: Tracks, pictures: list[np.ndarray]) -> Tracks:
@@ -191,11 +193,10 @@ class ClipFit:
         split_offsets(tracks, weights)
         there = tracks.by_name["opacities"].values[..., 0] > SEEN
         seconds = tracks.end - float(tracks.times[0])
-        curve = sum(knot_bytes(name, track.values.shape[2]) for name, track in tracks.by_name.items())
-        apart = tracks.frames * self.settings.curves * curve  # what files of the frames would take
         # In a short clip too every curve may move.
-        moving = max(MOST_SHARE * apart - there.shape[1] * curve, there.shape[1] * (START_BYTES + curve))
-        return choose(tracks, weights, there, loss, min(self.bytes_per_second * seconds, moving))
+        shown = max(MOST_SHARE * tracks.frames * self.settings.curves, 2.0 * there.shape[1])
+        most = min(self.bytes_per_second * seconds, shown * curve_bytes(tracks))
+        return choose(tracks, weights, there, loss, most)
 
     def _effort(self, frames: int, *, fresh: bool) -> Effort:
         """Steps and epochs for a group; fewer where the deadline asks for it."""
@@ -205,7 +206,7 @@ class ClipFit:
         if left == math.inf:
             return effort
         share = frames / max(frames, (self.count or frames) - self.done)
-        needed = frames * (effort.following + effort.epochs * EPOCH_COST) + fresh * steps
+        needed = frames * (effort.following + effort.epochs) + fresh * steps
         allowed = max(left, 0.0) * share / self._step_seconds
         return effort.scaled(min(1.0, allowed / needed), self._step_seconds)
 

@@ -21,7 +21,6 @@ from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import FitSettings
 
 RATE, RATE_END = 0.4, 0.2  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
-EXACT = 0.3  # of a frame's steps have exact coverage
 PROGRESS = 0.5  # of a fit, for penalties on shapes: what is followed is in the middle of one
 # Share of the way back to where the picture carried them that control points go in each step. What the picture does not
 # ask for would take knots (decoupled weight decay, Loshchilov and Hutter, 2019).
@@ -81,11 +80,8 @@ class Follower:
             work().at()
             if time.perf_counter() - began > seconds:
                 break
-            along = step / steps
-            exact = along >= 1.0 - EXACT
-            phase = Phase(
-                RATE * (1.0 - (1.0 - RATE_END) * along), 1.0 if exact else loop.settings.recipe.edge_end, exact
-            )
+            rate = RATE * (1.0 - (1.0 - RATE_END) * step / steps)
+            phase = Phase(rate, loop.settings.recipe.edge_end, exact=False)
             loss = loop.stepper.step(phase, PROGRESS, measured=step == replacing)
             points = loop.state.curves.points
             points -= DECAY * (points - self.carried)

@@ -57,15 +57,19 @@ class JointFit:
         self.held = {"opacities": tracks.by_name["opacities"].values == 0.0}
 
     def run(
-        self, epochs: int, rates: KnotRates, generator: np.random.Generator, on_epoch: Callable[[float], None] = nothing
+        self, epochs: int, rates: KnotRates, generator: np.random.Generator, finish: RasterSettings,
+        finish_share: float, on_epoch: Callable[[float], None] = nothing,
     ) -> None:  # fmt: skip
-        """So many times every frame, with step sizes that decay. on_epoch: told the share of epochs that are done.
+        """So many times every frame, with step sizes that decay, and in the last share of the epochs with other
+        settings of coverage: exact ones take twice the time. on_epoch: told the share of epochs that are done.
 
         Raises Stopped between two steps.
         """
         steps = epochs * len(self.frames)
         for epoch in range(epochs):
             on_epoch(epoch / epochs)
+            if epoch >= (1.0 - finish_share) * epochs:
+                self.raster = finish
             for turn, frame in enumerate(generator.permutation(len(self.frames)).tolist()):
                 work().at()
                 along = (epoch * len(self.frames) + turn) / steps

@@ -20,13 +20,11 @@ from cubicsplat_cli.raster.settings import RasterSettings
 
 CHUNK = 64  # curves at once, of F x C numbers each
 UNSEEN = 1e-3  # of the weight of other frames: what cannot be seen decides only where nothing else does
-# Bytes of an animated path beside its knots, of a number of a path with its separator, and of the time of a knot.
-START_BYTES, NUMBER_BYTES, TIME_BYTES = 70.0, 3.6, 5.0
+# What gzip leaves, in bytes, of an animation beside its knots, of a number of a path with its separator, of the time of
+# a knot, of a colour and of an opacity.
+START_BYTES, NUMBER_BYTES, TIME_BYTES, COLOUR_BYTES, OPACITY_BYTES = 6.0, 1.85, 1.1, 5.0, 1.5
 LEAST_PRICE, MOST_PRICE = 1e-9, 1e3  # of a byte, in units of the loss: one pixel that is wrong has at most 3
 BISECTIONS = 24
-# The loss may rise by so many times itself when knots are left out, before the joint fit takes most of it back; but by
-# no more than this part of what all that moves is good for, unless that is next to nothing beside the loss.
-KNOT_LOSS, LEAST_KNOT_LOSS, MOTION_LOSS = 0.8, 0.1, 0.1
 
 
 def sensitivity(
@@ -102,34 +100,30 @@ class Choice:
 
 
 def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, loss: float, most_bytes: float) -> Tracks:
-    """Tracks with fewer knots: with the price of a byte at which all errors are about `KNOT_LOSS` times the loss of all
-    frames, less where nearly nothing would move then, or with a higher one where knots take more than `most_bytes`.
+    """Tracks with fewer knots: those that take away as much of the loss as their bytes would as one more curve, or
+    fewer where these take more than `most_bytes` with the curves.
 
-    weights: `sensitivity`. there: (F, N) bool, the frames at which a curve is seen.
+    The loss of N curves is about as 1 / N, so a byte of one is worth `loss` over the bytes of all. loss: of all frames,
+    with all knots. weights: `sensitivity`. there: (F, N) bool, the frames at which a curve is seen.
     """
     every = np.ones_like(there)
     choices = {
         name: Choice(track, weights[name], every if name == "opacities" else there, tracks.times)
         for name, track in tracks.by_name.items()
     }
-    motion = sum(float(one.still_errors.sum()) for one in choices.values())
-    most_error = max(LEAST_KNOT_LOSS * loss, min(KNOT_LOSS * loss, MOTION_LOSS * motion))
     costs = {name: knot_bytes(name, track.values.shape[2]) for name, track in tracks.by_name.items()}
+    standing = there.shape[1] * curve_bytes(tracks)
 
     def at(price: float) -> dict[str, tuple[KnotTrack, float]]:
         return {name: one.at(price * costs[name], price * START_BYTES) for name, one in choices.items()}
 
-    def near(price: float) -> bool:
-        return sum(error for _, error in at(price).values()) <= most_error
+    def size(price: float) -> float:
+        found = [(costs[name], track, (~track.still).sum()) for name, (track, _) in at(price).items()]
+        return standing + sum(START_BYTES * moving + cost * (track.count - moving) for cost, track, moving in found)
 
-    def too_large(price: float) -> bool:
-        tracks = {name: track for name, (track, _) in at(price).items()}
-        started = sum(int((~track.still).sum()) for track in tracks.values())
-        return START_BYTES * started + sum(costs[name] * track.count for name, track in tracks.items()) > most_bytes
-
-    chosen = _bisected(near)[0]
-    if too_large(chosen):
-        chosen = _bisected(too_large)[1]
+    chosen = _bisected(lambda price: price * size(price) <= loss)[0]
+    if size(chosen) > most_bytes:
+        chosen = _bisected(lambda price: size(price) > most_bytes)[1]
     fitted = {name: choices[name].fitted(track) for name, (track, _) in at(chosen).items()}
     for name in PAINTS:
         fitted[name].values.clip(0.0, 1.0, out=fitted[name].values)
@@ -149,9 +143,14 @@ def _bisected(holds: Callable[[float], bool]) -> tuple[float, float]:
     return low, high
 
 
+def curve_bytes(tracks: Tracks) -> float:
+    """About what a curve that stands still takes in a file after gzip."""
+    return 2.0 * NUMBER_BYTES * tracks.scene.points.shape[1] + COLOUR_BYTES + OPACITY_BYTES
+
+
 def knot_bytes(name: str, numbers: int) -> float:
-    """About what a knot of a track takes in a file, with its time."""
-    return TIME_BYTES + {"colours": 8.0, "opacities": 4.0}.get(name, NUMBER_BYTES * numbers)
+    """About what a knot of a track takes in a file after gzip, with its time."""
+    return TIME_BYTES + {"colours": COLOUR_BYTES, "opacities": OPACITY_BYTES}.get(name, NUMBER_BYTES * numbers)
 
 
 def _errors(values: np.ndarray, times: np.ndarray, there: np.ndarray) -> np.ndarray:

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from cubicsplat_cli.artwork.shapes import Drawing
 
 TO_CHOOSE = 0.25  # of a time limit, to choose the style, at most
-# Of a budget of bytes: the fits that are made for it at most; the share of curves as they stand, where each takes so
-# many bytes with those that come and go for it; what gzip leaves of a file.
-FITS, STANDING, CURVE_BYTES, COMPRESSED = 4, 0.3, 280.0, 0.36
+# Of a budget of bytes after gzip: the fits that are made for it at most; the share of curves as they stand, where each
+# takes so many bytes with those that come and go for it; what gzip leaves of a file.
+FITS, STANDING, CURVE_BYTES, COMPRESSED = 4, 0.3, 100.0, 0.36
 # Steps of the grid by which paths may be off where knots are left out for it, and after the last fit; how often that is
 # bisected. A further fit aims at a little less. There are at most so many times the usual number of curves. A file that
 # takes this share of the bytes needs no further fit.
@@ -127,13 +127,12 @@ def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
     nearest to the frames is taken.
     """
     seconds = deque(task.held_frames(), maxlen=1)[0].end
-    room = most / (COMPRESSED if isinstance(most, GzipBytes) else 1.0)
+    room = most * (1.0 if isinstance(most, GzipBytes) else COMPRESSED)
     dense = DENSE * task.request.settings.for_size(task.source.width, task.source.height).curves
     fitting: list[tuple[float, Animation]] = []
     for turn in range(FITS):
         curves = max(1, min(dense, round(STANDING * room / CURVE_BYTES)))
-        moving = max(room - curves * CURVE_BYTES, 0.1 * room)
-        clip = _fit(task, work, task.request.settings.with_(curves=curves), moving / seconds)
+        clip = _fit(task, work, task.request.settings.with_(curves=curves), room / seconds)
         animation = _animation(clip, task)
         size, last = _size(animation, task), turn == FITS - 1 or work.stopped
         made = animation if size <= most else _thinned(most, clip, task, LAST_OFF if last and not fitting else MOST_OFF)
