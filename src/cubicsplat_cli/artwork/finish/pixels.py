@@ -34,13 +34,15 @@ def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
 
 def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarray) -> Shape:
     """The shape of an extent, or its pixels in a picture (H, W, 4) of such a fill (4,), both in levels."""
-    if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any():
+    around = ndimage.binary_dilation(extent.shown, ndimage.SQUARE) & ~extent.shown
+    # Pixels would leave gaps to smooth outlines of what lies above.
+    if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any() or (around & extent.allowed).any():
         return shape
     height, width = extent.shown.shape
     levels = levels[extent.top : extent.top + height, extent.left : extent.left + width]
     own = extent.shown & (np.abs(levels - fill).max(axis=2) <= PURE)
     drawn = coverage(*pieces_of_rings(shape.oriented()), extent.top, extent.left, height, width)
-    off = np.where(extent.allowed, np.minimum(drawn - own, 0.0), drawn - own)
+    off = drawn - own
     if not own.any() or (np.abs(off) > MOST_OFF).sum() <= FEW * own.sum():
         return shape
     return replace(shape, outlines=tuple(_along_pixels(own, np.array([extent.left, extent.top]))))
