@@ -25,7 +25,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.progress import Work, under_way
-from cubicsplat_cli.raster.borders import borders_of
+from cubicsplat_cli.raster.borders import border_map
 from cubicsplat_cli.svg import write_drawing
 
 NOISE = 0.02
@@ -273,7 +273,7 @@ def test_only_rings_off_their_points_have_another_one() -> None:
     star = 30.0 + (10.0 + 8.0 * np.cos(5.0 * angles))[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     letter = Image.new("L", (20, 20))
     ImageDraw.Draw(letter).text((4, 3), "e", fill=255, font=ImageFont.load_default(12))
-    (_, (_, cracks, _)) = borders_of(np.asarray(letter) > 127).loops.outer()
+    (_, (_, cracks, _)) = border_map(np.asarray(letter) > 127).loops.outer()
     cracks = cracks.astype(float)
     steps = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])[cracks[:, 2].astype(int)]
     loops = [star, cracks[:, :2] + 0.5 * steps]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as numbers
 
-from cubicsplat_cli.raster.borders import Borders, border_positions, borders_of
+from cubicsplat_cli.raster.borders import BorderMap, border_map, border_positions
 from cubicsplat_cli.raster.ndimage import holes_of
 from cubicsplat_cli.raster.unmix import components
 
@@ -20,7 +20,7 @@ SIDES = st.tuples(st.integers(1, 12), st.integers(1, 12))
 LABELS = numbers.arrays(np.int32, SIDES, elements=st.integers(0, 2)).map(lambda values: components(values)[0])
 
 
-def held_by(borders: Borders) -> dict[int, set[int]]:
+def held_by(borders: BorderMap) -> dict[int, set[int]]:
     """The regions within each that encloses some."""
     held: dict[int, set[int]] = {}
     for region, outer in enumerate(borders.around.tolist()):
@@ -32,7 +32,7 @@ def held_by(borders: Borders) -> dict[int, set[int]]:
 
 @given(LABELS)
 def test_neighbours_share_the_cracks_between_their_pixels(labels):
-    borders = borders_of(labels)
+    borders = border_map(labels)
     pairs = [*zip(labels[1:].flat, labels[:-1].flat), *zip(labels[:, 1:].flat, labels[:, :-1].flat)]  # noqa: B905
     expected = Counter((int(a), int(b)) for u, v in pairs for a, b in ((u, v), (v, u)) if a != b)
     found = zip(borders.first.tolist(), borders.second.tolist(), borders.cracks.tolist(), strict=True)
@@ -43,23 +43,23 @@ def test_neighbours_share_the_cracks_between_their_pixels(labels):
 @given(LABELS)
 def test_what_a_region_encloses_lies_in_the_holes_of_its_mask(labels):
     held = {k: set(np.unique(labels[holes_of(labels == k)]).tolist()) for k in range(labels.max() + 1)}
-    assert held_by(borders_of(labels)) == {k: some for k, some in held.items() if some}
+    assert held_by(border_map(labels)) == {k: some for k, some in held.items() if some}
 
 
 def test_rings_enclose_all_within_them():
     y, x = np.indices((21, 21))
     labels = np.minimum(np.maximum(abs(x - 10), abs(y - 10)), 9)  # the outermost ring is two px wide
-    assert borders_of(labels).around.tolist() == [*range(1, 10), -1]
+    assert border_map(labels).around.tolist() == [*range(1, 10), -1]
 
 
 def test_a_stripe_across_the_canvas_encloses_nothing():
     labels = np.repeat([0, 1, 2], 4)[:, None].repeat(9, axis=1)
-    assert borders_of(labels).around.tolist() == [-1, -1, -1]
+    assert border_map(labels).around.tolist() == [-1, -1, -1]
 
 
 @given(LABELS)
 def test_loops_are_the_cracks_around_regions_and_turn_right_first(labels):
-    loops = borders_of(labels).loops
+    loops = border_map(labels).loops
     padded = np.pad(labels, 1, constant_values=-1)
     assert loops.owners.tolist() == sorted(loops.owners.tolist())
     areas = []
@@ -81,7 +81,7 @@ def test_loops_are_the_cracks_around_regions_and_turn_right_first(labels):
     assert (
         len(np.unique(loops.cracks, axis=0))
         == len(loops.cracks)
-        == borders_of(labels).cracks.sum() + 2 * sum(labels.shape)
+        == border_map(labels).cracks.sum() + 2 * sum(labels.shape)
     )
     assert areas == sorted(areas, key=lambda each: (each[0], -each[1]))
     sizes = np.zeros(labels.max() + 1)
@@ -95,7 +95,7 @@ def test_loops_are_the_cracks_around_regions_and_turn_right_first(labels):
 @pytest.mark.parametrize("count", [3, 4])
 def test_labels_of_many_parts_may_touch_more_than_connected_regions_do(count):
     labels = np.random.default_rng(0).permutation(np.arange(400) % (5 * count)).reshape(20, 20)
-    borders = borders_of(labels)
+    borders = border_map(labels)
     assert borders.cracks.sum() == 2 * ((labels[1:] != labels[:-1]).sum() + (labels[:, 1:] != labels[:, :-1]).sum())
     assert len(borders.first) > 6 * (labels.max() + 1)
 

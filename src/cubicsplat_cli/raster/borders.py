@@ -38,7 +38,7 @@ class Loops:
 
 
 @dataclass(frozen=True, eq=False)
-class Borders:
+class BorderMap:
     """labels: (H, W) int32 the regions. first, second, cracks: (P,) int64 of every two that touch, either way round and
     ascending, the two and how many cracks they share. around: (R,) int32 the innermost one that encloses each, through
     which all its ways to the canvas's border lead, -1 where none does."""
@@ -64,7 +64,7 @@ class Borders:
         return Loops(*found[:2], *(each[:count].copy() for each in found[2:]))
 
 
-def borders_of(labels: np.ndarray) -> Borders:
+def border_map(labels: np.ndarray) -> BorderMap:
     """The borders of labels (H, W) >= 0. Raises EngineError where the library or the memory is missing."""
     labels = np.ascontiguousarray(labels, np.int32)
     count = int(labels.max()) + 1
@@ -74,7 +74,7 @@ def borders_of(labels: np.ndarray) -> Borders:
         found = _native("cs_borders", labels, *labels.shape, count, room, pairs, around, result=c_int64)
         if found <= room:
             first, second, cracks = np.ascontiguousarray(pairs[:found].T)
-            return Borders(labels, first, second, cracks, around)
+            return BorderMap(labels, first, second, cracks, around)
         room = found
 
 

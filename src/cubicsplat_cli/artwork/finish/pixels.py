@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.plan import Plan
 from cubicsplat_cli.artwork.regions.fills import PURE
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.borders import borders_of
+from cubicsplat_cli.raster.borders import border_map
 from cubicsplat_cli.raster.outlines import coverage
 
 # Share of a pixel that a line may be off: one that runs through the pixel's middle covers half of it and more.
@@ -50,7 +50,7 @@ def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarra
 
 def _along_pixels(own: np.ndarray, corner: np.ndarray) -> Iterator[Outline]:
     """The outlines of pixels (h, w) bool in a window with such a corner x, y."""
-    loops = borders_of(own.astype(np.int32)).loops
+    loops = border_map(own.astype(np.int32)).loops
     for cracks, owner in zip(np.split(loops.cracks, loops.ends[:-1]), loops.owners, strict=True):
         if owner:
             yield polygon(cracks[cracks[:, 2] != np.roll(cracks[:, 2], 1), :2] + corner.astype(float))

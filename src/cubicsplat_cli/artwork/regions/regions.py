@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.regions.hairlines import (
 )
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
-from cubicsplat_cli.raster.borders import Borders, borders_of
+from cubicsplat_cli.raster.borders import BorderMap, border_map
 from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills
 
@@ -64,9 +64,9 @@ class Regions:
         return np.bincount(self.labels.ravel(), minlength=self.count)
 
     @cached_property
-    def borders(self) -> Borders:
+    def borders(self) -> BorderMap:
         """The map of their borders."""
-        return borders_of(self.labels)
+        return border_map(self.labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +270,7 @@ def _numbered(labels: np.ndarray) -> np.ndarray:
 
 def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(count,) label to take over: itself where not doomed; and how many other labels each doomed one may take."""
-    borders = borders_of(labels)
+    borders = border_map(labels)
     taking = np.flatnonzero(doomed[borders.first] & ~doomed[borders.second])
     target = np.arange(count)
     order = taking[np.argsort(borders.cracks[taking], kind="stable")]
