@@ -260,9 +260,8 @@ class FitSettings:
         """The settings for a picture of width x height px: a small one gets no more curves than it has use for."""
         if self.curves is not None:
             return self
-        pixels = width * height
-        curves = max(pixels // PIXELS_PER_CURVE, min(FEWEST_CURVES, pixels // LEAST_PIXELS_PER_CURVE), 1)
-        return self.with_(curves=min(curves, USUAL_CURVES))
+        fewest = max(1, min(FEWEST_CURVES, width * height // LEAST_PIXELS_PER_CURVE))
+        return self.with_(curves=min(USUAL_CURVES, max(fewest, width * height // PIXELS_PER_CURVE)))
 
     def with_(self, **changes: Any) -> FitSettings:
         """The same settings but for some; the preset is not asked again."""

@@ -18,7 +18,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE
 from cubicsplat_cli.pipeline.likeness import FileLevel
-from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Rgba
@@ -28,7 +28,6 @@ from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
-TOO_FINE = "its lines are too fine to be drawn"
 ENLARGED = 0.41  # standard deviation in px, before it, of what linear interpolation spreads: a triangle 2 px wide
 
 

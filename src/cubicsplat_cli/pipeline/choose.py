@@ -11,18 +11,11 @@ from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.pipeline.artwork import (
-    TOO_FINE,
-    drawn_artwork,
-    drawn_cells,
-    drawn_outlines,
-    drawn_pixels,
-    result_of_one_fill,
-)
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo
-from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
 from cubicsplat_cli.request import Request
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see

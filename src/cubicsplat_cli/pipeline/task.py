@@ -36,6 +36,7 @@ from cubicsplat_cli.svg.markup import data_uri, with_lengths
 
 _log = logging.getLogger("cubicsplat")
 UNDECIDED = Style(PHOTO, "")
+TOO_FINE = "its lines are too fine to be drawn"  # of a drawing without a shape
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 
 
