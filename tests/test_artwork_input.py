@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 from image_files import recoded
-from PIL import Image
+from PIL import Image, ImageDraw
 from scipy import ndimage
 
 from benchmarks.artwork.degradations import degraded, with_background
@@ -95,6 +95,26 @@ def test_a_lossy_webp_is_known_and_drawn_as_it_was(mode):
     circles = [outline for shape in drawing.shapes for outline in shape.outlines if isinstance(outline, Circle)]
     assert sorted(circle.r for circle in circles) == pytest.approx([12.5, 12.5, 70.0], abs=0.1)
     assert len(drawing.shapes) == len(draw(target("clean")).shapes) + (mode == "RGB")
+
+
+def test_a_ground_that_alternates_between_two_levels_is_no_noise():
+    y, x = np.mgrid[0:120, 0:160]
+    levels = np.full((120, 160, 4), 255.0, dtype=np.float32)
+    levels[..., :3] = np.where((x + y) % 2 == 0, 240.0, 242.0)[..., None]
+    levels[30:60, 30:80] = [200.0, 40.0, 40.0, 255.0]
+    assert condition_of(levels).clean
+
+
+def test_a_picture_in_the_colours_of_a_palette_was_no_jpeg():
+    """Buttons that get darker downwards, and lines on them, in 24 colours."""
+    random, rows = np.random.default_rng(0), np.arange(640)[:, None] % 120 / 30.0
+    shades = [np.broadcast_to(first - rows * fall, (640, 960)) for first, fall in ((235, 6), (225, 8), (200, 5))]
+    large = Image.fromarray(np.dstack(shades).astype(np.uint8))
+    for x, y in random.integers(0, [940, 620], (200, 2)).tolist():
+        right, down = random.integers(-40, 40, 2).tolist()
+        ImageDraw.Draw(large).line([x, y, x + right, y + down], fill=(20, 30, 80), width=5)
+    indexed = large.resize((240, 160), Image.Resampling.BOX).quantize(24, dither=Image.Dither.NONE).convert("RGB")
+    assert condition_of(as_levels(as_picture(np.asarray(indexed)).target())).clean
 
 
 def test_a_picture_that_was_scaled_down_was_no_jpeg():
