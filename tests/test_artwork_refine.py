@@ -73,7 +73,9 @@ def test_ends_of_level_and_upright_lines_share_a_variable_and_what_is_on_the_bor
     anchors = np.array([place[:2] for place in places], float)
     lines = np.array([place[2] for place in places])
     controls = np.stack([anchors, np.roll(anchors, -1, axis=0)], axis=1)
-    (found, _, _), joints = held_ring(anchors + 0.01, controls, lines, np.zeros(len(lines), bool), (3, 9), (pins, ()))
+    (found, _, _), joints = held_ring(
+        anchors + 0.01, controls, lines, np.zeros(len(lines), bool), (3, 9), 0.06, (pins, ())
+    )
     assert found == pytest.approx(np.where((anchors == 0.0) | (anchors == [3.0, 9.0]), anchors, anchors + 0.01))
     assert joints.level.tolist() == [False] * len(lines)
     numbers = np.arange(anchors.size).reshape(anchors.shape)

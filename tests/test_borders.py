@@ -110,9 +110,9 @@ def test_borders_run_where_the_shares_of_pixels_say(height, slope):
     shares = fine.reshape(12, 64, 8).mean(axis=1)
     levels = shares[..., None] * FILLS[0] + (1.0 - shares[..., None]) * FILLS[1]
     labels = (shares < 0.5).astype(np.int32)
-    rows, errors, columns, column_errors = border_positions(levels, labels, FILLS, 0.8, 0.04)
+    rows, errors, columns, column_errors = border_positions(levels, labels, FILLS, 0.8, 0.8, 0.04)
     y, x = np.nonzero(np.diff(labels, axis=0))
     assert rows[y + 1, x] == pytest.approx(shares.sum(axis=0)[x], abs=0.03)  # a share below 0.02 may end the walk
     assert errors[y + 1, x] == pytest.approx(0.04, abs=0.001)
-    turned = border_positions(levels.swapaxes(0, 1), labels.T, FILLS, 0.8, 0.04)
+    turned = border_positions(levels.swapaxes(0, 1), labels.T, FILLS, 0.8, 0.8, 0.04)
     assert [(a == b.T).all() for a, b in zip(turned, (columns, column_errors, rows, errors), strict=True)] == [True] * 4

@@ -14,6 +14,11 @@ def largest(values: np.ndarray) -> np.ndarray:
     return np.asarray(reduce(np.maximum, np.moveaxis(values, -1, 0)))
 
 
+def packed(colours: np.ndarray) -> np.ndarray:
+    """(...) int64 one number for each colour (..., C) of whole levels in 0..255."""
+    return np.asarray(colours.astype(np.int64) @ (256 ** np.arange(colours.shape[-1])))
+
+
 def light_of_srgb(values: np.ndarray) -> np.ndarray:
     """The linear light of sRGB values, both in [0, 1] (IEC 61966-2-1)."""
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)

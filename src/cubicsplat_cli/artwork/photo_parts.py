@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import largest, packed
 from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
@@ -251,7 +251,7 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
     """
     crop = levels[part.window] / np.float32(255.0)
     values = levels[part.window][part.mask]
-    code = (values // COLOUR).astype(np.int64) @ (256 ** np.arange(3))
+    code = packed(values // COLOUR)
     _, which, counts = np.unique(code, return_inverse=True, return_counts=True)
     commonest = values[which.reshape(-1) == int(counts.argmax())].mean(axis=0)
     if (largest(np.abs(values - commonest)) <= UNSEEN).mean() > MOST_IN_ONE:

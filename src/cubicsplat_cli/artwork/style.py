@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
@@ -166,7 +167,7 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
     """(H, W) bool: pixels of a picture that are in one of the commonest colours, each so many levels wide, and differ
     from those around them by at most `flat` levels.
     """
-    code = (levels // width).astype(np.int64) @ (256 ** np.arange(levels.shape[2]))
+    code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
     commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_FILLS]]
     return np.isin(code, commonest) & (spread(levels, 3, 3) <= flat)

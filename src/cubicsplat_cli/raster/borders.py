@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from ctypes import c_int64
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import compress
 
 import numpy as np
 
@@ -29,31 +30,42 @@ class Loops:
     ends: np.ndarray
     owners: np.ndarray
 
+    def __iter__(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """The region of every loop, its cracks, and what is beside them."""
+        parts = (np.split(each, self.ends[:-1]) for each in (self.cracks, self.beside))
+        return zip(self.owners.tolist(), *parts, strict=True)
+
     def outer(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Every region, and the cracks of its outer loop and what is beside them."""
-        starts = [0, *self.ends.tolist()]
-        for k in np.flatnonzero(np.diff(self.owners, prepend=-1)).tolist():
-            own = slice(starts[k], starts[k + 1])
-            yield int(self.owners[k]), self.cracks[own], self.beside[own]
+        """The same of the outer loop of every region."""
+        return compress(self, np.diff(self.owners, prepend=-1))
 
 
 @dataclass(frozen=True, eq=False)
 class BorderMap:
-    """labels: (H, W) int32 the regions. first, second, cracks: (P,) int64 of every two that touch, either way round and
-    ascending, the two and how many cracks they share. around: (R,) int32 the innermost one that encloses each, through
-    which all its ways to the canvas's border lead, -1 where none does."""
+    """labels: (H, W) int32 the regions, count: R of them. first, second, cracks: (P,) int64 of every two that touch,
+    either way round and ascending, the two and how many cracks they share."""
 
     labels: np.ndarray
+    count: int
     first: np.ndarray
     second: np.ndarray
     cracks: np.ndarray
-    around: np.ndarray
 
     @cached_property
     def beside(self) -> list[list[int]]:
         """The neighbours of each region, ascending."""
-        ends = np.cumsum(np.bincount(self.first, minlength=len(self.around)))
+        ends = np.cumsum(np.bincount(self.first, minlength=self.count))
         return [each.tolist() for each in np.split(self.second, ends[:-1])]
+
+    @cached_property
+    def around(self) -> np.ndarray:
+        """(R,) int32 the innermost one that encloses each, through which all its ways to the canvas's border lead, -1
+        where none does. Raises EngineError where the library or the memory is missing.
+        """
+        out = np.full(self.count, -1, np.int32)
+        given = self.labels, *self.labels.shape, self.count, len(self.first), self.first, self.second
+        _native("cs_enclosing", *given, out)
+        return out
 
     @cached_property
     def loops(self) -> Loops:
@@ -68,13 +80,12 @@ def border_map(labels: np.ndarray) -> BorderMap:
     """The borders of labels (H, W) >= 0. Raises EngineError where the library or the memory is missing."""
     labels = np.ascontiguousarray(labels, np.int32)
     count = int(labels.max()) + 1
-    room, around = 6 * count, np.full(count, -1, np.int32)  # as many as connected regions have
+    room = 6 * count  # as many as connected regions have
     while True:
         pairs = np.empty((room, 3), np.int64)
-        found = _native("cs_borders", labels, *labels.shape, count, room, pairs, around, result=c_int64)
+        found = _native("cs_touching", labels, *labels.shape, count, room, pairs, result=c_int64)
         if found <= room:
-            first, second, cracks = np.ascontiguousarray(pairs[:found].T)
-            return BorderMap(labels, first, second, cracks, around)
+            return BorderMap(labels, count, *np.ascontiguousarray(pairs[:found].T))
         room = found
 
 
@@ -96,13 +107,14 @@ def passings(
 
 
 def border_positions(
-    levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, error: float, share_error: float
+    levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, error: float, rounding: float, share_error: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Where borders run across all cracks, px, and the standard errors: two (H + 1, W) of horizontal cracks and two
     (H, W + 1) of vertical ones.
 
-    levels: (H, W, 4), known to an error; share_error: of the shares of pixels that shapes cover. labels: (H, W) the
-    regions, fills: (R, 4) theirs, in levels. Raises EngineError where the library is missing.
+    levels: (H, W, 4), known to an error, of which `rounding` is that of a clean picture; share_error: of the shares of
+    pixels that shapes cover. labels: (H, W) the regions, fills: (R, 4) theirs, in levels. Raises EngineError where the
+    library is missing.
     """
     height, width = labels.shape
     wide = levels.dtype == np.float64
@@ -112,5 +124,7 @@ def border_positions(
     rows, row_sigma = np.empty((2, height + 1, width))
     columns, column_sigma = np.empty((2, height, width + 1))
     found = rows, row_sigma, columns, column_sigma
-    _native("cs_edge_positions", *picture, *given, float(error), float(share_error), *found, result=None)
+    _native(
+        "cs_edge_positions", *picture, *given, float(error), float(rounding), float(share_error), *found, result=None
+    )
     return found

@@ -185,17 +185,18 @@ def held_ring(
     lines: np.ndarray,
     smooth: np.ndarray,
     size: tuple[int, int],
+    on_border: float,
     pins: tuple[Sequence[float], Sequence[float]],
 ) -> tuple[Outline, Joints]:
     """A ring of anchors (A, 2), px, and control points (A, 2, 2) with what is held in place, and its joints: those that
     are no smooth ones by their handles are corners.
 
-    size: px of the canvas, on whose border what lies near it is brought; pins: the x, and the y, that stay. Raises
-    EngineError where the library or the memory is missing.
+    size: px of the canvas, on whose border what lies nearer to it than `on_border` px is brought; pins: the x, and the
+    y, that stay. Raises EngineError where the library or the memory is missing.
     """
     outline = np.array(anchors, np.float64, order="C"), np.empty(anchors.shape), np.empty(anchors.shape)
     joints = Joints(lines, np.array(smooth, bool), np.empty(len(smooth), bool), np.empty(anchors.shape, np.int64))
-    held = *size, len(pins[0]), len(pins[1]), doubles([*pins[0], *pins[1]])
+    held = *size, float(on_border), len(pins[0]), len(pins[1]), doubles([*pins[0], *pins[1]])
     given = len(anchors), doubles(controls), np.ascontiguousarray(lines, bool), *held
     _native("cs_hold_ring", *given, *outline, joints.smooth, joints.level, joints.tied)
     return outline, joints

@@ -151,7 +151,7 @@ class RingParameters:
 
 def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
     """A ring with what is held in place; what lies near the canvas's border is brought onto it."""
-    held = (constraints.width, constraints.height), (constraints.pins.x, constraints.pins.y)
+    held = (constraints.width, constraints.height), ON_BORDER, (constraints.pins.x, constraints.pins.y)
     outline, joints = held_ring(ring.anchors, ring.controls, ring.lines, ring.smooth, *held)
     return Pieces(*outline, joints.lines, joints.smooth, joints.level, joints.tied)
 

@@ -50,7 +50,6 @@ def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarra
 
 def _along_pixels(own: np.ndarray, corner: np.ndarray) -> Iterator[Outline]:
     """The outlines of pixels (h, w) bool in a window with such a corner x, y."""
-    loops = border_map(own.astype(np.int32)).loops
-    for cracks, owner in zip(np.split(loops.cracks, loops.ends[:-1]), loops.owners, strict=True):
-        if owner:
+    for inside, cracks, _ in border_map(own.astype(np.int32)).loops:
+        if inside:
             yield polygon(cracks[cracks[:, 2] != np.roll(cracks[:, 2], 1), :2] + corner.astype(float))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import largest, packed
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import bends_and_steps, trimmed_range
 from cubicsplat_cli.raster.shades import Pixels
@@ -160,7 +160,7 @@ def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
     clear = values[:, 3] <= CLEAR
     if clear.mean() >= LEAST_PLATEAU:
         return np.zeros(4), clear
-    code = np.rint(values).astype(np.int64) @ (256 ** np.arange(4))
+    code = packed(np.rint(values))
     _, first, index, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
     best = int(counts.argmax())
     fill = values[index.reshape(-1) == best].mean(axis=0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA
+from cubicsplat_cli.artwork.channels import LUMA, packed
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
@@ -206,8 +206,8 @@ def _even(levels: np.ndarray, busy: np.ndarray) -> float:
 def _indexed(levels: np.ndarray) -> bool:
     """Whether a picture has no more colours than a GIF or a PNG with a palette, which is rough by rounding, and more
     than grey."""
-    colours = levels[..., :3].astype(np.int32) @ (256 ** np.arange(3))
-    return bool((np.ptp(levels[..., :3], axis=2) > 0.0).any()) and len(np.unique(colours)) <= MOST_INDEXED
+    colours = levels[..., :3]
+    return bool((colours != colours[..., :1]).any()) and len(np.unique(packed(colours))) <= MOST_INDEXED
 
 
 def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:

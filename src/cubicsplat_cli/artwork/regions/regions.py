@@ -176,7 +176,7 @@ def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, go
 
 def _on_a_slope(levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray) -> np.ndarray:
     """(n,) bool: pixels y, x that are blends of the nearest fill, near (n, k), and a pixel beside them."""
-    ground, found = palette[near[:, 0]], near[:, 0] < 0
+    ground, found = palette[near[:, 0]], np.zeros(len(y), dtype=bool)
     height, width = levels.shape[:2]
     for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         beside = levels[np.clip(y + down, 0, height - 1), np.clip(x + right, 0, width - 1)]

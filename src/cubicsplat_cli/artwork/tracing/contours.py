@@ -26,5 +26,5 @@ def edge_positions(
 
     share_error: of the shares of pixels that shapes cover.
     """
-    found = border_positions(levels, regions.labels, regions.fills, error, share_error)
+    found = border_positions(levels, regions.labels, regions.fills, error, ROUNDING, share_error)
     return EdgePositions(*found, RIM if error > ROUNDING else 0.0)

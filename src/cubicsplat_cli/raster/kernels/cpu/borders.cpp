@@ -55,9 +55,10 @@ std::vector<Pair> touching(const Labels& labels, int64_t count) {
 
 // The innermost region that encloses each: the last one that all ways from the canvas's border lead through, by a
 // depth-first search from there (J. Hopcroft and R. Tarjan, "Efficient Algorithms for Graph Manipulation", 1973).
-void enclose(const Labels& labels, int64_t count, const std::vector<Pair>& pairs, int32_t* around) {
+void enclose(const Labels& labels, int64_t count, int64_t pairs, const int64_t* first, const int64_t* second,
+             int32_t* around) {
   std::vector<int64_t> next(count + 1, 0), number(count, -1), earliest(count), before(count, -1), order, path;
-  for (const Pair& pair : pairs) next[pair.first + 1]++;
+  for (int64_t k = 0; k < pairs; k++) next[first[k] + 1]++;
   std::partial_sum(next.begin(), next.end(), next.begin());
   const std::vector<int64_t> end(next.begin() + 1, next.end());
   std::vector<uint8_t> outermost(count, 0);
@@ -75,7 +76,7 @@ void enclose(const Labels& labels, int64_t count, const std::vector<Pair>& pairs
     for (enter(root, -1); !path.empty();) {
       const int64_t region = path.back();
       if (next[region] < end[region]) {
-        const int64_t other = pairs[next[region]++].second;
+        const int64_t other = second[next[region]++];
         if (number[other] < 0)
           enter(other, region);
         else
@@ -98,20 +99,30 @@ void enclose(const Labels& labels, int64_t count, const std::vector<Pair>& pairs
 
 extern "C" {
 
-// pairs: room x 3, the two labels and the cracks that they share; around: of each label. Returns the number of pairs, of
-// which those beyond the room are missing; -1 where there is no memory.
-CS_EXPORT int64_t cs_borders(const int32_t* labels, int64_t height, int64_t width, int64_t count, int64_t room,
-                             int64_t* pairs, int32_t* around) {
+// pairs: room x 3, the two labels and the cracks that they share. Returns the number of pairs, of which those beyond the
+// room are missing; -1 where there is no memory.
+CS_EXPORT int64_t cs_touching(const int32_t* labels, int64_t height, int64_t width, int64_t count, int64_t room,
+                              int64_t* pairs) {
   using namespace cs;
   try {
     const std::vector<Pair> found = touching({labels, height, width}, count);
     for (size_t k = 0; k < found.size() && int64_t(k) < room; k++)
       pairs[3 * k] = found[k].first, pairs[3 * k + 1] = found[k].second, pairs[3 * k + 2] = found[k].cracks;
-    enclose({labels, height, width}, count, found, around);
     return int64_t(found.size());
   } catch (const std::exception&) {
     return -1;
   }
+}
+
+// around: of each label, by the two of every pair as of cs_touching. 1 where there is no memory, else 0.
+CS_EXPORT int32_t cs_enclosing(const int32_t* labels, int64_t height, int64_t width, int64_t count, int64_t pairs,
+                               const int64_t* first, const int64_t* second, int32_t* around) {
+  try {
+    cs::enclose({labels, height, width}, count, pairs, first, second, around);
+  } catch (const std::exception&) {
+    return 1;
+  }
+  return 0;
 }
 
 // cracks: x 3, x, y and direction; beside: of each; ends, owners: of the loops. There is room for all. Returns the number

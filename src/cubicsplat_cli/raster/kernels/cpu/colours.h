@@ -38,7 +38,7 @@ struct Blend {
 };
 
 // A value as a blend of a colour with another one, relative to the latter.
-Blend between(const Colour& value, const Colour& span) {
+inline Blend between(const Colour& value, const Colour& span) {
   const double share = std::min(std::max(value.dot(span) / std::max(span.dot(span), kTiny), 0.0), 1.0);
   return {share, value.off(share, span)};
 }

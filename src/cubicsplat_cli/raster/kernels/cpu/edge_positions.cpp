@@ -1,52 +1,27 @@
 // Where the borders between regions run within the pixels beside them. What is computed is said in
 // artwork/tracing/contours.py; raster/borders.py says what the function means.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 
 #include "abi.h"
+#include "colours.h"
 
 namespace cs {
 namespace {
-
-using Fill = std::array<double, 4>;
 
 constexpr int64_t kWalk = 3;         // pixels to either side of a crack that may belong to the border's blend
 constexpr double kPureShare = 0.02;  // from 0 or 1, that ends the walk
 constexpr double kClean = 10.0;      // levels of residual of a blend that only its two fills explain
 // Standard errors in px: beside a third fill; without a clean walk; of an edge of a line without a pure pixel; of what ends
-// with the canvas. Levels by which a pixel there must differ from its fill for an edge to be sought; and by which a clean
-// picture's pixels are off.
-constexpr double kNearThird = 0.3, kGuess = 0.5, kThin = 0.1, kRimSigma = 0.02, kRimLevels = 4.0, kRounding = 0.8;
+// with the canvas. Levels by which a pixel there must differ from its fill for an edge to be sought.
+constexpr double kNearThird = 0.3, kGuess = 0.5, kThin = 0.1, kRimSigma = 0.02, kRimLevels = 4.0;
 // px a line may be across, and px beyond it within which its ground must be pure; levels that are pure; of the squares of
 // the sines between the colours above and below it and its own above which both edges follow from the sums; px from the
 // crack that an edge may lie; and px.
 constexpr int64_t kMost = 4;
 constexpr double kPure = 6.0, kApart = 0.03, kFarthest = 1.5, kThinnest = 0.1;
-
-double dot(const Fill& a, const Fill& b) {
-  double sum = 0.0;
-  for (int c = 0; c < 4; c++) sum += a[c] * b[c];
-  return sum;
-}
-
-Fill minus(const Fill& a, const Fill& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]}; }
-
-double largest(const Fill& a) {
-  return std::max(std::max(std::fabs(a[0]), std::fabs(a[1])), std::max(std::fabs(a[2]), std::fabs(a[3])));
-}
-
-// The share of the upper fill in a blend, and what it leaves unexplained in levels.
-struct Share {
-  double of, rest;
-  Share(const Fill& value, const Fill& base, const Fill& upper) {
-    const Fill span = minus(upper, base), off = minus(value, base);
-    of = std::clamp(dot(off, span) / std::max(dot(span, span), 1e-9), 0.0, 1.0);
-    rest = largest({off[0] - of * span[0], off[1] - of * span[1], off[2] - of * span[2], off[3] - of * span[3]});
-  }
-};
 
 struct Edge {
   double at, sigma;
@@ -64,15 +39,10 @@ struct View {
   int64_t index(int64_t row, int64_t x) const { return first + row * down + x * across; }
   int32_t label(int64_t row, int64_t x) const { return labels[index(row, x)]; }
   int64_t within(int64_t row) const { return std::clamp<int64_t>(row, 0, rows - 1); }
-  Fill fill(int32_t label) const {
-    const double* f = fills + 4 * int64_t(label);
-    return {f[0], f[1], f[2], f[3]};
-  }
-  Fill value(int64_t row, int64_t x) const {
+  Colour fill(int32_t label) const { return colour(fills + 4 * int64_t(label)); }
+  Colour value(int64_t row, int64_t x) const {
     const int64_t i = 4 * index(row, x);
-    if (const auto* l = static_cast<const double*>(levels); wide) return {l[i], l[i + 1], l[i + 2], l[i + 3]};
-    const auto* l = static_cast<const float*>(levels);
-    return {l[i], l[i + 1], l[i + 2], l[i + 3]};
+    return wide ? colour(static_cast<const double*>(levels) + i) : colour(static_cast<const float*>(levels) + i);
   }
 };
 
@@ -82,7 +52,7 @@ int64_t pure_row(const View& view, int64_t row, int64_t x, int64_t sign) {
   for (int64_t step = 0; step < kMost; step++) {
     const int64_t here = view.within(row + sign * step);
     if (view.label(here, x) != label) return -1;
-    if (largest(minus(view.value(here, x), view.fill(label))) <= kPure) return here;
+    if (view.value(here, x).off(1.0, view.fill(label)) <= kPure) return here;
   }
   return -1;
 }
@@ -104,33 +74,33 @@ double thin_edge(const View& view, int64_t y, int64_t x, int64_t sign) {
   const int64_t start = pure_row(view, near, x, -sign), stop = pure_row(view, far, x, sign);
   if (start < 0 || stop < 0) return unknown;
   const int64_t top = sign > 0 ? start : stop, bottom = sign > 0 ? stop : start;
-  const Fill fill = view.fill(own);
-  const Fill above = view.fill(view.label(sign > 0 ? near : far, x)),
-             below = view.fill(view.label(sign > 0 ? far : near, x));
-  Fill total{}, moment{};
+  const Colour fill = view.fill(own);
+  const Colour above = view.fill(view.label(sign > 0 ? near : far, x)),
+               below = view.fill(view.label(sign > 0 ? far : near, x));
+  Colour total{}, moment{};
   for (int64_t row = top; row <= bottom; row++) {
-    const Fill value = view.value(row, x);
-    for (int c = 0; c < 4; c++) total[c] += value[c], moment[c] += value[c] * (double(row) + 0.5);
+    const Colour value = view.value(row, x);
+    for (int c = 0; c < 4; c++) total.of[c] += value.of[c], moment.of[c] += value.of[c] * (double(row) + 0.5);
   }
   const double r0 = double(top), r1 = double(bottom) + 1.0;
-  const Fill a = minus(above, fill), c = minus(fill, below);
-  Fill rest;
-  for (int k = 0; k < 4; k++) rest[k] = total[k] + above[k] * r0 - below[k] * r1;
-  const double aa = dot(a, a), cc = dot(c, c), ac = dot(a, c), ra = dot(rest, a), rc = dot(rest, c);
+  const Colour a = above - fill, c = fill - below;
+  Colour rest;
+  for (int k = 0; k < 4; k++) rest.of[k] = total.of[k] + above.of[k] * r0 - below.of[k] * r1;
+  const double aa = a.dot(a), cc = c.dot(c), ac = a.dot(c), ra = rest.dot(a), rc = rest.dot(c);
   const double det = aa * cc - ac * ac;
   double upper = unknown, lower = unknown;
   if (det > kApart * aa * cc) {
     upper = (ra * cc - rc * ac) / det, lower = (rc * aa - ra * ac) / det;
-  } else if (largest(minus(above, below)) <= kPure) {
+  } else if (above.off(1.0, below) <= kPure) {
     // On one line of colours: how much fill, and around which height, above a ground that is the same on both sides.
-    Fill span, more, turning;
+    Colour span, more, turning;
     for (int k = 0; k < 4; k++) {
-      const double base = 0.5 * (above[k] + below[k]);
-      span[k] = fill[k] - base;
-      more[k] = total[k] - base * (r1 - r0), turning[k] = moment[k] - base * (0.5 * (r1 * r1 - r0 * r0));
+      const double base = 0.5 * (above.of[k] + below.of[k]);
+      span.of[k] = fill.of[k] - base;
+      more.of[k] = total.of[k] - base * (r1 - r0), turning.of[k] = moment.of[k] - base * (0.5 * (r1 * r1 - r0 * r0));
     }
-    const double length = std::max(dot(span, span), 1e-9), amount = dot(more, span) / length;
-    const double middle = dot(turning, span) / length / (std::fabs(amount) > kThinnest ? amount : unknown);
+    const double length = std::max(span.dot(span), kTiny), amount = more.dot(span) / length;
+    const double middle = turning.dot(span) / length / (std::fabs(amount) > kThinnest ? amount : unknown);
     upper = middle - 0.5 * amount, lower = middle + 0.5 * amount;
   }
   const double edge = sign > 0 ? upper : lower;
@@ -140,8 +110,7 @@ double thin_edge(const View& view, int64_t y, int64_t x, int64_t sign) {
 // The border across the crack above a pixel. error: in levels, of the picture; share_error: of its shares.
 Edge edge(const View& view, int64_t y, int64_t x, double error, double share_error) {
   const int32_t above = view.label(y - 1, x), below = view.label(y, x);
-  const Fill base = view.fill(below), span = minus(view.fill(above), base);
-  const Fill upper = {base[0] + span[0], base[1] + span[1], base[2] + span[2], base[3] + span[3]};
+  const Colour base = view.fill(below), span = view.fill(above) - base;
   const auto third_beside = [&](int64_t row) {
     for (const int64_t side : {std::max<int64_t>(x - 1, 0), std::min(x + 1, view.width - 1)})
       if (const int32_t other = view.label(row, side); other != above && other != below) return true;
@@ -159,10 +128,10 @@ Edge edge(const View& view, int64_t y, int64_t x, double error, double share_err
       if (row < 0 || row >= view.rows) {
         ended = step > 0;
       } else if (view.label(row, x) == own) {
-        const Share share(view.value(row, x), base, upper);
-        const double missing = sign < 0 ? 1.0 - share.of : share.of;
+        const Blend blend = between(view.value(row, x) - base, span);
+        const double missing = sign < 0 ? 1.0 - blend.share : blend.share;
         walked += missing;
-        third |= share.rest > kClean || third_beside(row);
+        third |= blend.residual > kClean || third_beside(row);
         ended = missing <= kPureShare;
       }
     }
@@ -171,38 +140,35 @@ Edge edge(const View& view, int64_t y, int64_t x, double error, double share_err
     shift += sign < 0 ? -walked : walked;
   }
   if (!std::isnan(thin)) return {thin, kThin};
-  const double known = std::hypot(share_error, error / std::max(std::sqrt(dot(span, span)), 1.0));
+  const double known = std::hypot(share_error, error / std::max(std::sqrt(span.dot(span)), 1.0));
   return {double(y) + shift, !clean ? kGuess : third ? kNearThird : known};
 }
 
 // How far below the canvas's upper border the topmost region begins: what is beyond it, nothing or another one of so many
-// kinds of fills, shows in its pixels only.
-Edge rim(const View& view, int64_t x, int64_t kinds, const double* fills, double share_error) {
+// kinds of fills, shows in its pixels only. rounding: levels by which a clean picture's pixels are off.
+Edge rim(const View& view, int64_t x, int64_t kinds, const double* fills, double rounding, double share_error) {
   const int32_t own = view.label(0, x);
-  const Fill base = view.fill(own), value = view.value(0, x);
-  if (!(largest(minus(value, base)) > kRimLevels)) return {0.0, kRimSigma};
-  Fill span = {-base[0], -base[1], -base[2], -base[3]};
-  const auto share_of = [&](const Fill& seen, const Fill& s) {
-    return Share(seen, base, {base[0] + s[0], base[1] + s[1], base[2] + s[2], base[3] + s[3]});
-  };
-  double rest = share_of(value, span).rest;
+  const Colour base = view.fill(own), value = view.value(0, x) - base;
+  if (!(view.value(0, x).off(1.0, base) > kRimLevels)) return {0.0, kRimSigma};
+  Colour span = Colour{} - base;
+  double rest = between(value, span).residual;
   // Nothing, or the fill that explains clearly more.
   for (int64_t k = 0; k < kinds; k++) {
-    const Fill other = minus({fills[4 * k], fills[4 * k + 1], fills[4 * k + 2], fills[4 * k + 3]}, base);
-    if (const double residual = share_of(value, other).rest; residual + kRimLevels < rest)
+    const Colour other = colour(fills + 4 * k) - base;
+    if (const double residual = between(value, other).residual; residual + kRimLevels < rest)
       span = other, rest = residual;
   }
   double walked = 0.0;
   bool ended = false;
   for (int64_t row = 0; row < std::min(kWalk, view.rows) && !ended; row++) {
     if (view.label(row, x) != own) continue;
-    const double share = share_of(view.value(row, x), span).of;
+    const double share = between(view.value(row, x) - base, span).share;
     walked += share, ended = share <= kPureShare;
   }
   const bool beside = view.label(0, (x + view.width - 1) % view.width) != own ||
                       view.label(0, (x + 1) % view.width) != own;
   if (!ended || rest > kClean || beside) return {0.0, kNearThird};
-  return {walked, std::hypot(share_error, kRounding / std::max(std::sqrt(dot(span, span)), 1.0))};
+  return {walked, std::hypot(share_error, rounding / std::max(std::sqrt(span.dot(span)), 1.0))};
 }
 
 }  // namespace
@@ -212,7 +178,7 @@ Edge rim(const View& view, int64_t x, int64_t kinds, const double* fills, double
 // kinds: so many different ones x 4, ascending. rows, row_sigma: (height + 1) x width; columns, column_sigma: height x
 // (width + 1).
 CS_EXPORT void cs_edge_positions(const void* levels, int64_t wide, const int32_t* labels, int64_t height, int64_t width,
-                                 const double* fills, int64_t kinds, const double* kind, double error,
+                                 const double* fills, int64_t kinds, const double* kind, double error, double rounding,
                                  double share_error, double* rows, double* row_sigma, double* columns,
                                  double* column_sigma) {
   using namespace cs;
@@ -225,9 +191,9 @@ CS_EXPORT void cs_edge_positions(const void* levels, int64_t wide, const int32_t
       for (int64_t x = 0; x < across; x++) {
         Edge found{double(y), kRimSigma};
         if (y == 0) {
-          found = rim(view, x, kinds, kind, share_error);
+          found = rim(view, x, kinds, kind, rounding, share_error);
         } else if (y == high) {
-          found = rim(turned, x, kinds, kind, share_error);
+          found = rim(turned, x, kinds, kind, rounding, share_error);
           found.at = double(high) - found.at;
         } else if (view.label(y - 1, x) != view.label(y, x)) {
           found = edge(view, y, x, error, share_error);

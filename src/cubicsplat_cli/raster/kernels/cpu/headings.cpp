@@ -64,7 +64,7 @@ CS_EXPORT int64_t cs_heading(int64_t count, const double* points, const double* 
   return 1;
 }
 
-// By how much loops turn where what lies beside them changes: see `passings` in raster/outlines.py. cracks: x 3, x, y and
+// By how much loops turn where what lies beside them changes: see `passings` in raster/borders.py. cracks: x 3, x, y and
 // direction, all loops' one after the other; beside: of each crack; loops: their number, ends and owners. reach: px from
 // which headings are taken, the first whose misfit is at most `most`; least: standard error beyond that of the points.
 // places (x 5), turns (x 2): room for one of each crack. Returns how many are known, -1 where there is no memory.

@@ -12,7 +12,6 @@
 namespace cs {
 namespace {
 
-constexpr double kOnBorder = 0.06;  // px; nearer to the canvas's border a coordinate is on it and stays there
 constexpr double kSame = 1e-9;      // px
 constexpr double kMostBend = 0.05;  // tangent of the angle by which a joint that is called smooth may be off
 
@@ -50,11 +49,12 @@ CS_EXPORT int32_t cs_tie(int64_t anchors, int64_t pieces, const double* at, cons
   return 0;
 }
 
-// A ring of `count` anchors: controls x 2 x 2. pins: of x, and behind so many of these of y. at: its anchors, incoming,
+// A ring of `count` anchors: controls x 2 x 2. pins: of x, and behind so many of these of y. on_border: px. at: its anchors, incoming,
 // outgoing: room for its handles; smooth: what it says of its joints; these and level, tied become those of what is held.
 CS_EXPORT int32_t cs_hold_ring(int64_t count, const double* controls, const uint8_t* lines, int64_t width,
-                               int64_t height, int64_t pins_x, int64_t pins_y, const double* pins, double* at,
-                               double* incoming, double* outgoing, uint8_t* smooth, uint8_t* level, int64_t* tied) {
+                               int64_t height, double on_border, int64_t pins_x, int64_t pins_y, const double* pins,
+                               double* at, double* incoming, double* outgoing, uint8_t* smooth, uint8_t* level,
+                               int64_t* tied) {
   using namespace cs;
   try {
     std::vector<uint8_t> fixed(2 * count, 0);
@@ -62,7 +62,7 @@ CS_EXPORT int32_t cs_hold_ring(int64_t count, const double* controls, const uint
       const int64_t before = (k / 2 + count - 1) % count;
       outgoing[k] = controls[4 * (k / 2) + k % 2] - at[k], incoming[k] = controls[4 * before + 2 + k % 2] - at[k];
       for (const double border : {0.0, double(k % 2 ? height : width)})
-        if (std::fabs(at[k] - border) < kOnBorder) at[k] = border, fixed[k] = 1;
+        if (std::fabs(at[k] - border) < on_border) at[k] = border, fixed[k] = 1;
       for (int64_t n = k % 2 ? pins_x : 0; n < (k % 2 ? pins_x + pins_y : pins_x); n++)
         fixed[k] |= std::fabs(at[k] - pins[n]) < kSame;
     }

@@ -6,17 +6,10 @@
 #include <limits>
 
 #include "abi.h"
+#include "colours.h"
 
 namespace cs {
 namespace {
-
-// The largest of the channels of how far two colours are apart.
-template <class T>
-double apart(const double* a, const T* b) {
-  double most = 0.0;
-  for (int c = 0; c < 4; c++) most = std::max(most, std::fabs(a[c] - double(b[c])));
-  return most;
-}
 
 struct Seam {
   int64_t step;
@@ -24,13 +17,13 @@ struct Seam {
 };
 
 // The share, in steps, with which a seam of two fills over a ground is nearest to a value.
-Seam nearest(const float* value, const double* front, const double* back, const double* ground, int64_t steps) {
+Seam nearest(const Colour& value, const Colour& front, const Colour& back, const Colour& ground, int64_t steps) {
   Seam best{0, std::numeric_limits<double>::infinity()};
   for (int64_t k = 0; k <= steps; k++) {
     const double a = double(k) / double(steps), left = 1.0 - a;
-    double seam[4];
-    for (int c = 0; c < 4; c++) seam[c] = a * front[c] + left * left * back[c] + a * left * ground[c];
-    if (const double gap = apart(seam, value); gap < best.gap) best = {k, gap};
+    Colour seam;
+    for (int c = 0; c < 4; c++) seam.of[c] = a * front.of[c] + left * left * back.of[c] + a * left * ground.of[c];
+    if (const double gap = seam.off(1.0, value); gap < best.gap) best = {k, gap};
   }
   return best;
 }
@@ -43,13 +36,14 @@ CS_EXPORT void cs_seam_shares(int64_t count, const float* values, const double* 
                               int64_t grounds, const double* ground, int64_t steps, double odd, double better,
                               double* share, double* rest) {
   using namespace cs;
-  for (int64_t i = 0; i < count; i++, values += 4, own += 4, beside += 4) {
+  for (int64_t i = 0; i < count; i++) {
+    const Colour value = colour(values + 4 * i), mine = colour(own + 4 * i), other = colour(beside + 4 * i);
     share[i] = 0.0, rest[i] = std::numeric_limits<double>::infinity();
     for (int64_t g = 0; g < grounds; g++) {
-      const double* beneath = ground + 4 * g;
-      if (!(std::min(apart(own, beneath), apart(beside, beneath)) > odd)) continue;
+      const Colour beneath = colour(ground + 4 * g);
+      if (!(std::min(mine.off(1.0, beneath), other.off(1.0, beneath)) > odd)) continue;
       for (const bool forward : {true, false}) {
-        const Seam found = nearest(values, forward ? beside : own, forward ? own : beside, beneath, steps);
+        const Seam found = nearest(value, forward ? other : mine, forward ? mine : other, beneath, steps);
         if (found.gap + better >= rest[i]) continue;
         const double part = double(found.step) / double(steps);
         share[i] = forward ? part : 1.0 - part, rest[i] = found.gap;
