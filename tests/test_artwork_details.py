@@ -62,6 +62,10 @@ def delta_e(document: Document, drawing: Drawing) -> float:
     return mean_delta_e(document.draw(4), written.draw(4))
 
 
+def painted(drawing: Drawing) -> np.ndarray:
+    return picture(Document(write_drawing(drawing, title="", comment="").encode(), "ours"))
+
+
 def explained(drawing: Drawing, target: np.ndarray, condition: Condition = CLEAN, **asked: Any) -> Drawing:
     return added.with_added(drawing, goal_of(target, condition.blur), condition, **asked)
 
@@ -79,6 +83,18 @@ def test_lost_details_are_drawn_where_they_are_in_the_fill_colours_of_the_drawin
     assert len(new) == count
     assert {shape.fill for shape in new} <= {WHITE, BLUE, RED}
     assert delta_e(document, drawing) < 0.1 * delta_e(document, plain())
+
+
+def test_what_explains_most_of_an_area_stays_where_some_of_that_is_left() -> None:
+    target = picture(truth('<path d="M34 20h24v3H34z" fill="#143cc8"/>'))
+    y, x = np.mgrid[:48, :64]
+    for middle in (33, 58):  # soft ends, which shapes do not explain
+        share = 0.6 * np.clip(1.0 - np.hypot(x - middle, y - 21) / 3.0, 0.0, 1.0)[..., None]
+        target += share * (np.array([1.0, 0.6, 0.0, 1.0]) - target)
+    drawing = explained(plain(), target)
+    assert new_shapes(drawing)
+    left, before = (np.square(painted(each) - target).mean() for each in (drawing, plain()))
+    assert left <= 0.5 * before
 
 
 def test_an_area_of_a_lost_colour_is_drawn_in_it_beneath_what_lies_on_it() -> None:

@@ -27,6 +27,7 @@ ROUNDS = 10
 PASSES, CROWDED = 3, 8000  # one pass where there are more shapes, of which each takes five seconds and more
 MOST_TRIED = 4000  # areas
 SEEN = 60  # px of an area that is worth a note
+LEFT = 0.5  # share of the squared error that shapes may leave which explain it in no fewer areas than before
 
 _log = logging.getLogger("cubicsplat")
 
@@ -54,7 +55,7 @@ def with_added(
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
         after = _Trials(added, goal, picture, detail, trials)
-        if len(after.found) >= len(trials.found):
+        if len(after.found) >= len(trials.found) and after.error > LEFT * trials.error:
             break  # such as the colour fringes of text for an LCD: shapes do not explain what is there
         trials = after
     left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
@@ -100,6 +101,7 @@ class _Trials:
         self.fills = {shape.fill for shape in drawing.shapes}
         self.painted = self.before.image @ _back(goal)
         self.found = areas(picture, self.painted)
+        self.error = sum(area.weight for area in self.found)
 
     def best(self) -> Drawing:
         """The drawing with those that shorten the description; the same without any."""
