@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import rest_slow
+from PIL import Image, ImageDraw
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.input.prepare import analysed
@@ -269,3 +270,47 @@ def test_a_shadow_takes_no_more_shapes_than_there_may_be():
 @pytest.mark.parametrize("settings", rest_slow(ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)))
 def test_no_gradients_where_shapes_abut_or_fills_are_chosen(settings):
     assert not shadows(draw(card(shade=(0.0, 2.0, 2.0, 0.3)), settings))
+
+
+def star(points: int = 5, far: float = 55.0, near: float = 24.0) -> np.ndarray:
+    """(H, W) coverage of a star."""
+    turns = np.arange(2 * points) * np.pi / points - np.pi / 2
+    radii = np.where(np.arange(2 * points) % 2, near, far)
+    corners = np.stack([95 + radii * np.cos(turns), 70 + radii * np.sin(turns)], axis=1) * FINE
+    image = Image.new("L", (WIDTH * FINE, HEIGHT * FINE))
+    ImageDraw.Draw(image).polygon([tuple(corner) for corner in corners.tolist()], fill=1)
+    return np.asarray(image, dtype=float).reshape(HEIGHT, FINE, WIDTH, FINE).mean(axis=(1, 3))
+
+
+def test_the_shadow_of_any_outline_is_even_shapes_within_each_other():
+    shape, dark = star(), shadow(star(), 2.0, 5.0, 4.0, 0.4)
+    alpha = 1.0 - (1.0 - shape) * (1.0 - dark)
+    picture = np.rint(255 * np.dstack([shape[..., None] * np.array(BLUE) / 255, alpha])) / 255
+    drawing = draw(picture.astype(np.float32))
+    steps = shadows(drawing)
+    assert len(drawing.shapes) == len(steps) + 1 and all(one.fill[:3] == (0, 0, 0) for one in steps)
+    gap = np.abs(drawn(drawing) - 255 * (picture[..., :3] + 1 - picture[..., 3:])).max(axis=2)
+    assert np.percentile(gap, 99) <= 8.0 and (gap**2).mean() <= 3.0
+
+
+@pytest.mark.slow
+def test_what_a_shadow_of_any_outline_is_made_of():
+    shape = star()
+    picture = over(over(np.full((HEIGHT, WIDTH, 3), 255.0), shadow(shape, 2.0, 5.0, 4.0, 0.4), (0, 0, 0)), shape, BLUE)
+    levels = levels_of(np.rint(picture).astype(np.float32) / np.float32(255))
+    found = lifted(levels)
+    (cast,) = found.shadow.casts
+    assert np.abs(cast.share - shadow(shape, 2.0, 5.0, 4.0, 0.4)).max() <= 0.02
+    plain = over(np.full((HEIGHT, WIDTH, 3), 255.0), shape, BLUE)
+    assert np.percentile(np.abs(found.levels[..., :3] - plain), 99) <= 8.0
+
+
+def test_a_glow_is_opaque_and_goes_through_holes():
+    ring = box(40, 25, 140, 125, 50.0) - box(66, 51, 114, 99, 24.0)
+    night, gold = (16, 20, 48), (255, 226, 122)
+    dark = np.zeros((HEIGHT, WIDTH, 3)) + night
+    picture = over(over(dark, shadow(ring, 0.0, 0.0, 6.0, 0.9), (255, 157, 0)), ring, gold)
+    drawing = draw(np.rint(picture).astype(np.float32) / np.float32(255))
+    assert shadows(drawing) and all(one.fill[3] == 255 for one in drawing.shapes)
+    gap = np.abs(drawn(drawing) - picture).max(axis=2)
+    assert gap[60:90, 75:105].max() <= 6.0 and np.percentile(gap, 99) <= 8.0

@@ -51,6 +51,11 @@ class Shaded:
             out[own] = (levels[own] - ground.fill) @ line / float(line @ line)
         return out
 
+    @property
+    def mask(self) -> np.ndarray:
+        """(H, W) bool where the grounds are."""
+        return np.asarray(np.logical_or.reduce([ground.mask for ground in self.grounds]))
+
 
 def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded | None:
     """The grounds of a picture (H, W, 4), premultiplied levels, on which there may be a shadow; None without any.
@@ -112,33 +117,42 @@ class Caster:
     box: Box
 
 
-def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list[Caster]]:
-    """Possible casters of the shadow, in a few readings, at most MOST_CASTERS each: what is no shaded ground; of each
-    such the even part, since a steep shade looks like a part of what casts it; and the grounds on others as well.
-
-    share: (H, W) as of `Shaded.share`. even: (H, W) bool where colours change evenly.
+def silhouettes_of(shaded: Shaded, share: np.ndarray) -> list[Patch]:
+    """What is no shaded ground, and shaded around: what may cast the shadow, with its holes, up to 2 px larger than it
+    is. share: (H, W) as of `Shaded.share`.
     """
-    grounds = np.logical_or.reduce([ground.mask for ground in shaded.grounds])
-    rest = ~grounds
-    if len(shaded.grounds) > 1:
-        # What lies along the line between two grounds casts no shadow.
-        rest = ndimage.binary_opening(np.pad(rest, 4, mode="edge"), CUT)[4:-4, 4:-4]
-    labels, count = ndimage.label(rest, ndimage.SQUARE)
-    if count > MOST_CASTERS:
-        return []
+    labels, _ = ndimage.label(_rest(shaded), ndimage.SQUARE)
     least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
-    silhouettes = [
+    found = [
         Patch(box[0].start, box[1].start, labels[box] == k)
         for k, box in enumerate(ndimage.find_objects(labels), start=1)
     ]
-    silhouettes = [_filled(own) for own in silhouettes if own.size >= LEAST_CASTER]
-    silhouettes = [own for own in silhouettes if _shade_around(own, grounds, np.abs(share)) >= least]
-    first = _boxes(silhouettes, rest.shape)
-    ways = [first, _boxes([_even(own, even & ~grounds) for own in silhouettes], rest.shape)]
+    found = [own for own in found if own.size >= LEAST_CASTER]
+    return [own for own in found if _shade_around(own, shaded.mask, np.abs(share)) >= least]
+
+
+def _rest(shaded: Shaded) -> np.ndarray:
+    """(H, W) bool what is no ground, but for what lies along the line between two of them, which casts no shadow."""
+    if len(shaded.grounds) == 1:
+        return ~shaded.mask
+    return np.asarray(ndimage.binary_opening(np.pad(~shaded.mask, 4, mode="edge"), CUT)[4:-4, 4:-4])
+
+
+def casters_of(shaded: Shaded, silhouettes: list[Patch], even: np.ndarray) -> list[list[Caster]]:
+    """The boxes that may cast the shadow, in a few readings, at most MOST_CASTERS each: silhouettes; of each such the
+    even part, since a steep shade looks like a part of what casts it; and the grounds on others as well.
+
+    even: (H, W) bool where colours change evenly.
+    """
+    if len(silhouettes) > MOST_CASTERS:
+        return []
+    rest, whole = _rest(shaded), [_filled(own) for own in silhouettes]
+    first = _boxes(whole, rest.shape)
+    ways = [first, _boxes([_even(own, even & ~shaded.mask) for own in whole], rest.shape)]
     if len(shaded.grounds) > 1:
         hidden = ndimage.binary_dilation(rest, ndimage.SQUARE, iterations=HIDDEN)
-        whole = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
-        inner = _boxes([own for own in whole if own.mask.mean() < MOST_COVERED], rest.shape, hidden)
+        grounds = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
+        inner = _boxes([own for own in grounds if own.mask.mean() < MOST_COVERED], rest.shape, hidden)
         ways.append(first + inner)
     return [way for way in ways if way]
 

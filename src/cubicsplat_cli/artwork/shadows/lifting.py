@@ -13,7 +13,6 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import Colours, Paints, placeholder, some_colours
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import Ground
 from cubicsplat_cli.artwork.shadows.shadow import Shadow, Shares, falls_on, shadow_of
@@ -87,11 +86,14 @@ def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: Sequence
     for k, ground in enumerate(grounds):
         casters = np.zeros(out.shape, dtype=bool)
         for cast in shadow.casts:
-            if falls_on(cast.caster, ground.mask):
-                casters |= cast.caster.mask
+            if falls_on(cast.mask, ground.mask):
+                casters |= cast.mask
         off = np.abs(ground.fill + shares.on(ground.mask)[..., None] * (colour - ground.fill) - levels).max(axis=2)
-        near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
-        out[(ground.mask & (off <= CLOSE + 0.5)) | (near & (out < 0))] = k
+        if shadow.outlined:  # whose casters are known well
+            near = off <= shadow.off
+        else:
+            near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=BESIDE) & (off <= NEAR)
+        out[(ground.mask & (off <= shadow.off + 0.5)) | (near & ~casters & (out < 0))] = k
     return out
 
 
@@ -99,8 +101,8 @@ def _like_ground(
     levels: np.ndarray, parts: np.ndarray, shadow: Shadow, grounds: Sequence[Ground]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The fills (4,) of what casts the shadow that a ground has too, and (H, W) bool where they are."""
-    casters = np.logical_or.reduce([cast.caster.mask for cast in shadow.casts])
-    taken = np.logical_or.reduce([ground.mask for ground in grounds])
+    casters = np.logical_or.reduce([cast.mask for cast in shadow.casts])
+    taken = shadow.shaded.mask
     out: list[tuple[np.ndarray, np.ndarray]] = []
     names, sizes = np.unique(parts[casters & ~taken & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)

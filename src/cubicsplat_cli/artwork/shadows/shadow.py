@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.gradients.parts import joined
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
-from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
+from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds, silhouettes_of
+from cubicsplat_cli.artwork.shadows.silhouettes import EXPLAINED, FAINT, Outlined, shadow_of_outlines
 from cubicsplat_cli.raster.shadows import ShadedPixels
 
-# Share of the shaded pixels that must not be off their shadow by more than CLOSE, and levels that count as shade.
-EXPLAINED, FAINT = 0.97, 1.0
 ROUGH = 0.75  # levels, the root of the mean square, beyond which another layer is tried
 MOST_LAYERS, MOST_SHARED, HALFWAY = 3, 2, 0.6  # share of the shaded pixels that first layers explain
 # Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.
@@ -27,10 +27,22 @@ LEAST_STRENGTH = 4.0  # levels of the darkest shade
 
 @dataclass(frozen=True)
 class Cast:
-    """The shadow of one thing: its blurred copies."""
+    """The shadow of a box: its blurred copies."""
 
     caster: Caster
     layers: tuple[BlurredBox, ...]
+    off = CLOSE
+
+    @property
+    def mask(self) -> np.ndarray:
+        """(H, W) bool where that is."""
+        return self.caster.mask
+
+    def darkening(self, shape: tuple[int, int]) -> tuple[slice, slice, np.ndarray]:
+        """The rows and columns of a picture (H, W) that it may reach, and (h, w) how much it darkens them."""
+        rows, columns = reached(self.caster.box, self.layers, shape)
+        x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
+        return rows, columns, shaded(self.caster.box, self.layers, x, y)
 
 
 @dataclass(frozen=True)
@@ -38,17 +50,17 @@ class Shadow:
     """The soft shadows of a picture, with their grounds and colour. None falls on a ground within what casts it."""
 
     shaded: Shaded
-    casts: tuple[Cast, ...]
+    casts: tuple[Cast, ...] | tuple[Outlined]
 
     @property
-    def rank(self) -> tuple[int, int]:
-        """The less the better: more things have their shadows told, or the same in fewer layers."""
-        return -len(self.casts), sum(len(cast.layers) for cast in self.casts)
+    def outlined(self) -> bool:
+        """Whether things of any outline cast it."""
+        return isinstance(self.casts[0], Outlined)
 
     @property
-    def simple(self) -> bool:
-        """Whether every shadow is of one layer."""
-        return all(len(cast.layers) == 1 for cast in self.casts)
+    def off(self) -> float:
+        """Levels by which a pixel may be off its shade."""
+        return max(cast.off for cast in self.casts)
 
 
 class Shares:
@@ -59,13 +71,12 @@ class Shares:
         self._lights: list[tuple[slice, slice, np.ndarray]] = []
         self._known: dict[tuple[bool, ...], np.ndarray] = {}
         for cast in shadow.casts:
-            rows, columns = reached(cast.caster.box, cast.layers, shape)
-            x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
-            self._lights.append((rows, columns, 1.0 - shaded(cast.caster.box, cast.layers, x, y)))
+            rows, columns, share = cast.darkening(shape)
+            self._lights.append((rows, columns, 1.0 - share))
 
     def on(self, mask: np.ndarray) -> np.ndarray:
         """(H, W) the share by which each pixel of a ground would be darkened that is seen in a mask (H, W)."""
-        key = tuple(falls_on(cast.caster, mask) for cast in self._casts)
+        key = tuple(falls_on(cast.mask, mask) for cast in self._casts)
         if key not in self._known:
             light = np.ones(self._shape)
             for falls, (rows, columns, own) in zip(key, self._lights, strict=True):
@@ -75,14 +86,14 @@ class Shares:
         return self._known[key]
 
 
-def falls_on(caster: Caster, mask: np.ndarray) -> bool:
-    """Whether the shadow of a caster falls on a ground that is seen in a mask (H, W)."""
-    return bool((caster.mask & mask).sum() <= 0.5 * mask.sum())
+def falls_on(caster: np.ndarray, ground: np.ndarray) -> bool:
+    """Whether the shadow of what casts it, (H, W) bool, falls on a ground (H, W) bool."""
+    return bool((caster & ground).sum() <= 0.5 * ground.sum())
 
 
 def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
-    """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding; None
-    without any. parts, count: as of `smooth_parts`."""
+    """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes, or all of its things blurred alike,
+    explain to its rounding; None without any. parts, count: as of `smooth_parts`."""
     shaded_ = shaded_grounds(levels, parts, count)
     if shaded_ is None:
         return None
@@ -90,9 +101,10 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
     scale = float(np.abs(shaded_.colour - shaded_.grounds[0].fill).max())
     if scale * float(seen.max()) < LEAST_STRENGTH:
         return None
-    best = None
+    silhouettes = silhouettes_of(shaded_, seen)
+    best = tuple[Cast, ...]()
     tried: set[tuple[Box, ...]] = set()
-    for casters in casters_of(shaded_, seen, parts > 0):
+    for casters in casters_of(shaded_, silhouettes, parts > 0):
         boxes = tuple(caster.box for caster in casters)
         if boxes in tried:
             continue
@@ -100,11 +112,20 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
         layers = _ShadowSearch(shaded_, seen, scale, casters).best()
         if layers is not None:
             casts = tuple(Cast(c, own) for c, own in zip(casters, layers, strict=True) if own is not None)
-            shadow = Shadow(shaded_, casts)
-            best = shadow if best is None or shadow.rank < best.rank else best
-            if best.simple:
+            best = casts if not best or _rank(casts) < _rank(best) else best
+            if all(len(cast.layers) == 1 for cast in best):
                 break
-    return best
+    if best:
+        return Shadow(shaded_, best)
+    if not silhouettes:
+        return None
+    outlined = shadow_of_outlines(levels, shaded_, seen, scale, joined(silhouettes), parts > 0)
+    return None if outlined is None else Shadow(shaded_, (outlined,))
+
+
+def _rank(casts: tuple[Cast, ...]) -> tuple[int, int]:
+    """The less the better: more things have their shadows told, or the same in fewer layers."""
+    return -len(casts), sum(len(cast.layers) for cast in casts)
 
 
 Layers = tuple[BlurredBox, ...]
@@ -129,7 +150,7 @@ class _ShadowSearch:
         for caster in casters:
             open_ = np.zeros(len(self.seen), dtype=bool)
             for ground in grounds.grounds:
-                if falls_on(caster, ground.mask):
+                if falls_on(caster.mask, ground.mask):
                     open_ |= ground.mask[self.rows, self.columns]
             self.open.append(open_)
             gaps.append(np.where(open_, caster.box.distance(x, y), np.inf))

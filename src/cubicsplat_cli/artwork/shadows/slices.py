@@ -16,9 +16,11 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
-from cubicsplat_cli.artwork.shadows.boxes import Box, reached, shaded
+from cubicsplat_cli.artwork.shadows.boxes import Box
+from cubicsplat_cli.artwork.shadows.contoured import contoured
 from cubicsplat_cli.artwork.shadows.lifting import Lifted
 from cubicsplat_cli.artwork.shadows.shadow import Cast
+from cubicsplat_cli.artwork.shadows.silhouettes import Outlined
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
@@ -32,6 +34,7 @@ SHOWN = 48  # px of a piece that show, for it to be fitted to these alone
 WORST = 8.0  # levels that what shows may be off in its worst hundredth, for a shadow to be drawn in these pieces
 LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
 SHADE = 1.0 / 255.0
+OPAQUE = 255.0
 
 
 @dataclass(frozen=True)
@@ -153,15 +156,21 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
     owners = _owners(drawing)
     layers: list[tuple[int, list[Shape]]] = []
     for cast in lifted.shadow.casts:
-        shown = lifted.shaded & ~cast.caster.mask
-        window = reached(cast.caster.box, cast.layers, shown.shape)
-        if window[0].stop <= window[0].start or window[1].stop <= window[1].start:
+        shown = lifted.shaded & ~cast.mask
+        rows, columns, share = cast.darkening(shown.shape)
+        if share.size == 0:
             continue
-        share = _share(cast, window)
-        shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
+        window, colour = (rows, columns), lifted.shadow.shaded.colour[:3]
+        if isinstance(cast, Outlined):
+            fills = {tuple(ground.fill.tolist()) for ground in lifted.shadow.shaded.grounds}
+            (ground,) = fills if len(fills) == 1 else [(0.0,) * 4]
+            opaque = np.array(ground[:3]) if ground[3] == OPAQUE else None
+            shapes: list[Shape] | None = list(contoured(share, shown, colour, opaque, NAME))
+        else:
+            shapes = sliced(Cut(cast, share, shown[window], colour, window))
         dark = np.zeros(shown.shape, dtype=bool)
         dark[window] = share > SHADE
-        place = _place(owners, len(drawing.shapes), dark & ~cast.caster.mask, shown)
+        place = _place(owners, len(drawing.shapes), dark & ~cast.mask, shown)
         if shapes is None or place is None:
             return None
         layers.append((place, shapes))
@@ -170,13 +179,6 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
         out += [one for place, shapes in layers if place == k for one in shapes]
         out += [shape] if shape is not None else []
     return replace(drawing, shapes=tuple(out))
-
-
-def _share(cast: Cast, window: tuple[slice, slice]) -> np.ndarray:
-    """(h, w) how much a shadow darkens the pixels of a window."""
-    rows, columns = window
-    x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
-    return shaded(cast.caster.box, cast.layers, x, y)
 
 
 def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) -> int | None:
