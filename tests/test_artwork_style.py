@@ -199,3 +199,13 @@ def test_options_of_drawings_imply_a_drawing(asked):
         vectorize(pixels, style="photo", **asked)
     artwork = ArtworkSettings(**asked)
     assert Request(FitSettings(mode="open"), artwork).of_artwork() == [*asked]
+
+
+def test_what_gradients_explain_for_the_most_part_is_doubtful():
+    y, x = np.mgrid[:320, :320].astype(float)
+    picture = np.stack([200 - 0.4 * y, 60 + 0.2 * y, 230 - 0.35 * y], axis=2)
+    soft = x > 190  # shading that no gradient explains, with some grain
+    picture -= (soft * 20.0 * np.sin(x / 17.0) * np.sin(y / 23.0))[..., None]
+    picture[soft] += np.random.default_rng(0).normal(0.0, 0.8, picture.shape)[soft]
+    found = choose_style(np.rint(picture).astype(np.float32) / np.float32(255))
+    assert (found.name, found.doubtful) == ("photo", True) and "drift" in found.reason

@@ -25,8 +25,8 @@ MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by strai
 COUNTED_FILLS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
 # Levels of difference that people hardly see, by which a JPEG's pixels may be off; and how wide colours are then. Share
-# of the pixels in common colours for a picture to be a drawing perhaps: 0.58 and 0.70 in two illustrations, photos that
-# have little texture at most 0.28.
+# of the pixels in common colours or gradients for a picture to be a drawing perhaps: 0.58 and 0.70 in two
+# illustrations, photos that have little texture at most 0.28; emoji with soft shading at most 0.40.
 UNSEEN, COLOUR, LEAST_DOUBTFUL = 6.0, 8, 0.5
 _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer side looked at for that
 # Px of the blocks looked at for paper; what these have of the lightest ones' light; by which tints, in shares of the
@@ -100,8 +100,9 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
     found = softness(levels, drawn)
     if found.drifts:
         reason = f"{reason}, but colours drift across {100 * found.soft:.0f} % of it"
-        # A window with a soft shadow, say, is even for the most part.
-        return Style(PHOTO, reason, doubtful=2.0 * found.soft < found.ground + found.even)
+        # A window with a soft shadow, say, is even for the most part; and a logo may be one gradient beside another.
+        even = 2.0 * found.soft < found.ground + found.even
+        return Style(PHOTO, reason, doubtful=even or _shaded(levels, drawn) >= LEAST_DOUBTFUL)
     return Style(ARTWORK, reason)
 
 

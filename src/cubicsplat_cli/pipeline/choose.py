@@ -14,7 +14,7 @@ from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo
+from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo, is_smaller
 from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
 from cubicsplat_cli.request import Request
 
@@ -145,10 +145,13 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     if level is None or (level + rise >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
     drawing = _drawing_of(task, style, level + rise)
-    # Of few colours a photo often ends far above what an early look tells.
-    enough = level + rise + MARGIN_DB if level + rise < FAR_DB else ENOUGH_DB
-    if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, enough)):
-        return _instead(drawing, level + rise)
+    # Of few colours a photo often ends far above what an early look tells, in fewer bytes than many shapes take.
+    far = level + rise < FAR_DB
+    enough = level + rise + MARGIN_DB if far else ENOUGH_DB
+    if isinstance(drawing, Made):
+        near = _is_above(task, drawing, enough) and (far or is_smaller(task, drawing))
+        if drawing.interrupted or near:
+            return _instead(drawing, level + rise)
     if isinstance(drawing, Made) and (own := level_db(task, drawing.scene, drawing.samples, drawing.blur)) is not None:
         most = fit.most(own)
         if most is not None:

@@ -91,6 +91,11 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
 
 
+def is_smaller(task: Task, drawing: Made) -> bool:
+    """Whether a drawing takes fewer bytes than the photo would."""
+    return curves_of_equal_bytes(task, drawing) < _with_curves(task).curves
+
+
 class QuickPhoto:
     """A fit of so many curves in few steps to a small copy of a picture, done as far as its level matters.
 
