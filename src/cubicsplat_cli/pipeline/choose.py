@@ -149,11 +149,10 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     far = level + rise < FAR_DB
     enough = level + rise + MARGIN_DB if far else ENOUGH_DB
     if isinstance(drawing, Made):
-        near = _is_above(task, drawing, enough) and (far or is_smaller(task, drawing))
-        if drawing.interrupted or near:
+        if drawing.interrupted or (_is_above(task, drawing, enough) and (far or is_smaller(task, drawing))):
             return _instead(drawing, level + rise)
-    if isinstance(drawing, Made) and (own := level_db(task, drawing.scene, drawing.samples, drawing.blur)) is not None:
-        most = fit.most(own)
+        own = level_db(task, drawing.scene, drawing.samples, drawing.blur)
+        most = None if own is None or not (far or is_smaller(task, drawing)) else fit.most(own)
         if most is not None:
             return _instead(drawing, most)
     return _nearer_of(task, replace(fit.finished(), style=style), drawing)
