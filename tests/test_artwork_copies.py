@@ -62,8 +62,11 @@ def petals(*degrees):
 
 
 def heading(ring):
-    """The direction, in degrees from upwards, in which the middle of a ring lies."""
-    x, y = flattened(ring, 0.1).mean(axis=0) - [80.2, 48.1]
+    """The direction, in degrees from upwards, in which the centroid of a ring lies."""
+    points = flattened(ring, 0.1) - [80.2, 48.1]
+    x, y = points.T
+    twice = x * np.roll(y, -1) - np.roll(x, -1) * y
+    x, y = twice @ (points + np.roll(points, -1, axis=0)) / (3.0 * twice.sum())
     return np.degrees(np.arctan2(x, -y)) % 360.0
 
 

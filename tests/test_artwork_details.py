@@ -108,6 +108,24 @@ def test_an_area_of_a_lost_colour_is_drawn_in_it_beneath_what_lies_on_it() -> No
     assert delta_e(document, drawing) < 0.05 * delta_e(document, plain())
 
 
+def test_dots_of_several_colours_that_touch_have_each_its_own() -> None:
+    pairs = "".join(
+        f'<path d="M{x} {y}h2.4v2.6h-2.4z" fill="#143cc8"/><path d="M{x + 2.4} {y}h2.3v2.6h-2.3z" fill="#dc1e14"/>'
+        for x, y in ((36.3, 6.2), (46.7, 10.4), (37.6, 20.3))
+    )
+    document = truth(pairs)
+    drawing = explained(plain(), picture(document))
+    assert sorted(shape.fill for shape in new_shapes(drawing)) == [BLUE] * 3 + [RED] * 3
+    assert delta_e(document, drawing) < 0.4 * delta_e(document, plain())
+
+
+def test_a_row_of_few_px_is_a_line() -> None:
+    bars = '<path d="M36 10.4h3.6v.4h-3.6zM46.3 20h.5v3.2h-.5z" fill="#143cc8"/>'
+    drawing = explained(plain(), picture(truth(bars)))
+    sides = [(shape.outlines[0].width, shape.outlines[0].height) for shape in new_shapes(drawing)]
+    assert np.abs(np.array(sides) - [(0.5, 3.2), (3.6, 0.4)]).max() < 0.25
+
+
 def test_lines_are_found_in_noise_and_through_a_blur() -> None:
     line = '<path d="M32 6C44 2 50 26 60 22" fill="none" stroke="#143cc8" stroke-width="1.2"/>'
     rng = np.random.default_rng(5)
@@ -180,6 +198,16 @@ def test_a_small_picture_gains_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = vectorize.draw(target)
     monkeypatch.setattr(vectorize, "with_added", lambda drawing, *_: drawing)
     assert delta_e(document, drawn) < 0.8 * delta_e(document, vectorize.draw(target))
+
+
+def test_small_outlines_get_as_many_pieces_as_large_ones() -> None:
+    places = ((4, 6, 0.6), (22.3, 5, 0.8), (45, 4, 1.0), (70, 6.4, 0.7))
+    places += ((5, 30.2, 1.0), (30.4, 34.1, 0.6), (50.2, 32.3, 0.8), (72.7, 33, 0.9))
+    leaf = "M0 8C1 2 5 0 8 3C11 -1 16 2 15 7L18 12L12 11C11 15 6 16 4 13L-2 14z"
+    leaves = "".join(f'<path transform="translate({x} {y}) scale({s})" d="{leaf}"/>' for x, y, s in places)
+    text = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 64"><path d="M0 0H96V64H0z" fill="#f4f1e8"/>'
+    document = Document(f'{text}<g fill="#b3261e">{leaves}</g></svg>'.encode(), "x", 96)
+    assert delta_e(document, vectorize.draw(as_picture(document.draw()).target())) < 0.14
 
 
 def test_of_many_areas_the_worst_are_tried(monkeypatch, caplog):

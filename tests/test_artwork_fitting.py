@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     polygon,
     signed_area,
 )
-from cubicsplat_cli.artwork.tracing.fitting import fit_outline, fit_outlines, fit_primitive
+from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines, fit_primitive
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.files.convert import as_picture
@@ -281,3 +281,14 @@ def test_only_rings_off_their_points_have_another_one() -> None:
     assert isinstance(sure, Ring) and sure.otherwise is None
     assert isinstance(rough, Ring) and rough.otherwise is not None
     assert rough.otherwise.pieces > rough.pieces
+
+
+def test_a_bar_thinner_than_lines_may_be_off_has_four_corners():
+    across = np.arange(6) + 0.5
+    for count in (3, 6):
+        x = across[:count]
+        bar = np.concatenate([np.stack([x, 5.0 - 0.1 + 0.0 * x], 1), np.stack([x[::-1], 5.0 + 0.1 + 0.0 * x], 1)])
+        assert len(few_lines(bar).anchors) == 4
+    short = fit_outline(bar[[0, 1, 2, -3, -2, -1]], np.full(6, 0.05))
+    assert isinstance(short, Ring)
+    assert len(short.anchors) == 4

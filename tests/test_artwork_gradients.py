@@ -121,6 +121,17 @@ def test_what_lies_over_a_gradient_does_not_divide_it():
     assert len(drawing.shapes) <= 6 and difference(drawing, body).mean() < 0.6
 
 
+def test_a_thin_line_between_a_gradient_and_a_fill_keeps_its_colour():
+    # Its pixels are within 24 levels of blends of the two, and are none.
+    ends = '<stop stop-color="#efefef"/><stop offset="1" stop-color="#d8d8d8"/>'
+    body = f'<defs>{LINEAR.format(ends)}</defs><path d="M0 0H256V100H0z" fill="url(#a)"/>'
+    body += '<path d="M0 100H256V192H0z" fill="#543930"/>'
+    body += '<path d="M20 90Q128 106 236 92" stroke="#c0c8d0" stroke-width="2" fill="none"/>'
+    off = difference(draw(picture(body)), body)
+    assert (off > 16.0).sum() <= 8
+    assert off.mean() < 0.035
+
+
 @pytest.mark.slow
 def test_two_gradients_that_touch():
     other = LINEAR.replace('"a"', '"b"').replace('y2="150"', 'y2="31"').format(THREE)

@@ -41,6 +41,9 @@ from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import mean_fill
 
 MANY = 150  # parts, whose finish takes longer than to find out whether they are worth it
+# Px of the longer side below which clean pictures are traced in as many times the detail as they are smaller, down to
+# SMALLEST: artists draw as many pieces at any size, and one too many is easier to take out than one too few to put in.
+TRACED, SMALLEST = 512, 128
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
 
@@ -146,11 +149,12 @@ def _versions(
         sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
         with work().stoppable():
             on_sketch(enlarged(_painted(sketch), prepared.scale, prepared.width, prepared.height))
-    shapes = _traced(plan.parts, (height, width), settings, flat)
+    finer = TRACED / min(max(height, width, SMALLEST), TRACED) if condition.clean else 1.0
+    shapes = _traced(plan.parts, (height, width), settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
         opaque = parts_of(plan.regions, plan.found, settings.completion == ON, None)
         if settings.curves is None or len(opaque) <= settings.curves:
-            without = _traced(opaque, (height, width), settings, flat)
+            without = _traced(opaque, (height, width), settings, flat, finer)
             if _length(without) < _length(shapes):
                 plan, shapes = replace(plan, parts=opaque), without
     drawing, goal = Drawing(width, height, shapes), None
@@ -235,14 +239,20 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
 
 
 def _traced(
-    parts: list[TranslucentPart], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
+    parts: list[TranslucentPart],
+    canvas: tuple[int, int],
+    settings: ArtworkSettings,
+    flat: Flattened,
+    finer: float = 1.0,
 ) -> tuple[Shape, ...]:
-    """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
-    completed, sought = settings.completion == ON, len(parts) <= MOST_COMPLETED
+    """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px;
+    finer: times the detail.
+    """
+    detail, completed, sought = finer * settings.detail, settings.completion == ON, len(parts) <= MOST_COMPLETED
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
         work().at("fitting outlines", 0.25)
-        for outlines in outlines_of_all([part.extent for part in parts], canvas, settings.detail, completed, sought):
+        for outlines in outlines_of_all([part.extent for part in parts], canvas, detail, completed, sought):
             fitted.append(outlines)
             work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
     shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]

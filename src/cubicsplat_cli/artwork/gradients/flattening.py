@@ -19,9 +19,12 @@ from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
-from cubicsplat_cli.raster.unmix import REACH, SLOTS, STRANGE
+from cubicsplat_cli.raster.unmix import REACH, SLOTS
 from cubicsplat_cli.scene.paint import Gradient, painted
 
+# Levels by which a clean picture's pixel is off all blends of the paints near it where a thin line lies there: half of
+# one of 4 x 4 samples a pixel, at full contrast.
+LINE = 8.0
 WIDER = 5.0  # standard deviations of a blur, by which paints are sought farther
 APART = 24.0  # levels between the fills that stand for gradients and all others
 LEAST_OPACITY, MOST_CLEAR = 32.0, 240.0  # levels of a fill for a gradient that is translucent somewhere
@@ -49,11 +52,13 @@ def flattened(levels: np.ndarray) -> Flattened:
     return without_areas(levels, parts, gradient_areas(levels, parts, count) if count else [])
 
 
-def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea], blur: float = 0.0) -> Flattened:
+def without_areas(
+    levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea], line: float = LINE, blur: float = 0.0
+) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, without the gradients of these areas.
 
-    parts: (H, W) int32 numbers from 1 on of what changes evenly, 0 for edges. blur: px, standard deviation of what
-    edges are blurred by.
+    parts: (H, W) int32 numbers from 1 on of what changes evenly, 0 for edges. line: levels by which the pixels of thin
+    lines are off all blends of what lies beside them. blur: px, standard deviation of what edges are blurred by.
     """
     if not areas:
         return Flattened(levels, np.zeros((0, 4)), ())
@@ -64,7 +69,7 @@ def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]
     for area in areas:
         paint[area.patch.window][area.patch.mask] = number[id(area.shade)]
     colours = [lambda x, y, own=gradient: 255.0 * painted(own, x + 0.5, y + 0.5) for gradient in gradients]
-    flat = Paints(levels, paint, colours, _standing_for(levels, paint, gradients), blur)
+    flat = Paints(levels, paint, colours, _standing_for(levels, paint, gradients), line, blur)
     out = flat.flat()
     for area in areas:
         if area.ground is not None:
@@ -78,12 +83,18 @@ Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Paints:
     """The paints of a picture. paint: (H, W) int32, below G one that changes, from G on what is even, -1 an edge.
     colours: what each that changes has, (n, 4) levels at columns and rows (n,). fills: (G, 4) levels that stand for
-    it."""
+    it. line, blur: as of `without_areas`."""
 
     def __init__(
-        self, levels: np.ndarray, paint: np.ndarray, colours: Sequence[Colours], fills: np.ndarray, blur: float = 0.0
+        self,
+        levels: np.ndarray,
+        paint: np.ndarray,
+        colours: Sequence[Colours],
+        fills: np.ndarray,
+        line: float = LINE,
+        blur: float = 0.0,
     ) -> None:
-        self.levels, self.paint, self.colours, self.fills = levels, paint, colours, fills
+        self.levels, self.paint, self.colours, self.fills, self.line = levels, paint, colours, fills, line
         self.reach, self.blurred = REACH + math.ceil(WIDER * blur), blur > 0.0
 
     def at(self, paint: np.ndarray, y: np.ndarray, x: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -122,7 +133,7 @@ class Paints:
         # Where three paints meet a blur blends them over many pixels.
         flat, left = blends(value, paints, colours, flats, self.blurred)
         # A thin line over a gradient: as much of it as of its strongest pixel near.
-        alone = np.flatnonzero((left > STRANGE) & (paints[:, 0] >= 0))
+        alone = np.flatnonzero((left > self.line) & (paints[:, 0] >= 0))
         if len(alone):
             flat[alone] = self._lines(y[alone], x[alone], value[alone], colours[alone, 0], flats[alone, 0])
         out[y, x] = np.clip(flat, 0.0, 255.0)

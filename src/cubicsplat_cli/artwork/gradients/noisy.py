@@ -20,6 +20,7 @@ from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
 from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, LUMA_CHROMA, MISFIT, seen_as
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.raster.unmix import STRANGE
 
 WINDOW = 7  # px
 # What a plane leaves of a window: times the noise, of which what is white or black shows half, but in a JPEG it is that
@@ -49,7 +50,7 @@ def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flatten
     areas, even = plane_areas(levels, condition), _even(levels, condition.noise)
     if areas:
         areas = _to_the_nearest(levels, [_grown(levels, area, condition, even) for area in areas], condition)
-    return without_areas(levels, even, areas)
+    return without_areas(levels, even, areas, STRANGE)
 
 
 def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
@@ -220,7 +221,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
         areas = [_followed(levels, parts, area, GROWN) for area in planes]
     else:
         areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
-    return without_areas(levels, _rest(parts, areas), areas, blur)
+    return without_areas(levels, _rest(parts, areas), areas, STRANGE, blur)
 
 
 def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.input.palette import modes
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
@@ -24,7 +24,7 @@ from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
 
-DOT = 4  # px of a shape, below which it becomes a circle
+DOT, LINE = 4, 3  # px of a shape, up to which it becomes a circle, and from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
 SAME = 8.0  # levels of one colour
 HALF, LESS = 0.5, 0.2  # shares from which a pixel is the new shape's, and from which one on the middle of a line is
@@ -156,13 +156,19 @@ class _Drawn:
             for extent in extents_of(own, (self.owners > beneath) & opaque & ~self.cover, found):
                 yield beneath, outlines_of(self._placed(extent), self.canvas.size, detail)
 
-    def _dot(self, own: np.ndarray) -> Circle:
-        """A circle that covers as much as the shares in and around a part of very few px."""
-        y, x = np.nonzero(ndimage.binary_dilation(own, ndimage.SQUARE))
-        share = self.share[y, x]
-        middle = [float((share * (at + 0.5)).sum() / share.sum()) for at in (x, y)]
-        radius = math.sqrt(float(share.sum()) / math.pi)
-        return Circle(middle[0] + self.area.columns.start, middle[1] + self.area.rows.start, radius)
+    def _dot(self, own: np.ndarray) -> Circle | Rectangle:
+        """A circle that covers as much as the shares in and around a part of very few px; of a row or column a box."""
+        share = np.where(ndimage.binary_dilation(own, ndimage.SQUARE), self.share, 0.0)
+        profiles = share.sum(axis=0), share.sum(axis=1)
+        x, y = (float(each @ (np.arange(len(each)) + 0.5) / each.sum()) for each in profiles)
+        x, y = x + self.area.columns.start, y + self.area.rows.start
+        sides = [int(own.any(axis=axis).sum()) for axis in (0, 1)]
+        if min(sides) > 1 or max(sides) < LINE:
+            return Circle(x, y, math.sqrt(float(share.sum()) / math.pi))
+        along = profiles[int(sides[1] > sides[0])]
+        thick, length = float(along.max()), float(along.sum() / along.max())
+        width, height = (length, thick) if sides[0] > 1 else (thick, length)
+        return Rectangle(x - width / 2.0, y - height / 2.0, width, height)
 
     def _placed(self, extent: Extent) -> Extent:
         """An extent of the window on the canvas."""
@@ -199,14 +205,14 @@ def _colours(
     new = not pure or (np.abs(value - farthest).max(axis=1) <= SAME).sum() >= SOLID
     if new and (farthest[3] >= OPAQUE or inner.sum() >= SOLID):
         yield farthest[None]
-    best, chosen = CLOSE, None
-    for fill in palette:
-        share, rest = blend_with(value, fill, beside, beside)
-        cost = float(rest.mean())
-        if np.median(share[strongest]) >= LESS and cost < best:
-            best, chosen = cost, fill
-    if chosen is not None:
-        yield chosen[None]
+    found = [blend_with(value, fill, beside, beside) for fill in palette]
+    shares, rests = (np.array(each).reshape(len(palette), -1) for each in zip(*found, strict=True))
+    costs = np.where(np.median(shares[:, strongest], axis=1) >= LESS, rests.mean(axis=1), np.inf)
+    if costs.min() < CLOSE:
+        yield palette[[costs.argmin()]]
+    several = np.unique(np.where(shares >= LESS, rests, np.inf).argmin(axis=0))
+    if len(several) > 1:
+        yield palette[several]
     places = modes(values[inner], SAME, SOLID, np.zeros((0, 4)))
     if len(places):
         own = [np.abs(values[inner] - each).max(axis=1) <= SAME for each in places]

@@ -68,8 +68,12 @@ def parameter_price(points: np.ndarray, detail: float) -> float:
 
 
 def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
-    """Few straight lines along the points (n, 2) of a loop, n >= 3, `tolerance` px about them."""
-    few = fewer_points(np.vstack([points, points[:1]]), tolerance)[:-1]
+    """Few straight lines along the points (n, 2) of a loop, n >= 3, `tolerance` px about them, and nearer to those of
+    one that is thinner than that.
+    """
+    closed = np.vstack([points, points[:1]])
+    while len(few := fewer_points(closed, tolerance)[:-1]) < 3 and tolerance > FINEST_SIGMA:
+        tolerance *= 0.25
     return polygon(few if len(few) >= 3 else points)
 
 

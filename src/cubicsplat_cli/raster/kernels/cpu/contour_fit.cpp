@@ -21,6 +21,7 @@ namespace {
 constexpr int64_t kFewestPoints = 8;  // below which a contour is a polygon
 constexpr double kApart = 1e-6;       // px between points that are not the same
 constexpr double kPlainMisfit = 1.2;  // mean squared residual of a primitive, in sigmas, at which nothing else is tried
+constexpr double kStraight = 0.02;    // px that the points of a line are off it, by what is systematic in them
 constexpr double kTolerance = 0.3;    // px that lines are off the points where nothing else can be said of them
 // Bends, radians, up to which pieces that are not both lines are joined smoothly: 12, 4 and 1.5 degrees; the first that
 // pays.
@@ -32,14 +33,17 @@ constexpr int64_t kSlopeReach = 3;                // points to either side
 constexpr double kStray = 0.1;                 // px by which an outline encloses more or less along its points, at most
 constexpr double kFiner[] = {1.0, 4.0, 16.0};  // times the detail, where an outline has gone astray
 
-// Few straight lines along a loop.
-Outline few_lines(const std::vector<Point>& loop) {
+// Few straight lines along a loop, so many px about its points, and nearer to those of one that is thinner than that.
+Outline few_lines(const std::vector<Point>& loop, double tolerance) {
   std::vector<Point> closed(loop), few;
   closed.push_back(loop[0]);
-  std::vector<uint8_t> kept(closed.size(), 0);
-  if (cs_fewer_points(int64_t(closed.size()), &closed[0].x, kTolerance, kept.data())) throw std::bad_alloc();
-  for (size_t i = 0; i < loop.size(); i++)
-    if (kept[i]) few.push_back(loop[i]);
+  for (; few.size() < 3 && tolerance > kApart; tolerance *= 0.25) {
+    std::vector<uint8_t> kept(closed.size(), 0);
+    if (cs_fewer_points(int64_t(closed.size()), &closed[0].x, tolerance, kept.data())) throw std::bad_alloc();
+    few.clear();
+    for (size_t i = 0; i < loop.size(); i++)
+      if (kept[i]) few.push_back(loop[i]);
+  }
   return Outline::polygon(few.size() >= 3 ? few : loop);
 }
 
@@ -120,13 +124,13 @@ Outline fitted_ring(const Contour& contour, double price) {
   corners.keep_sure();
   ring = fitted_between(contour, corners, price);
   if (!there_and_back(ring)) return ring;
-  Outline lines = few_lines(contour.at);
+  Outline lines = few_lines(contour.at, kTolerance);
   lines.cost = ring.cost;
   return lines;
 }
 
 Outline fitted(const Contour& contour, double price) {
-  if (contour.count() < kFewestPoints) return Outline::polygon(contour.at);
+  if (contour.count() < kFewestPoints) return few_lines(contour.at, kStraight);
   Outline primitive;
   // What has corners that nobody sees is none of those primitives that would do.
   if (contour.known.empty()) {
@@ -208,7 +212,7 @@ CS_EXPORT int64_t cs_fit_contours(int64_t loops, const int64_t* ends, const doub
     if (contour.count() < 3) return;
     Outline found = fitted(contour, prices[k]);
     for (int finer = 1; astray && finer <= 3 && !sound(all, found); finer++)
-      found = finer < 3 ? fitted(contour, prices[k] / kFiner[finer]) : few_lines(all);
+      found = finer < 3 ? fitted(contour, prices[k] / kFiner[finer]) : few_lines(all, kTolerance);
     form[k] = found.form, pieces[k] = int64_t(found.anchors.size());
     doubtful[k] = found.form == kRing && (found.away > allowed(all) || found.crosses());
     std::copy(found.values.begin(), found.values.end(), values + 6 * k);
