@@ -83,7 +83,7 @@ def style_of(task: ClipTask) -> Style:
     settings, limit = task.request.settings, task.request.settings.time_limit
     limited = settings.with_(curves=None, time_limit=None if limit is None else TO_CHOOSE * limit)
     alone = Request(limited, measure=False, photo_parts=NO_PHOTO_PARTS)  # which would not move
-    *_, made = candidates(task_of(first, alone, StageTimer()))
+    *_, made = candidates(task_of(first, alone, StageTimer()), style)
     if made.interrupted:
         raise KeyboardInterrupt
     return made.style
