@@ -11,11 +11,7 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene import points_from_segments, segments_from_points
-from cubicsplat_cli.scene.bezier import (
-    bernstein,
-    polyline_basis,
-    segment_indices,
-)
+from cubicsplat_cli.scene.bezier import bernstein, polyline_basis, segment_indices
 from cubicsplat_cli.settings import Mode
 
 quick = settings(derandomize=True)

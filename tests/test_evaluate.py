@@ -18,13 +18,7 @@ from PIL import Image
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
-from cubicsplat_cli.evaluate import (
-    agreement_db,
-    available_renderers,
-    compare,
-    compare_premultiplied,
-    rerender,
-)
+from cubicsplat_cli.evaluate import agreement_db, available_renderers, compare, compare_premultiplied, rerender
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.files.load import Picture

@@ -5,15 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion.following import follow
-from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
 from cubicsplat_cli.motion.tracks import Tracks, grid_of
@@ -41,6 +41,11 @@ RATE = 0.15  # of the joint fit, in step sizes of the start of a fit
 # Of the bytes of pictures of the frames, after gzip: the part that a clip is promised to take at most.
 MOST_SHARE = 0.25
 SEEN = 0.004  # an opacity that 8-bit renderers show
+# Of scene cuts:
+BLOCKS = 12  # along the longer side: means of blocks move little where a camera pans
+LEAST_JUMP = 0.06  # of the range of values, between the blocks of two frames: no cut is smaller
+JUMP = 3.0  # times the largest difference of the frames before
+REMEMBERED = 8  # differences
 
 
 def fit_clip(
@@ -221,3 +226,51 @@ class ClipFit:
 
     def _tell(self, stage: str, frames: float) -> None:
         work().at(stage, min(1.0, (self.done + frames) / self.count) if self.count else 0.0)
+
+
+@dataclass
+class FrameGroup:
+    """pictures: (H, W, C) float32 each. times: when each begins, s. end: of the last, s. after_cut: whether its first
+    frame has nothing to do with the one before.
+    """
+
+    after_cut: bool
+    pictures: list[np.ndarray] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    end: float = 0.0
+
+    def add(self, picture: np.ndarray, begin: float, end: float) -> None:
+        self.pictures.append(picture)
+        self.times.append(begin)
+        self.end = end
+
+
+def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iterator[FrameGroup]:
+    """Groups of at most so many frames. frames: pictures (H, W, C), and the seconds of their begin and end."""
+    recent: deque[float] = deque(maxlen=REMEMBERED)
+    group, before = FrameGroup(after_cut=True), None
+    for picture, begin, end in frames:
+        blocks = _blocks(picture)
+        jump = 0.0 if before is None else float(np.abs(blocks - before).mean())
+        cut = jump > max(LEAST_JUMP, JUMP * max(recent, default=0.0))
+        if cut or len(group.pictures) == most:
+            yield group
+            group = FrameGroup(after_cut=cut)
+        recent.append(jump)
+        if cut:
+            recent.clear()
+        before = blocks
+        group.add(picture, begin, end)
+    if group.pictures:
+        yield group
+
+
+def _blocks(picture: np.ndarray) -> np.ndarray:
+    """Means of about square blocks, `BLOCKS` along the longer side."""
+    side = max(1, -(-max(picture.shape[:2]) // BLOCKS))
+    for axis in (0, 1):
+        edges = np.arange(0, picture.shape[axis], side)
+        counts = np.diff(np.append(edges, picture.shape[axis])).astype(np.float32)
+        means = np.add.reduceat(picture, edges, axis=axis)
+        picture = means / counts.reshape([-1, 1, 1] if axis == 0 else [1, -1, 1])
+    return picture

@@ -21,8 +21,7 @@ from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.motion import fit_clip
 from cubicsplat_cli.options import NO_PHOTO_PARTS, GzipBytes
-from cubicsplat_cli.pipeline.animation import Animation, CurvesAnimation, DrawnAnimation
-from cubicsplat_cli.pipeline.clip_task import ClipTask
+from cubicsplat_cli.pipeline.animation import Animation, ClipTask, CurvesAnimation, DrawnAnimation
 from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.moving import Clip

@@ -38,13 +38,7 @@ def independent(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def fitted_contours(
-    ends: np.ndarray,
-    points: np.ndarray,
-    weights: np.ndarray,
-    known: np.ndarray,
-    prices: np.ndarray,
-    *,
-    astray: bool,
+    ends: np.ndarray, points: np.ndarray, weights: np.ndarray, known: np.ndarray, prices: np.ndarray, *, astray: bool
 ) -> tuple[list[FittedContour], int]:
     """The outline nearest to each of some closed contours, and how many of these are none, since they have fewer than
     three different points. The same for any number of threads.

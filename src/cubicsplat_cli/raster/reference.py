@@ -17,14 +17,7 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.raster.reference_coverage import coverage, pixel_centres, polylines
-from cubicsplat_cli.raster.settings import (
-    MAX_ALPHA,
-    MIN_TRANSMITTANCE,
-    SQUARED,
-    Penalty,
-    RasterSettings,
-    image_loss,
-)
+from cubicsplat_cli.raster.settings import MAX_ALPHA, MIN_TRANSMITTANCE, SQUARED, Penalty, RasterSettings, image_loss
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, paint_at
 

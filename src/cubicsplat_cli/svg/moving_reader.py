@@ -11,16 +11,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.moving import (
-    COLOUR,
-    OFFSET,
-    OPACITY,
-    SHAPE,
-    WIDTH,
-    GridClip,
-    GridGroup,
-    GridTrack,
-)
+from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, GridTrack
 from cubicsplat_cli.svg.paths import subpaths
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 

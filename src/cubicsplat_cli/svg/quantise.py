@@ -79,10 +79,7 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
     scene.validate()
     points, ring_ends = _packed(scene)
     half_widths = _array(scene.half_widths)
-    _refuse(
-        np.abs(points) > MAX_COORDINATE,
-        f"control points lie more than {MAX_COORDINATE:.0f} px from the origin",
-    )
+    _refuse(np.abs(points) > MAX_COORDINATE, f"control points lie more than {MAX_COORDINATE:.0f} px from the origin")
     _refuse(half_widths > MAX_COORDINATE, f"half-width exceeds {MAX_COORDINATE:.0f} px")
     width_decimals = max(precision, MIN_WIDTH_DECIMALS)
     gradients, colours, opacities = paints_of(scene, precision)
