@@ -12,6 +12,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import reference
 import torch
 from conftest import rest_slow
 from PIL import Image
@@ -23,7 +24,6 @@ from cubicsplat_cli.evaluate.images import of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
-from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

@@ -7,6 +7,8 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
+import reference
+import reference_coverage
 import torch
 from conftest import rest_slow
 from scenes import (
@@ -29,7 +31,6 @@ from scenes import (
 )
 from torch import Tensor
 
-from cubicsplat_cli.raster import reference, reference_coverage
 from cubicsplat_cli.raster.settings import MAX_ALPHA
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

@@ -13,10 +13,10 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
+from reference_coverage import coverage, pixel_centres, polylines
 from torch import Tensor
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.raster.reference_coverage import coverage, pixel_centres, polylines
 from cubicsplat_cli.raster.settings import MAX_ALPHA, MIN_TRANSMITTANCE, SQUARED, Penalty, RasterSettings, image_loss
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, paint_at
