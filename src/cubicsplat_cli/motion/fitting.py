@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.motion.following import follow
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
@@ -133,8 +134,7 @@ class ClipFit:
         settings = settings.for_size(width, height)
         background = choose_background(picture, settings)
         if background is not None:
-            red, green, blue = (round(255.0 * value) for value in background)
-            settings = settings.with_(background=f"#{red:02x}{green:02x}{blue:02x}")
+            settings = settings.with_(background=hex_text(round(255.0 * value) for value in background))
         # The deadline is that of the work, for all frames together.
         self.settings = settings.with_(device="cpu", time_limit=None)
         self.engine = CpuEngine(settings.threads or work().threads)

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import svgwrite
 
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import ANY, Mode
@@ -39,7 +40,7 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
     )
     if grid.background is not None:
         size = (grid.width, grid.height)
-        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=_hex_colour(grid.background)))
+        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=hex_text(grid.background)))
     definitions, fills = _definitions(grid)
     drawing.add(_curve_group(drawing, grid, fills))
     root = drawing.get_xml()
@@ -57,7 +58,7 @@ def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
     units come from one that is none itself; a transform would not come along in every renderer.
     """
     definitions = ElementTree.Element("defs")
-    fills = [_hex_colour(colour) for colour in grid.colours.tolist()]
+    fills = [hex_text(colour) for colour in grid.colours.tolist()]
     names: dict[str, str] = {}
     for index, gradient in enumerate(grid.gradients):
         if gradient is None:
@@ -138,11 +139,6 @@ def _finish(root: ElementTree.Element, title: str, comment: str, definitions: El
         parent.text = "\n"
         for child in parent:
             child.tail = "\n"
-
-
-def _hex_colour(colour: tuple[int, int, int] | list[int]) -> str:
-    red, green, blue = colour
-    return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def path_strings(points: np.ndarray, ring_ends: np.ndarray | None = None, *, closed: bool) -> list[str]:
