@@ -18,11 +18,15 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.raster.settings import EXACT_SUBSAMPLES, HALF_SUPPORT, RasterSettings
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene, segments_from_points
 from cubicsplat_cli.scene.scene import points_from_segments
 from cubicsplat_cli.settings import Mode
 
+# Exact coverage of strokes: sub-samples per axis of a pixel.
+EXACT_SUBSAMPLES = 4
+# Half of the relaxed edge's support, in edge widths (the smoothstep of slope 1/w has support 1.5 w).
+HALF_SUPPORT = 0.75
 # Squared edge length below which an edge counts as this long when a point is projected onto it, px^2.
 MIN_EDGE_SQUARED = 1e-12
 # Distance below which the direction to the nearest point is lost to rounding, px.

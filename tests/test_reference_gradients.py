@@ -11,6 +11,7 @@ import reference
 import reference_coverage
 import torch
 from conftest import rest_slow
+from reference import MAX_ALPHA
 from scenes import (
     COVERAGES,
     MODES,
@@ -31,7 +32,6 @@ from scenes import (
 )
 from torch import Tensor
 
-from cubicsplat_cli.raster.settings import MAX_ALPHA
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 

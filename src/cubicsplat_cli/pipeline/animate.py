@@ -99,9 +99,9 @@ def fitted_clip(task: ClipTask, work: Work) -> Animation:
 
 def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> Clip:
     frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
-    form = {"precision": task.request.precision, "bytes_per_second": bytes_per_second}
+    precision = task.request.precision
     try:
-        return fit_clip(frames, settings, task.source.count, **form)  # type: ignore[arg-type]
+        return fit_clip(frames, settings, task.source.count, precision=precision, bytes_per_second=bytes_per_second)
     except Stopped:
         if work.interrupted:
             raise KeyboardInterrupt from None

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS
+from cubicsplat_cli.scene.moving import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, GridTrack
 from cubicsplat_cli.svg.paths import subpaths
@@ -63,7 +63,7 @@ def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
 def _curve(path: ElementTree.Element, clip: GridClip) -> dict[str, GridTrack]:
     moving = {each.attrib["attributeName"]: each for each in path}
     paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
-    width_decimals = max(clip.precision, MIN_WIDTH_DECIMALS) - clip.precision
+    width_decimals = clip.width_decimals - clip.precision
 
     def track(name: str, usual: str, read: object) -> GridTrack:
         element = moving.get(name)

@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.scene.moving import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.markup import comment_text, format_number, short_colour, xml_text
+from cubicsplat_cli.svg.markup import comment_text, format_number, joined, short_colour, xml_text
 from cubicsplat_cli.svg.moving import (
     COLOUR,
     OFFSET,
@@ -128,7 +128,7 @@ def _path(clip: GridClip, curve: dict[str, GridTrack], timing: _Timing, *, still
         if moves:
             children += f'<animate attributeName="{name}"{timing.attributes(curve[track], values)}/>'
     if len(curve[OFFSET].keys) > 1:
-        moved = timing.attributes(curve[OFFSET], [_joined(offset) for offset in curve[OFFSET].values.tolist()])
+        moved = timing.attributes(curve[OFFSET], [joined(offset) for offset in curve[OFFSET].values.tolist()])
         children += f'<animateTransform attributeName="transform" type="translate"{moved}/>'
     return f"<path{attributes}>{children}</path>" if children else f"<path{attributes}/>"
 
@@ -143,15 +143,15 @@ def path_values(points: np.ndarray, *, closed: bool) -> list[str]:
     """
     points = points.reshape(len(points), -1, 2)
     segments = points.shape[1] // 3
-    texts = ["M" + _joined(start) for start in points[:, 0].tolist()]
+    texts = ["M" + joined(start) for start in points[:, 0].tolist()]
     before = ""
     for segment in range(segments):
         ends = (3 * segment + np.array([1, 2, 3])) % points.shape[1] if closed else 3 * segment + np.array([1, 2, 3])
         absolute = points[:, ends]
         relative = absolute - points[:, 3 * segment, None]
         forms = {
-            "c": [_joined(numbers) for numbers in relative.reshape(len(points), -1).tolist()],
-            "C": [_joined(numbers) for numbers in absolute.reshape(len(points), -1).tolist()],
+            "c": [joined(numbers) for numbers in relative.reshape(len(points), -1).tolist()],
+            "C": [joined(numbers) for numbers in absolute.reshape(len(points), -1).tolist()],
         }
         sizes = {letter: sum(map(len, form)) - (letter == before) for letter, form in forms.items()}
         letter = min(sizes, key=lambda each: sizes[each])
@@ -160,8 +160,3 @@ def path_values(points: np.ndarray, *, closed: bool) -> list[str]:
             texts[index] += separator + numbers
         before = letter
     return [text + ("z" if closed else "") for text in texts]
-
-
-def _joined(numbers: Sequence[int]) -> str:
-    # A minus separates numbers as well as a space does.
-    return " ".join(map(str, numbers)).replace(" -", "-")
