@@ -26,7 +26,7 @@ from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Clip, Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.moving import to_grid_clip
-from cubicsplat_cli.svg.moving_writer import write_clip
+from cubicsplat_cli.svg.moving_file import write_clip
 
 WHITE = (1.0, 1.0, 1.0)
 QUICK = FitSettings.from_preset("draft", curves=2, steps=120, threads=1, background="#e6e6cc")

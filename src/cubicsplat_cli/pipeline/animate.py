@@ -27,7 +27,7 @@ from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.moving import Clip
 from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
-from cubicsplat_cli.svg.moving_writer import write_clip
+from cubicsplat_cli.svg.moving_file import write_clip
 
 if TYPE_CHECKING:
     from cubicsplat_cli.artwork.shapes import Drawing

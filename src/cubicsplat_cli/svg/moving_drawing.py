@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.moving import MovingDrawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.markup import document, format_number
-from cubicsplat_cli.svg.moving_writer import repeated
+from cubicsplat_cli.svg.moving_file import repeated
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _DISPLAY, _MOVE = "display", "transform"
