@@ -24,6 +24,7 @@ from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import run_job
 from cubicsplat_cli.jobs.sinks import MemorySink
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, task_of
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.choose import (
@@ -83,7 +84,7 @@ def task_for(pixels: np.ndarray, **settings: Any) -> Task:
 class Quick:
     """Stands for a quick photo: notes the level that it is to exceed, and what happens then."""
 
-    def __init__(self, error: BaseException | None = None) -> None:
+    def __init__(self, error: Exception | None = None) -> None:
         self.asked: list[float] = []
         self.error = error
 
@@ -122,9 +123,18 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
     assert outcome.report.output.svg_sha256 == hashlib.sha256(puts[-2][1]).hexdigest()
 
 
-def test_ctrl_c_during_the_comparison_keeps_the_drawing():
-    task = replace(task_for(blotches(), curves=4), quick_photos={4: Quick(KeyboardInterrupt())})
-    first, last = candidates(task, FLAT)
+@pytest.mark.parametrize("during", ["comparison", "photo"])
+def test_ctrl_c_keeps_the_drawing(during, monkeypatch):
+    def interrupted(_loop) -> None:
+        raise KeyboardInterrupt
+
+    def told(progress: Progress) -> None:
+        if progress.steps:  # those of a photo's fit, which a quick one does not tell
+            raise KeyboardInterrupt
+
+    if during == "comparison":
+        monkeypatch.setattr(FitLoop, "advance", interrupted)
+    first, last = candidates(replace(task_for(blotches(), curves=4, steps=60), on_progress=told), FLAT)
     assert [made.interrupted for made in (first, last)] == [False, True]
     assert first.scene is last.scene
 
