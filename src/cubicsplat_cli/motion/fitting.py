@@ -24,6 +24,7 @@ from cubicsplat_cli.progress import Stopped, work
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Clip, MovingScene, Scene, points_from_segments
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.moving import TRACKS
 from cubicsplat_cli.settings import ANY, FitSettings
 
@@ -101,9 +102,7 @@ def _checked(frames: Iterable[Frame], *, opaque: bool) -> Iterator[Frame]:
         if shape not in (None, picture.shape):
             raise InputError(f"frames must have one size, but one has {picture.shape} after {shape}")
         shape = picture.shape
-        if shape[2] == 3 and not opaque:
-            picture = np.concatenate([picture, np.ones_like(picture[..., :1])], axis=2)
-        yield np.ascontiguousarray(picture, np.float32), begin, end
+        yield np.ascontiguousarray(with_channels(picture, 3 if opaque else 4), np.float32), begin, end
 
 
 @dataclass(frozen=True)

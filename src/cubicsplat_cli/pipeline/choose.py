@@ -128,7 +128,7 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
     """The drawing of a picture from which the photo is far, if that is nearer; else the photo, with a note if that is
     not known.
     """
-    level = level_db(task, photo.scene, photo.samples)
+    level = _level_db(task, photo)
     if level >= FAR_DB or photo.interrupted:
         return photo
     return _nearer_of(task, photo, _drawing_of(task, photo.style, level))
@@ -148,7 +148,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
         return replace(fit.finished(), style=style, may_be_drawn=True)
     drawing = _drawing_of(task, style, level + rise)
     if isinstance(drawing, Made):
-        own = level_db(task, drawing.scene, drawing.samples, drawing.blur)
+        own = _level_db(task, drawing)
         if drawing.interrupted or own > decisive_db(level + rise):
             return _instead(drawing, level + rise)
         most = fit.most(own)
@@ -169,7 +169,7 @@ def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | No
     """
 
     def check(sketch: Made) -> None:
-        if level_db(task, sketch.scene, sketch.samples, sketch.blur) <= level - SKETCH_DB:
+        if _level_db(task, sketch) <= level - SKETCH_DB:
             raise PhotoIsNearer(f"it has {level:.1f} dB")
 
     try:
@@ -189,9 +189,8 @@ def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Mad
         return photo
     if drawing.interrupted:
         return _interrupted(photo)
-    level = level_db(task, photo.scene, photo.samples)
-    nearer = level_db(task, drawing.scene, drawing.samples, drawing.blur) > level
-    return _instead(drawing, level) if nearer else photo
+    level = _level_db(task, photo)
+    return _instead(drawing, level) if _level_db(task, drawing) > level else photo
 
 
 def _instead(drawing: Made, level: float) -> Made:
@@ -236,6 +235,11 @@ def _or_shaded(task: Task, drawing: Made) -> Made:
 def _enough_db(drawing: Made) -> float:
     """Level of a drawing that has lost nothing, or nothing but the noise of its picture."""
     return min(ENOUGH_DB, decibels((drawing.noise / 255.0) ** 2) - MARGIN_DB) if drawing.noise else ENOUGH_DB
+
+
+def _level_db(task: Task, made: Made) -> float:
+    """The level of a result; see `likeness.level_db`."""
+    return level_db(task, made.scene, made.samples, made.blur)
 
 
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
