@@ -32,7 +32,7 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
-from cubicsplat_cli.svg.moving_writer import write_clip
+from cubicsplat_cli.svg.moving_file import write_clip
 from cubicsplat_cli.svg.quantise import quantise_scene
 
 OURS, EACH, TRACED = "moving", "each frame", "vtracer"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import reference
 import torch
 from scenes import TENSORS
 from torch import Tensor
 
-from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.engine import EngineScene, Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
+import reference
 import torch
 from emulated import EmulatedDriver, compiler
 from emulated_arm import ArmEngine, missing
 from scenes import DEGENERATE, PAPER, TENSORS, in_double, random_target
 from torch import Tensor
 
-from cubicsplat_cli.raster import reference, render_scene
+from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState

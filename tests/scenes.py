@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import reference
+import reference_coverage
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.raster import reference, reference_coverage
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene, pack_rings, points_from_segments
 from cubicsplat_cli.scene.gradients import Gradients

@@ -19,9 +19,9 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.paths import is_ours
-from cubicsplat_cli.pipeline.clip_task import CHANGE_S, ClipTask
+from cubicsplat_cli.pipeline.animation import CHANGE_S, ClipTask
 from cubicsplat_cli.progress import StageTimer
-from cubicsplat_cli.svg.moving_reader import read_clip
+from cubicsplat_cli.svg.moving_file import read_clip
 
 WIDTH, HEIGHT, FRAMES = 48, 32, 5
 FIT = ("--style", "photo", "--curves", 6, "--steps", 150, "--threads", 1)

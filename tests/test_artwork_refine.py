@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from outline_loops import corners_of
 from test_artwork_fitting import sampled, star
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, bernstein, derivatives, points_at
 from cubicsplat_cli.artwork.tracing.variables import Feet, Pieces, refine
 from cubicsplat_cli.raster.cubics import divided_run, held_ring, tied_coordinates
-from cubicsplat_cli.raster.outlines import corners_of
 
 SIGMA = 0.02
 

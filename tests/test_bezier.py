@@ -6,16 +6,12 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference_coverage import bernstein, polyline_basis, segment_indices
 from scenes import MODES, assert_close, random_scene
 from torch import Tensor
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene import points_from_segments, segments_from_points
-from cubicsplat_cli.scene.bezier import (
-    bernstein,
-    polyline_basis,
-    segment_indices,
-)
 from cubicsplat_cli.settings import Mode
 
 quick = settings(derandomize=True)

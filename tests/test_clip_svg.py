@@ -26,8 +26,7 @@ from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import OFFSET, SHAPE, shown_at, to_grid_clip
-from cubicsplat_cli.svg.moving_reader import read_clip
-from cubicsplat_cli.svg.moving_writer import path_values, write_clip
+from cubicsplat_cli.svg.moving_file import path_values, read_clip, write_clip
 
 ALIKE_DB = 30.0  # Chromium's antialiasing against ours, where strokes are half of all pixels
 ANIMATION = re.compile(r"<animate.*?/>")

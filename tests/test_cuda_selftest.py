@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
+import reference
 from adan import ReferenceFit
 from conftest import rest_slow
 from emulated import EmulatedDriver, compiler
@@ -12,7 +13,6 @@ from scenes import TENSORS
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.cuda import selftest
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+import reference
 import torch
 from adan import ReferenceFit
 from conftest import rest_slow
@@ -49,7 +50,6 @@ from scenes import (
 )  # fmt: skip
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode

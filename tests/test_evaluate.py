@@ -12,24 +12,18 @@ from itertools import product
 
 import numpy as np
 import pytest
+import reference
 import torch
 from conftest import rest_slow
 from PIL import Image
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
-from cubicsplat_cli.evaluate import (
-    agreement_db,
-    available_renderers,
-    compare,
-    compare_premultiplied,
-    rerender,
-)
+from cubicsplat_cli.evaluate import agreement_db, available_renderers, compare, compare_premultiplied, rerender
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
-from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

@@ -6,6 +6,8 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
+import reference
+import reference_coverage
 import torch
 from conftest import rest_slow
 from engines import (
@@ -41,7 +43,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.raster import reference, reference_coverage, render
+from cubicsplat_cli.raster import render
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render_op
 from cubicsplat_cli.scene import Scene, scaled_scene

@@ -13,10 +13,8 @@ import pytest
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion import fit_clip
-from cubicsplat_cli.motion.fitting import ClipFit
-from cubicsplat_cli.motion.flow import flow, sampled
-from cubicsplat_cli.motion.following import Follower
-from cubicsplat_cli.motion.groups import FrameGroup, groups
+from cubicsplat_cli.motion.fitting import ClipFit, FrameGroup, groups
+from cubicsplat_cli.motion.following import Follower, flow, sampled
 from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRates
 from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
 from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
@@ -28,7 +26,7 @@ from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Clip, Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.moving import to_grid_clip
-from cubicsplat_cli.svg.moving_writer import write_clip
+from cubicsplat_cli.svg.moving_file import write_clip
 
 WHITE = (1.0, 1.0, 1.0)
 QUICK = FitSettings.from_preset("draft", curves=2, steps=120, threads=1, background="#e6e6cc")

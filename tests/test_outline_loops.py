@@ -6,10 +6,10 @@ import time
 
 import numpy as np
 import pytest
+from outline_loops import corners_of, laid_out
 from scipy import ndimage
 
-from cubicsplat_cli.raster.cubics import laid_out
-from cubicsplat_cli.raster.outlines import Hiding, corners_of, fewest_links, held_by_hull, hull_mask
+from cubicsplat_cli.raster.outlines import Hiding, fewest_links, held_by_hull, hull_mask
 
 
 def saw(teeth: int) -> np.ndarray:

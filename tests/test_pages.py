@@ -22,7 +22,7 @@ from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.html_report.drawing import shown_elements
+from cubicsplat_cli.html_report.embed import shown_elements
 from cubicsplat_cli.pipeline import task_of
 from cubicsplat_cli.pipeline.pages import page_in
 from cubicsplat_cli.progress import StageTimer

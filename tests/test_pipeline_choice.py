@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from PIL import Image, ImageFilter
 from test_pipeline import SETTINGS, disc, flat_picture
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork import vectorize as drawing
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -28,73 +26,115 @@ from cubicsplat_cli.jobs.run import run_job
 from cubicsplat_cli.jobs.sinks import MemorySink
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, task_of
-from cubicsplat_cli.pipeline import photo as photo_style
-from cubicsplat_cli.pipeline.artwork import SAMPLES, drawn_outlines
-from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
+from cubicsplat_cli.pipeline.artwork import drawn_outlines
+from cubicsplat_cli.pipeline.choose import (
+    ENOUGH_DB,
+    FAR_DB,
+    SKETCH_DB,
+    SKETCH_ERROR,
+    PhotoIsNearer,
+    check_worth_finishing,
+    decisive_db,
+    risen_db,
+)
+from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.photo import QuickPhoto
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.progress import FrameRecorder, Observer, StageTimer
+from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
 
+FLAT, MEASURED = Style("artwork", "flat"), Style("photo", "measured")
+
+
+def waves(height: int, width: int) -> np.ndarray:
+    """Soft colours without a shape."""
+    y, x = np.mgrid[0:height, 0:width]
+    waves = [np.sin(x / 9 + k) * np.cos(y / 7 - k) + np.sin((x + y) / (5 + k)) for k in range(3)]
+    return (127 + 60 * np.stack(waves, axis=-1)).clip(0, 255).astype(np.uint8)
+
 
 def blotches() -> np.ndarray:
-    """Soft colours without a shape, with a flat sign in front."""
-    y, x = np.mgrid[0:18, 0:24]
-    waves = [np.sin(x / 9 + k) * np.cos(y / 7 - k) + np.sin((x + y) / (5 + k)) for k in range(3)]
-    pixels = (127 + 60 * np.stack(waves, axis=-1)).clip(0, 255).astype(np.uint8)
+    """The same with a flat sign in front."""
+    pixels = waves(18, 24)
     pixels[2:10, 3:15] = (20, 90, 160)
     return pixels
 
 
-@pytest.fixture
-def taken_for(monkeypatch):
-    """Makes every picture suit a style: that, and the reason."""
+def crowd() -> np.ndarray:
+    """The same with 169 small squares."""
+    pixels = waves(104, 104)
+    for row, column in np.ndindex(13, 13):
+        fill = (20, 90, 160) if (7 * column + 3 * row) % 5 < 3 else (230, 200, 40)
+        pixels[8 * row + 2 : 8 * row + 6, 8 * column + 2 : 8 * column + 6] = fill
+    return pixels
 
-    def take(style: str, reason: str) -> None:
-        monkeypatch.setattr(choose, "choose_style", lambda _target: Style(style, reason))
 
-    return take
+def speckled(levels: float) -> np.ndarray:
+    """A rectangle under grey noise of so many levels (standard deviation)."""
+    noise = np.random.default_rng(1).normal(0.0, levels, (40, 48, 1))
+    return np.clip(flat_picture() + noise, 0, 255).astype(np.uint8)
 
 
-def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch, taken_for):
-    taken_for("artwork", "flat")
-    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
-    first, second = candidates(task)
+def task_for(pixels: np.ndarray, **settings: Any) -> Task:
+    return task_of(as_picture(pixels), Request(FitSettings(threads=1, **settings)), StageTimer())
+
+
+class Quick:
+    """Stands for a quick photo: notes the level that it is to exceed, and what happens then."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.asked: list[float] = []
+        self.error = error
+
+    def beyond(self, least: float) -> None:
+        self.asked.append(least)
+        if self.error is not None:
+            raise self.error
+
+
+def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo():
+    first, second = candidates(task_for(blotches(), curves=4, steps=60), FLAT)
     assert (first.style.name, second.style.name) == ("artwork", "photo")
     assert "flat, but a quick photo of 4 curves" in second.style.reason
-    monkeypatch.setattr(drawing, "MANY", 1)
-    (early,) = candidates(task)
-    assert (early.style.name, early.style.reason[:20]) == ("photo", second.style.reason[:20])
     asked = Request(SETTINGS, style="artwork", measure=False)
     assert [made.style.name for made in candidates(task_of(as_picture(blotches()), asked, StageTimer()))] == ["artwork"]
 
 
+def test_a_drawing_of_many_shapes_gives_way_before_it_is_finished():
+    (early,) = candidates(task_for(crowd(), steps=20), FLAT)
+    assert early.style.name == "photo" and "flat, but a quick photo of" in early.style.reason
+
+
 @pytest.mark.parametrize("svg", [None, Path("x.svg")])
-def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_svg(svg, taken_for):
+def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_svg(svg):
     class Puts(MemorySink):
         def put(self, kind: str, data: bytes) -> None:
             puts.append((kind, data))
 
     puts: list[tuple[str, bytes]] = []
-    taken_for("artwork", "flat")
-    data = encode_png(np.dstack([blotches(), np.full((18, 24), 255, np.uint8)]))
-    job = Job("-", None, Outputs(svg, None, None), data=data)
+    pixels = np.dstack([blotches(), np.full((18, 24), 255, np.uint8)])
+    pixels[:, :16, :3] = (20, 90, 160)
+    job = Job("-", None, Outputs(svg, None, None), data=encode_png(pixels))
     outcome = run_job(job, Request(FitSettings(curves=4, steps=60, threads=1)), sink=Puts(), observer=Observer())
     assert [kind for kind, _ in puts] == ["svg"] * (1 if svg is None else 2) + ["metrics"]
     assert outcome.report.style == "photo"
     assert outcome.report.output.svg_sha256 == hashlib.sha256(puts[-2][1]).hexdigest()
 
 
-def test_ctrl_c_during_the_comparison_keeps_the_drawing(monkeypatch, taken_for):
+@pytest.mark.parametrize("during", ["comparison", "photo"])
+def test_ctrl_c_keeps_the_drawing(during, monkeypatch):
     def interrupted(_loop) -> None:
         raise KeyboardInterrupt
 
-    taken_for("artwork", "flat")
-    monkeypatch.setattr(FitLoop, "advance", interrupted)
-    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
-    first, last = candidates(task)
+    def told(progress: Progress) -> None:
+        if progress.steps:  # those of a photo's fit, which a quick one does not tell
+            raise KeyboardInterrupt
+
+    if during == "comparison":
+        monkeypatch.setattr(FitLoop, "advance", interrupted)
+    first, last = candidates(replace(task_for(blotches(), curves=4, steps=60), on_progress=told), FLAT)
     assert [made.interrupted for made in (first, last)] == [False, True]
     assert first.scene is last.scene
 
@@ -131,71 +171,67 @@ def small_text() -> Task:
     return task_of(as_picture(text), Request(FitSettings(steps=20, threads=1)), StageTimer())
 
 
-def test_a_photo_that_will_be_far_from_its_picture_is_not_fitted_to_the_end(taken_for, monkeypatch):
-    taken_for("photo", "measured")
-    monkeypatch.setattr(FitLoop, "finish", fails)
-    (only,) = candidates(small_text())
+def is_finished(told: list[Progress]) -> bool:
+    """Whether a photo was fitted to its end."""
+    return any(progress.step == progress.steps > 0 for progress in told)
+
+
+def only_made(task: Task, style: Style) -> tuple[Made, list[Progress]]:
+    told: list[Progress] = []
+    (only,) = candidates(replace(task, on_progress=told.append), style)
+    return only, told
+
+
+def test_a_photo_that_will_be_far_from_its_picture_is_not_fitted_to_the_end():
+    only, told = only_made(small_text(), MEASURED)
     assert only.style.name == "artwork" and "measured, but as a photo it has only" in only.style.reason
     assert any("made as artwork" in note for note in only.notes)
+    assert not is_finished(told)
 
 
-@pytest.mark.parametrize("worse", ["worse", "failed"])
-def test_a_photo_is_fitted_to_the_end_where_the_drawing_is_not_nearer(worse, taken_for, monkeypatch):
-    taken_for("photo", "measured")
-    level = choose.level_db
-    calls = []
-
-    def drawn(task: Task, *given: Any) -> Made:
-        calls.append(task)
-        return drawn_outlines(task, *given) if worse == "worse" else fails()
-
-    def of_paths(task: Task, scene: Scene, samples: int, blur: float = 0.0) -> float | None:
-        return 3.0 if samples == SAMPLES else level(task, scene, samples, blur)
-
-    monkeypatch.setattr(choose, "drawn_outlines", drawn)
-    monkeypatch.setattr(choose, "level_db", of_paths)
-    (only,) = candidates(small_text())
-    assert only.style.name == "photo" and len(calls) == 1
-    assert any("the photo stays, since artwork failed" in note for note in only.notes) == (worse == "failed")
+def test_a_photo_is_fitted_to_the_end_where_the_drawing_fails(monkeypatch):
+    monkeypatch.setattr(choose, "drawn_outlines", fails)
+    only, told = only_made(small_text(), MEASURED)
+    assert only.style.name == "photo" and is_finished(told)
+    assert "the photo stays, since artwork failed: it is broken" in only.notes
 
 
-def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(taken_for):
-    taken_for("photo", "measured")
+def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer():
     # What the fit is to show is fitted to the end.
-    first, second = candidates(replace(small_text(), recorder=FrameRecorder(2)))
+    first, second = candidates(replace(small_text(), recorder=FrameRecorder(2)), MEASURED)
     assert (first.style.name, second.style.name) == ("photo", "artwork")
     assert "measured, but as a photo it has only" in second.style.reason
     few = replace(small_text(), request=Request(FitSettings(curves=12, steps=20, threads=1)))
-    assert len(list(candidates(few))) == 1
+    assert len(list(candidates(few, MEASURED))) == 1
 
 
-@pytest.mark.parametrize(
-    ("doubtful", "sketch_db", "made"), [(True, 2.0, "artwork"), (True, -100.0, "photo"), (False, 2.0, "photo")]
-)
-def test_where_the_style_is_doubtful_a_drawing_is_tried(doubtful, sketch_db, made, monkeypatch):
-    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured", doubtful=doubtful))
-    monkeypatch.setattr(choose, "FAR_DB", 0.0)
-    monkeypatch.setattr(choose, "SKETCH_DB", sketch_db)
-    monkeypatch.setattr(drawing, "MANY", 0)
-    (only,) = candidates(task_of(as_picture(flat_picture()), Request(FitSettings(steps=20, threads=1)), StageTimer()))
+@pytest.mark.parametrize(("doubtful", "made"), [(True, "artwork"), (False, "photo")])
+def test_where_the_style_is_doubtful_a_drawing_is_tried(doubtful, made):
+    only, told = only_made(task_for(speckled(2.0), steps=30), replace(MEASURED, doubtful=doubtful))
     assert only.style.name == made
+    assert any(progress.stage == "finding regions" for progress in told) == doubtful
 
 
-def test_where_the_style_is_doubtful_the_photo_may_end_above_what_an_early_look_tells(monkeypatch):
-    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured", doubtful=True))
-    monkeypatch.setattr(choose, "FAR_DB", -100.0)
-    monkeypatch.setattr(photo_style, "LOOKS", [(0.15, -40.0)])
-    (only,) = candidates(task_of(as_picture(blotches()), Request(FitSettings(steps=200, threads=1)), StageTimer()))
-    assert only.style.name == "photo"
+def test_where_outlines_would_not_bring_a_sketch_as_near_as_the_photo_that_is_fitted_to_the_end():
+    only, told = only_made(task_for(crowd(), steps=20), replace(MEASURED, doubtful=True))
+    assert only.style.name == "photo" and is_finished(told)
+    stages = {progress.stage for progress in told}
+    assert "finding regions" in stages and "fitting outlines" not in stages
 
 
-def test_a_photo_is_not_fitted_to_the_end_where_a_later_look_tells_that_the_drawing_is_nearer(monkeypatch):
-    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured", doubtful=True))
-    monkeypatch.setattr(choose, "FAR_DB", -100.0)
-    monkeypatch.setattr(choose, "ENOUGH_DB", math.inf)
-    monkeypatch.setattr(FitLoop, "finish", fails)
-    (only,) = candidates(task_of(as_picture(flat_picture()), Request(FitSettings(steps=40, threads=1)), StageTimer()))
+def test_where_the_style_is_doubtful_the_photo_may_end_above_what_an_early_look_tells():
+    only, told = only_made(task_for(blotches(), steps=200), replace(MEASURED, doubtful=True))
+    assert only.style.name == "photo" and is_finished(told)
+    assert [decisive_db(level) for level in (21.0, 23.0, 39.5)] == [22.0, 40.0, 40.0]
+
+
+def test_a_photo_is_not_fitted_to_the_end_where_a_later_look_tells_that_the_drawing_is_nearer():
+    only, told = only_made(task_for(speckled(2.6), steps=60), replace(MEASURED, doubtful=True))
     assert only.style.name == "artwork" and any("a photo has only" in note for note in only.notes)
+    # The early look, named by the reason, did not decide.
+    early, later = (float(text.split("only ")[1].split()[0]) for text in (only.style.reason, only.notes[-1]))
+    assert FAR_DB < early < later < ENOUGH_DB
+    assert not is_finished(told)
 
 
 def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
@@ -219,39 +255,50 @@ def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
     assert edges < tones - 2.0 and edges_seen > tones_seen + 2.0
 
 
-def test_the_sketch_of_a_blurred_picture_is_compared_blurred(monkeypatch):
-    monkeypatch.setattr(drawing, "MANY", 0)
-    blurred = Image.fromarray(disc()).filter(ImageFilter.GaussianBlur(2.0))
-    sketches = []
-    made = drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), sketches.append)
-    assert made.blur > 0.5
-    assert [sketch.blur for sketch in sketches] == [made.blur]
+def test_the_sketch_of_a_blurred_picture_is_compared_blurred():
+    class Seen(Exception):
+        pass
+
+    def see(sketch: Made) -> None:
+        assert sketch.paths > 150 and sketch.blur > 0.5
+        raise Seen
+
+    y, x = np.mgrid[0:208, 0:208] % 16 - 7.5
+    cover = np.clip(5.5 - np.hypot(x, y), 0.0, 1.0)[..., None]
+    dots = np.rint(240.0 + cover * (np.array([20, 90, 160]) - 240.0)).astype(np.uint8)
+    blurred = Image.fromarray(dots).filter(ImageFilter.GaussianBlur(2.0))
+    with pytest.raises(Seen):
+        drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), see)
 
 
-@pytest.mark.parametrize("level", [0.0, 60.0])
-def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeypatch):
-    shares = []
-    relax = FitLoop.relax
-    monkeypatch.setattr(FitLoop, "relax", lambda loop, share=1.0: shares.append(share) or relax(loop, share))
-    task = task_of(as_picture(blotches()), Request(FitSettings(threads=1)), StageTimer())
-    quick = QuickPhoto(task, 4, lambda scene: level_db(task, scene, 48))
+@pytest.mark.parametrize(("level", "looks"), [(0.0, 4), (60.0, 1)])
+def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, looks):
+    seen: list[Scene] = []
+    task = task_for(blotches())
+    quick = QuickPhoto(task, 4, lambda scene: seen.append(scene) or level_db(task, scene, 48))
     found = quick.beyond(level)
     # At 60 dB it is plain at the first look that four curves will not get there; then nothing more is done.
     assert (found is None) == (level == 60.0)
-    assert shares == ([0.15] if level == 60.0 else [0.15, 0.4, 0.65])
+    assert len(seen) == looks
     assert quick.beyond(level) == found
-    assert len(shares) == (1 if level == 60.0 else 3)
+    assert len(seen) == looks
 
 
-@pytest.mark.parametrize(("drawn", "beyond"), [(30.0, 31.0), (21.0, 22.0), (11.5, 11.16)])
-def test_outlines_may_bring_a_sketch_nearer_by_so_many_decibels_or_so_much_of_its_error(drawn, beyond, monkeypatch):
-    asked = []
-    monkeypatch.setattr(Likeness, "pixels_db", lambda _: drawn)
-    monkeypatch.setattr(Likeness, "seen_db", lambda *_: drawn)
-    monkeypatch.setattr(QuickPhoto, "beyond", lambda _, least: asked.append(least))
-    task = task_of(as_picture(disc()), Request(FitSettings(threads=1)), StageTimer())
-    choose.check_worth_finishing(task, drawn_outlines(task))
-    assert asked == [pytest.approx(beyond, abs=0.02)]
+@pytest.mark.parametrize(("drawn", "risen"), [(30.0, 32.0), (21.0, 23.0), (11.5, 12.16)])
+def test_outlines_may_bring_a_sketch_nearer_by_so_many_decibels_or_so_much_of_its_error(drawn, risen):
+    assert risen_db(drawn, SKETCH_DB, SKETCH_ERROR) == pytest.approx(risen, abs=0.02)
+
+
+def test_a_sketch_is_finished_where_no_quick_photo_is_beyond_what_it_may_rise_to():
+    quick = Quick()
+    task = replace(task_for(blotches(), curves=4), quick_photos={4: quick})
+    drawing = drawn_outlines(task)
+    check_worth_finishing(task, drawing)
+    drawn = seen_db(task, drawing.scene, drawing.samples, drawing.blur)
+    assert quick.asked == [pytest.approx(risen_db(drawn, SKETCH_DB, SKETCH_ERROR) - 1.0)]
+    task.quick_photos[4] = QuickPhoto(task, 4, lambda scene: seen_db(task, scene, drawing.samples))
+    with pytest.raises(PhotoIsNearer, match="a quick photo of 4 curves has"):
+        check_worth_finishing(task, drawing)
 
 
 def fails(*_) -> None:
@@ -259,24 +306,19 @@ def fails(*_) -> None:
 
 
 @pytest.mark.parametrize(("broken", "other"), [("artwork", "photo"), ("photo", "artwork")])
-def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch, taken_for):
+def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch):
     monkeypatch.setattr(choose, "drawn_outlines", fails if broken == "artwork" else choose.drawn_outlines)
-    monkeypatch.setattr(choose, "PhotoFit", fails if broken == "photo" else choose.PhotoFit)
     monkeypatch.setitem(choose.MAKERS, broken, fails)
-    taken_for(broken, "measured")
-    report = vectorize(flat_picture(), threads=1, steps=5).report
-    assert (report.style, report.style_reason) == (other, f"measured, but as {broken} it failed")
-    assert f"made as {other}, since {broken} failed: it is broken" in report.notes
+    (made,) = candidates(task_for(flat_picture(), steps=5, curves=4), Style(broken, "measured"))
+    assert (made.style.name, made.style.reason) == (other, f"measured, but as {broken} it failed")
+    assert f"made as {other}, since {broken} failed: it is broken" in made.notes
     with pytest.raises(EngineError, match="it is broken"):
         vectorize(flat_picture(), style=broken)
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ZeroDivisionError("by nothing")])
-def test_a_finished_drawing_stays_where_the_photo_fails(error, monkeypatch):
-    def fail(*_) -> None:
-        raise error
-
-    monkeypatch.setattr(choose, "photo_is_nearer", fail)
-    report = vectorize(flat_picture(), threads=1).report
-    assert report.style == "artwork"
-    assert any("the drawing stays" in note and ("memory" in note or "bug" in note) for note in report.notes)
+def test_a_finished_drawing_stays_where_the_photo_fails(error):
+    task = replace(task_for(blotches(), curves=4), quick_photos={4: Quick(error)})
+    *_, made = candidates(task, FLAT)
+    assert made.style.name == "artwork"
+    assert any("the drawing stays" in note and ("memory" in note or "bug" in note) for note in made.notes)

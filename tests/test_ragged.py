@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import reference
 import torch
 from conftest import rest_slow
 from engines import (
@@ -48,7 +49,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
+from cubicsplat_cli.raster import RasterSettings, render, render_scene
 from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState, Rates, Training
 from cubicsplat_cli.raster.settings import FLATNESS
 from cubicsplat_cli.scene import Scene, pack_rings

@@ -7,8 +7,11 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
+import reference
+import reference_coverage
 import torch
 from conftest import rest_slow
+from reference import MAX_ALPHA, MIN_TRANSMITTANCE
 from scenes import (
     BACKGROUNDS,
     COVERAGES,
@@ -35,8 +38,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.raster import reference, reference_coverage
-from cubicsplat_cli.raster.settings import MAX_ALPHA, MIN_TRANSMITTANCE, RasterSettings
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 

@@ -7,8 +7,11 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
+import reference
+import reference_coverage
 import torch
 from conftest import rest_slow
+from reference import MAX_ALPHA
 from scenes import (
     COVERAGES,
     MODES,
@@ -29,8 +32,6 @@ from scenes import (
 )
 from torch import Tensor
 
-from cubicsplat_cli.raster import reference, reference_coverage
-from cubicsplat_cli.raster.settings import MAX_ALPHA
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 

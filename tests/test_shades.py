@@ -10,13 +10,7 @@ import pytest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import flattened
 from cubicsplat_cli.artwork.gradients.parts import Patch, joined, smooth_parts
-from cubicsplat_cli.raster.paints import (
-    bends_and_steps,
-    blends,
-    nearest_paints,
-    part_spreads,
-    trimmed_range,
-)
+from cubicsplat_cli.raster.paints import bends_and_steps, blends, nearest_paints, part_spreads, trimmed_range
 from cubicsplat_cli.raster.shades import (
     Pixels,
     best_colours,

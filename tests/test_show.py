@@ -20,8 +20,7 @@ from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.formatting import duration
 from cubicsplat_cli.html_report import charts
-from cubicsplat_cli.html_report.drawing import shown_elements
-from cubicsplat_cli.html_report.embed import picture_url
+from cubicsplat_cli.html_report.embed import picture_url, shown_elements
 from cubicsplat_cli.html_report.index import Entry, index
 from cubicsplat_cli.html_report.page import Subject, command, page
 from cubicsplat_cli.metrics import Quality, Report

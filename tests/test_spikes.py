@@ -12,8 +12,14 @@ from test_fit_pieces import crossing_penalty
 
 from benchmarks.spikes import spikes_of
 from cubicsplat_cli.photo import fit
-from cubicsplat_cli.photo.geometric import HELD, Regulariser, crossing_gradient, spike_gradient
-from cubicsplat_cli.photo.slivers import gradient_by_arrays, sliver_gradient
+from cubicsplat_cli.photo.geometric import (
+    HELD,
+    Regulariser,
+    crossing_gradient,
+    gradient_by_arrays,
+    sliver_gradient,
+    spike_gradient,
+)
 from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
 

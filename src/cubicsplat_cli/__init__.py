@@ -36,34 +36,11 @@ if TYPE_CHECKING:
 logging.getLogger("cubicsplat").addHandler(logging.NullHandler())
 
 __all__ = [
-    "Animation",
-    "CubicSplatError",
-    "EngineError",
-    "FitResult",
-    "FitSettings",
-    "Gradients",
-    "InputError",
-    "Mode",
-    "Picture",
-    "Progress",
-    "Quality",
-    "RasterSettings",
-    "Recipe",
-    "Report",
-    "Result",
-    "Scene",
-    "UsageError",
-    "__version__",
-    "animate",
-    "compare",
-    "fit",
-    "load_picture",
-    "read_svg",
-    "render",
-    "render_scene",
-    "vectorize",
+    "Animation", "CubicSplatError", "EngineError", "FitResult", "FitSettings", "Gradients", "InputError", "Mode",
+    "Picture", "Progress", "Quality", "RasterSettings", "Recipe", "Report", "Result", "Scene", "UsageError",
+    "__version__", "animate", "compare", "fit", "load_picture", "read_svg", "render", "render_scene", "vectorize",
     "write_svg",
-]
+]  # fmt: skip
 
 _HOME = {
     "api": ("animate", "compare", "vectorize"),

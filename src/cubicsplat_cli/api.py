@@ -72,7 +72,7 @@ def animate(
     from cubicsplat_cli.clip_request import FIT_SETTINGS, ClipRequest, clip_request_of
     from cubicsplat_cli.files.clips import FOLDER_FPS, clip_of_pictures, open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
-    from cubicsplat_cli.pipeline.clip_task import ClipTask
+    from cubicsplat_cli.pipeline.animation import ClipTask
 
     names = {*FIT_SETTINGS, *(each.name for each, spec in settings_of(ClipRequest) if spec.decides)} - {"format"}
     for name in options:

@@ -47,6 +47,11 @@ def file_size(count: int) -> str:
     return f"{count / 1e6:.1f} MB"
 
 
+def hex_text(colour: Iterable[int]) -> str:
+    """`#rrggbb`, or `#rrggbbaa`, of channels of 8 bits."""
+    return "#" + bytes(colour).hex()
+
+
 def counted(count: int, noun: str) -> str:
     """`1 curve`, `2 curves`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -13,7 +13,7 @@ from dataclasses import Field, astuple, dataclass, field, fields
 from typing import Any, Literal
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.formatting import did_you_mean
+from cubicsplat_cli.formatting import did_you_mean, hex_text
 
 Kind = Literal["count", "number", "choice", "flag", "text"]
 # The groups of the help, in its order. An option of the photos' or drawings' group implies that style.
@@ -133,9 +133,7 @@ def parse_background(text: str) -> str:
         return lowered
     if lowered == "transparent":
         return "none"
-    return "#{:02x}{:02x}{:02x}".format(
-        *parse_colour(text, "background", "must be auto, none, a colour name or #rrggbb")
-    )
+    return hex_text(parse_colour(text, "background", "must be auto, none, a colour name or #rrggbb"))
 
 
 def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
@@ -216,9 +214,7 @@ def parse_ground(given: str) -> str:
     lowered = given.strip().lower() if isinstance(given, str) else ""
     if lowered in (KEEP, REMOVE):
         return lowered
-    return "#{:02x}{:02x}{:02x}".format(
-        *parse_colour(given, "ground", "must be keep, remove, a colour name or #rrggbb")
-    )
+    return hex_text(parse_colour(given, "ground", "must be keep, remove, a colour name or #rrggbb"))
 
 
 def parse_shading(given: str | int) -> str:

@@ -297,6 +297,4 @@ def _setting(name: str) -> Setting:
 
 def cpu_count() -> int:
     """The CPU cores that the process may use: its affinity, not the machine's count."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -29,8 +29,7 @@ from cubicsplat_cli.options import settings_of
 from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.pipeline.animation import Animation
-    from cubicsplat_cli.pipeline.clip_task import ClipTask
+    from cubicsplat_cli.pipeline.animation import Animation, ClipTask
 
 EXIT_INTERRUPTED = 130
 _LOTTIE_SUFFIX, _METRICS = ".json", ".metrics.json"
@@ -135,7 +134,7 @@ def _check(places: _Places, clip: Path, request: ClipRequest) -> None:
 def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) -> ClipReport:
     from cubicsplat_cli.files.clips import open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
-    from cubicsplat_cli.pipeline.clip_task import ClipTask
+    from cubicsplat_cli.pipeline.animation import ClipTask
     from cubicsplat_cli.progress import StageTimer, command_began
 
     job = str(clip)

@@ -19,9 +19,7 @@ _PACKAGES = (
 _INDENT = 11  # columns before the text of a line
 
 
-def doctor(
-    json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
-) -> None:
+def doctor(json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show what works here, and why something does not.
 
     Versions, renderers and engines; exits with 1 when something needed does not work.

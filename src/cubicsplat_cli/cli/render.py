@@ -42,8 +42,7 @@ class _Size:
 
 def render(
     sources: Annotated[
-        list[str],
-        typer.Argument(metavar="IN...", help="SVGs to draw, folders of them, or - for standard input."),
+        list[str], typer.Argument(metavar="IN...", help="SVGs to draw, folders of them, or - for standard input.")
     ],
     output: Annotated[
         str | None,
@@ -180,12 +179,7 @@ def _draw(
         _export(svg, name, path, form, size, renderer, reporter)
         return
     rendered, _ = rerender_untrusted(
-        svg,
-        source=name,
-        width=size.width,
-        height=size.height,
-        scale=size.scale,
-        renderer=wanted_renderer(renderer),
+        svg, source=name, width=size.width, height=size.height, scale=size.scale, renderer=wanted_renderer(renderer)
     )
     data = encode_png(rendered.pixels)
     if rendered.note is not None:

@@ -7,11 +7,6 @@ from cubicsplat_cli.evaluate.metrics import agreement_db, compare, compare_premu
 from cubicsplat_cli.evaluate.rerender import Rendered, available_renderers, rerender, rerender_untrusted
 
 __all__ = [
-    "Rendered",
-    "agreement_db",
-    "available_renderers",
-    "compare",
-    "compare_premultiplied",
-    "rerender",
+    "Rendered", "agreement_db", "available_renderers", "compare", "compare_premultiplied", "rerender",
     "rerender_untrusted",
-]
+]  # fmt: skip

@@ -70,12 +70,8 @@ def _searched_by_the_loader() -> Iterator[None]:
     """
     found = ctypes.util.find_library
     if sys.platform == "linux":
-        ctypes.util.find_library = _not_found
+        ctypes.util.find_library = lambda name: None
     try:
         yield
     finally:
         ctypes.util.find_library = found
-
-
-def _not_found(name: str) -> str | None:
-    return None

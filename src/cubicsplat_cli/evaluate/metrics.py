@@ -13,9 +13,9 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_values
 from cubicsplat_cli.evaluate.rerender import MAX_SIDE
-from cubicsplat_cli.evaluate.similarity import REACH, TAPS, similarity_sums
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.metrics import Quality
+from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.settings import cpu_count
 
 # Far below half a step of 16 bits: differences under this come from float arithmetic, not from the pictures.
@@ -31,6 +31,8 @@ MAX_MEASURED_PIXELS = 2**25
 _SECONDS_PER_PIXEL, _SECONDS_BEFORE, _SECONDS_PER_COPIED = 0.3e-6, 0.3, 0.05e-6
 # Takes no time to speak of, so it is measured whatever time is left.
 LEAST_PIXELS = 2**18
+TAPS = 11  # of a window of SSIM
+REACH = TAPS // 2  # of a window from its middle, px
 
 
 def compare(reference: Picture, candidate: np.ndarray) -> Quality:
@@ -66,10 +68,7 @@ def agreement_db(own: np.ndarray, drawn: np.ndarray) -> float | None:
 
 
 def measure(
-    reference: Picture,
-    candidates: Sequence[ImageSource],
-    threads: int | None = None,
-    strip_pixels: int = STRIP_PIXELS,
+    reference: Picture, candidates: Sequence[ImageSource], threads: int | None = None, strip_pixels: int = STRIP_PIXELS
 ) -> tuple[list[Quality], float | None]:
     """The quality of each candidate against `reference`, and the agreement of the first two (None: there is one).
 
@@ -257,3 +256,15 @@ def measurable(picture: Picture, seconds: float = math.inf, most: int = MAX_MEAS
     if pixels > most:
         limit = min(limit, math.floor(longer * math.sqrt(most / pixels)))
     return resize_picture(picture, max(1, limit))
+
+
+def similarity_sums(reference: np.ndarray, candidates: Sequence[np.ndarray]) -> list[float]:
+    """For each candidate the sum of SSIM over the windows of one channel (Wang et al. 2004): Gaussian windows of sigma
+    1.5 cut to 11 x 11 taps, population covariance, data range 1.
+
+    All (H, W) float32 in [0, 1], H and W at least 11; there are (H - 10) * (W - 10) windows. Candidates are compared at
+    once because what is smoothed of the reference then serves all of them. Raises EngineError where memory is missing.
+    """
+    sums = np.zeros(len(candidates))
+    native("comparison", "cs_similarity", np.stack([reference, *candidates]), len(candidates), *reference.shape, sums)
+    return sums.tolist()

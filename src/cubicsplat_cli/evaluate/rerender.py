@@ -72,7 +72,10 @@ def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None
     _check_size(width, height)
     module, name, note = choose_renderer(renderer)
     with drawing_with(name, source):
-        pixels = _DRAW[name](module, svg, width, height)
+        if name == "cairosvg":
+            pixels = _straight(draw_by_cairo(module, svg, width, height))
+        else:
+            pixels = draw_by_resvg(module, svg.decode("utf-8"), width, height)
     return Rendered(_centred(pixels, width, height), full_name(module, name), note)
 
 
@@ -200,19 +203,6 @@ def _load(name: str) -> tuple[ModuleType | None, str | None]:
         return None, f"{name} cannot be imported ({error}); pip install {_PACKAGES[name]}"
 
 
-def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
-    pixels = draw_by_cairo(module, svg, width, height)
-    _make_straight(pixels)
-    return pixels
-
-
-def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
-    return draw_by_resvg(module, svg.decode("utf-8"), width, height)
-
-
-_DRAW = {"cairosvg": _draw_cairosvg, "resvg": _draw_resvg}
-
-
 def draw_by_resvg(module: ModuleType, svg: str, width: int, height: int) -> np.ndarray:
     """(h, w, 4) uint8 straight RGBA: an SVG's text drawn within width x height px. Raises whatever resvg raises."""
     from PIL.PngImagePlugin import PngImageFile
@@ -280,8 +270,8 @@ def draw_by_cairo(
     return pixels
 
 
-def _make_straight(pixels: np.ndarray) -> None:
-    """Turn what `draw` returns into straight RGBA, in its place and rounded as cairo does when it writes a PNG."""
+def _straight(pixels: np.ndarray) -> np.ndarray:
+    """What `draw_by_cairo` returns as straight RGBA, in its place and rounded as cairo does when it writes a PNG."""
     rows = max(1, _STRIP_PIXELS // pixels.shape[1])
     for top in range(0, pixels.shape[0], rows):
         part = pixels[top : top + rows]
@@ -291,3 +281,4 @@ def _make_straight(pixels: np.ndarray) -> None:
             colours = straight[..., :3] * np.uint16(255) + alpha // 2
             straight[..., :3] = colours // np.maximum(alpha, 1)
         part[:] = straight
+    return pixels

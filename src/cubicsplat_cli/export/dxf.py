@@ -10,6 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.export.shapes import Paint, PaintedShapes
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene.paint import mean_fill
 from cubicsplat_cli.svg.paths import halves
 
@@ -34,7 +35,7 @@ def dxf(drawing: PaintedShapes, mark: str, tolerance: float) -> bytes:
     document.set_modelspace_vport(height, (width / 2.0, height / 2.0))
     space, count = document.modelspace(), 0
     for colour, vertices, closed, pen in _outlines(drawing, tolerance):
-        layer = "#{:02x}{:02x}{:02x}".format(*colour)
+        layer = hex_text(colour)
         if layer not in document.layers:
             document.layers.add(layer, true_color=ezdxf.colors.rgb2int(colour))
         outline = space.add_lwpolyline(vertices, format="xyb", close=closed, dxfattribs={"layer": layer})

@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, GridTrack
 
@@ -27,8 +28,7 @@ def lottie(clip: GridClip, *, fps: float, title: str = "") -> str:
     """
     layers = [_layer(clip, group, fps, index) for index, group in enumerate(clip.groups)]
     if clip.background is not None:
-        red, green, blue = clip.background
-        solid = {"sw": clip.width, "sh": clip.height, "sc": f"#{red:02x}{green:02x}{blue:02x}"}
+        solid = {"sw": clip.width, "sh": clip.height, "sc": hex_text(clip.background)}
         layers.append(_placed(_SOLID, len(layers), 0.0, clip.duration * fps, 100) | solid)
     document = {
         "meta": {"program": PROGRAM, "version": __version__}, "v": _FORMAT, "nm": title, "ddd": 0, "assets": [],

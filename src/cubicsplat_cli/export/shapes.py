@@ -11,7 +11,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.formatting import counted, one_line
+from cubicsplat_cli.formatting import counted, hex_text, one_line
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
 from cubicsplat_cli.svg.own import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader, OwnElement
@@ -163,10 +163,9 @@ def _stop(tree: StyledTree, stop: ElementTree.Element) -> dict[str, str]:
     """The attributes of a stop as `GradientReader` takes them."""
     values = tree.declared(stop)
     rgba = colour(values.get("stop-color", "black"), values.get("color", "black")) or (0.0, 0.0, 0.0, 0.0)
-    red, green, blue = (round(255.0 * channel) for channel in rgba[:3])
     opacity = rgba[3] * share(values.get("stop-opacity", "1"))
     return {
         "offset": repr(share(values.get("offset", "0"))),
-        "stop-color": f"#{red:02x}{green:02x}{blue:02x}",
+        "stop-color": hex_text(round(255.0 * channel) for channel in rgba[:3]),
         "stop-opacity": repr(opacity),
     }

@@ -87,8 +87,9 @@ def open_clip(
         if fps is not None:
             source = _at_rate(source, fps)
     if most_frames is not None:
-        source = replace(source, frames=_then(source.frames, lambda frames: islice(frames, most_frames)))
-        source = replace(source, count=None if source.count is None else min(source.count, most_frames))
+        count = None if source.count is None else min(source.count, most_frames)
+        taken = _then(source.frames, lambda frames: islice(frames, most_frames))
+        source = replace(source, frames=taken, count=count)
     if max_size is not None:
         source = replace(source, frames=_then(source.frames, lambda frames: _smaller(frames, max_size)))
     first = [*islice(source.frames(), 2)]

@@ -14,8 +14,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.formatting import counted, duration, file_size
 from cubicsplat_cli.html_report.charts import Chart, course, histogram
-from cubicsplat_cli.html_report.drawing import Shown, shown_elements
-from cubicsplat_cli.html_report.embed import data_url, picture_url, rendered
+from cubicsplat_cli.html_report.embed import Shown, data_url, picture_url, rendered, shown_elements
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Setting, renamed, settings_of
 from cubicsplat_cli.request import Request

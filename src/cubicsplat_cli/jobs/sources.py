@@ -62,7 +62,10 @@ def find_sources(arguments: list[str], *, recursive: bool) -> PictureSearch:
             _take_pattern(argument, search)
         else:
             _take_file(Source(path), search)
-    search.sources = list(_without_repetition(search.sources))
+    once: dict[Path, Source] = {}
+    for source in search.sources:
+        once.setdefault(source.path.absolute(), source)
+    search.sources = list(once.values())
     return search
 
 
@@ -126,12 +129,3 @@ def _take_folder(folder: Path, recursive: bool, search: PictureSearch) -> None:
     if count == 0 and not search.problems:
         hint = "with -r the folders in it are searched too" if deeper else "give a folder with pictures"
         search.problems.append((str(folder), InputError(f"{folder}: is a folder without pictures; {hint}")))
-
-
-def _without_repetition(sources: list[Source]) -> Iterator[Source]:
-    seen = set()
-    for source in sources:
-        key = source.path.absolute()
-        if key not in seen:
-            seen.add(key)
-            yield source

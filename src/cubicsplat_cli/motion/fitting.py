@@ -5,15 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.motion.following import follow
-from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
 from cubicsplat_cli.motion.tracks import Tracks, grid_of
@@ -23,6 +24,7 @@ from cubicsplat_cli.progress import Stopped, work
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Clip, MovingScene, Scene, points_from_segments
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.moving import TRACKS
 from cubicsplat_cli.settings import ANY, FitSettings
 
@@ -41,6 +43,11 @@ RATE = 0.15  # of the joint fit, in step sizes of the start of a fit
 # Of the bytes of pictures of the frames, after gzip: the part that a clip is promised to take at most.
 MOST_SHARE = 0.25
 SEEN = 0.004  # an opacity that 8-bit renderers show
+# Of scene cuts:
+BLOCKS = 12  # along the longer side: means of blocks move little where a camera pans
+LEAST_JUMP = 0.06  # of the range of values, between the blocks of two frames: no cut is smaller
+JUMP = 3.0  # times the largest difference of the frames before
+REMEMBERED = 8  # differences
 
 
 def fit_clip(
@@ -95,9 +102,7 @@ def _checked(frames: Iterable[Frame], *, opaque: bool) -> Iterator[Frame]:
         if shape not in (None, picture.shape):
             raise InputError(f"frames must have one size, but one has {picture.shape} after {shape}")
         shape = picture.shape
-        if shape[2] == 3 and not opaque:
-            picture = np.concatenate([picture, np.ones_like(picture[..., :1])], axis=2)
-        yield np.ascontiguousarray(picture, np.float32), begin, end
+        yield np.ascontiguousarray(with_channels(picture, 3 if opaque else 4), np.float32), begin, end
 
 
 @dataclass(frozen=True)
@@ -128,8 +133,7 @@ class ClipFit:
         settings = settings.for_size(width, height)
         background = choose_background(picture, settings)
         if background is not None:
-            red, green, blue = (round(255.0 * value) for value in background)
-            settings = settings.with_(background=f"#{red:02x}{green:02x}{blue:02x}")
+            settings = settings.with_(background=hex_text(round(255.0 * value) for value in background))
         # The deadline is that of the work, for all frames together.
         self.settings = settings.with_(device="cpu", time_limit=None)
         self.engine = CpuEngine(settings.threads or work().threads)
@@ -221,3 +225,51 @@ class ClipFit:
 
     def _tell(self, stage: str, frames: float) -> None:
         work().at(stage, min(1.0, (self.done + frames) / self.count) if self.count else 0.0)
+
+
+@dataclass
+class FrameGroup:
+    """pictures: (H, W, C) float32 each. times: when each begins, s. end: of the last, s. after_cut: whether its first
+    frame has nothing to do with the one before.
+    """
+
+    after_cut: bool
+    pictures: list[np.ndarray] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    end: float = 0.0
+
+    def add(self, picture: np.ndarray, begin: float, end: float) -> None:
+        self.pictures.append(picture)
+        self.times.append(begin)
+        self.end = end
+
+
+def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iterator[FrameGroup]:
+    """Groups of at most so many frames. frames: pictures (H, W, C), and the seconds of their begin and end."""
+    recent: deque[float] = deque(maxlen=REMEMBERED)
+    group, before = FrameGroup(after_cut=True), None
+    for picture, begin, end in frames:
+        blocks = _blocks(picture)
+        jump = 0.0 if before is None else float(np.abs(blocks - before).mean())
+        cut = jump > max(LEAST_JUMP, JUMP * max(recent, default=0.0))
+        if cut or len(group.pictures) == most:
+            yield group
+            group = FrameGroup(after_cut=cut)
+        recent.append(jump)
+        if cut:
+            recent.clear()
+        before = blocks
+        group.add(picture, begin, end)
+    if group.pictures:
+        yield group
+
+
+def _blocks(picture: np.ndarray) -> np.ndarray:
+    """Means of about square blocks, `BLOCKS` along the longer side."""
+    side = max(1, -(-max(picture.shape[:2]) // BLOCKS))
+    for axis in (0, 1):
+        edges = np.arange(0, picture.shape[axis], side)
+        counts = np.diff(np.append(edges, picture.shape[axis])).astype(np.float32)
+        means = np.add.reduceat(picture, edges, axis=axis)
+        picture = means / counts.reshape([-1, 1, 1] if axis == 0 else [1, -1, 1])
+    return picture

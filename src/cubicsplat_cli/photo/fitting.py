@@ -19,24 +19,23 @@ def fit(
     on_progress: Callable[[Progress], None] | None = None,
     recorder: FrameRecorder | None = None,
     inputs: FitInputs = NO_INPUTS,
-    rough: tuple[np.ndarray, FitInputs] | None = None,
 ) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
-    recorder: keeps scenes on the way. inputs: what else the fit is given. rough: a smaller copy of the picture, on
-    which all but the exact finish is done, and its inputs; only for fits that do not begin with a drawing.
+    recorder: keeps scenes on the way. inputs: what else the fit is given.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
     leaves the state that the fit had come to, with a note.
     """
-    return Fitting(target, settings, on_progress, recorder, inputs, rough).finish()
+    return Fitting(target, settings, on_progress, recorder, inputs).finish()
 
 
 class Fitting(FitLoop):
     """A fit in parts, between which the number of its curves may change; the parameters and errors are those of `fit`.
 
-    Only fits that do not begin with a drawing come in parts.
+    rough: a smaller copy of the picture, on which all but the exact finish is done, and its inputs. Only fits that do
+    not begin with a drawing come in parts, or have such a copy.
     """
 
     def __init__(

@@ -21,7 +21,7 @@ from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace, one_torch_thread
+from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace, one_torch_thread, with_channels
 from cubicsplat_cli.settings import FitSettings
 
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
@@ -60,10 +60,7 @@ class FitLoop:
 
     def _look_at(self, target: Array, inputs: FitInputs) -> None:
         """Makes the picture (H, W, C) and the pixels' weights the goal of the fit, where the engine is."""
-        if target.shape[2] == 3 and self.settings.background == "none":
-            xp = namespace(target)
-            target = xp.concat([target, xp.ones_like(target[..., :1])], axis=-1)
-        self.target = target
+        self.target = target = with_channels(target, 4 if self.settings.background == "none" else 3)
         self.weights = None if inputs.weights is None else like(target, np.ascontiguousarray(inputs.weights))
         weights = None if self.weights is None else self.engine.take(self.weights)
         objective = Objective(self.settings.loss, self.engine.take(target), weights)

@@ -21,14 +21,13 @@ from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.motion import fit_clip
 from cubicsplat_cli.options import NO_PHOTO_PARTS, GzipBytes
-from cubicsplat_cli.pipeline.animation import Animation, CurvesAnimation, DrawnAnimation
-from cubicsplat_cli.pipeline.clip_task import ClipTask
+from cubicsplat_cli.pipeline.animation import Animation, ClipTask, CurvesAnimation, DrawnAnimation
 from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.moving import Clip
 from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
-from cubicsplat_cli.svg.moving_writer import write_clip
+from cubicsplat_cli.svg.moving_file import write_clip
 
 if TYPE_CHECKING:
     from cubicsplat_cli.artwork.shapes import Drawing
@@ -83,7 +82,7 @@ def style_of(task: ClipTask) -> Style:
     settings, limit = task.request.settings, task.request.settings.time_limit
     limited = settings.with_(curves=None, time_limit=None if limit is None else TO_CHOOSE * limit)
     alone = Request(limited, measure=False, photo_parts=NO_PHOTO_PARTS)  # which would not move
-    *_, made = candidates(task_of(first, alone, StageTimer()))
+    *_, made = candidates(task_of(first, alone, StageTimer()), style)
     if made.interrupted:
         raise KeyboardInterrupt
     return made.style
@@ -100,9 +99,9 @@ def fitted_clip(task: ClipTask, work: Work) -> Animation:
 
 def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> Clip:
     frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
-    form = {"precision": task.request.precision, "bytes_per_second": bytes_per_second}
+    precision = task.request.precision
     try:
-        return fit_clip(frames, settings, task.source.count, **form)  # type: ignore[arg-type]
+        return fit_clip(frames, settings, task.source.count, precision=precision, bytes_per_second=bytes_per_second)
     except Stopped:
         if work.interrupted:
             raise KeyboardInterrupt from None

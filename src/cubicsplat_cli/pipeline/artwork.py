@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE
 from cubicsplat_cli.pipeline.likeness import FileLevel
 from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
@@ -207,8 +208,8 @@ def result_of_drawing(drawing: Drawing, request: Request) -> Made:
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
     """The members of the report about a drawing whose shapes are paths of one colour each."""
-    colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
-    return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}
+    inks = [hex_text(fill) for fill in fills]
+    return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": inks}
 
 
 def within_budget(task: Task, versions: Iterator[Made]) -> Made:

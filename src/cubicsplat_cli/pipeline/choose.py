@@ -12,7 +12,7 @@ from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
-from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
+from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo, is_smaller
 from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
@@ -37,12 +37,14 @@ class PhotoIsNearer(Exception):
     """A drawing is not worth finishing; the text says why, as `photo_is_nearer` does."""
 
 
-def candidates(task: Task) -> Iterator[Made]:
+def candidates(task: Task, style: Style | None = None) -> Iterator[Made]:
     """Yield finished results, each to replace the one before. With the style "auto", the result of the style that suits
     the picture comes first. A second one follows if the other style is nearer, or if there is a note on the comparison.
+
+    style: what `choose_style` says of the target, where that is known.
     """
     with task.working():
-        made = _first(task)
+        made = _first(task, style)
     yield made
     if not (made.may_be_photo or made.may_be_drawn) or task.seconds_left() <= 0.0:
         return
@@ -52,7 +54,7 @@ def candidates(task: Task) -> Iterator[Made]:
         yield better
 
 
-def _first(task: Task) -> Made:
+def _first(task: Task, style: Style | None) -> Made:
     """The result of the style that is asked for or suits the picture; if that fails, of the other style."""
     request = task.request
     if request.settings.device == "cuda":
@@ -67,7 +69,7 @@ def _first(task: Task) -> Made:
         page = _page(task)
         made = _made(task, asked) if page is None else replace(page, style=asked)
         return replace(made, may_be_photo=False)
-    style = choose_style(task.target.target())
+    style = style or choose_style(task.target.target())
     try:
         return (None if style.cells else _page(task)) or _suiting(task, style)
     except PhotoIsNearer as nearer:
@@ -126,8 +128,8 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
     """The drawing of a picture from which the photo is far, if that is nearer; else the photo, with a note if that is
     not known.
     """
-    level = level_db(task, photo.scene, photo.samples)
-    if level is None or level >= FAR_DB or photo.interrupted:
+    level = _level_db(task, photo)
+    if level >= FAR_DB or photo.interrupted:
         return photo
     return _nearer_of(task, photo, _drawing_of(task, photo.style, level))
 
@@ -142,20 +144,25 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     fit = PhotoFit(task)
     scene, rise = fit.early() or (None, 0.0)
     level = level_db(task, scene, task.request.settings.finish_samples)
-    if level is None or (level + rise >= FAR_DB and not style.doubtful):
+    if math.isinf(level) or (level + rise >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
     drawing = _drawing_of(task, style, level + rise)
-    # Of few colours a photo often ends far above what an early look tells, in fewer bytes than many shapes take.
-    far = level + rise < FAR_DB
-    enough = level + rise + MARGIN_DB if far else ENOUGH_DB
     if isinstance(drawing, Made):
-        if drawing.interrupted or (_is_above(task, drawing, enough) and (far or is_smaller(task, drawing))):
+        own = _level_db(task, drawing)
+        # The photo may end far above what a look tells, in fewer bytes than many shapes take.
+        decisive = level + rise < FAR_DB or is_smaller(task, drawing)
+        if drawing.interrupted or (decisive and own > decisive_db(level + rise)):
             return _instead(drawing, level + rise)
-        own = level_db(task, drawing.scene, drawing.samples, drawing.blur)
-        most = None if own is None or not (far or is_smaller(task, drawing)) else fit.most(own)
+        most = fit.most(own) if decisive else None
         if most is not None:
             return _instead(drawing, most)
     return _nearer_of(task, replace(fit.finished(), style=style), drawing)
+
+
+def decisive_db(expected: float) -> float:
+    """The level from which on a drawing replaces a photo that an early look expects to end with so many dB."""
+    # Of few colours a photo often ends far above what an early look tells.
+    return expected + MARGIN_DB if expected < FAR_DB else ENOUGH_DB
 
 
 def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | None:
@@ -164,7 +171,7 @@ def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | No
     """
 
     def check(sketch: Made) -> None:
-        if not _is_above(task, sketch, level - SKETCH_DB):
+        if _level_db(task, sketch) <= level - SKETCH_DB:
             raise PhotoIsNearer(f"it has {level:.1f} dB")
 
     try:
@@ -184,16 +191,8 @@ def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Mad
         return photo
     if drawing.interrupted:
         return _interrupted(photo)
-    level = level_db(task, photo.scene, photo.samples)
-    if level is None or not _is_above(task, drawing, level):
-        return photo
-    return _instead(drawing, level)
-
-
-def _is_above(task: Task, made: Made, level: float) -> bool:
-    """Whether a result is nearer to the picture than some dB."""
-    own = level_db(task, made.scene, made.samples, made.blur)
-    return own is None or own > level
+    level = _level_db(task, photo)
+    return _instead(drawing, level) if _level_db(task, drawing) > level else photo
 
 
 def _instead(drawing: Made, level: float) -> Made:
@@ -240,15 +239,14 @@ def _enough_db(drawing: Made) -> float:
     return min(ENOUGH_DB, decibels((drawing.noise / 255.0) ** 2) - MARGIN_DB) if drawing.noise else ENOUGH_DB
 
 
+def _level_db(task: Task, made: Made) -> float:
+    """The level of a result; see `likeness.level_db`."""
+    return level_db(task, made.scene, made.samples, made.blur)
+
+
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
-    """The level of a result as people see it; infinite where it is the picture, has no scene, or has enough dB already
-    by its pixels.
-    """
-    likeness = None if made.scene is None else Likeness.of(task, made.scene, made.samples, made.blur)
-    pixels_db = None if likeness is None else likeness.pixels_db()
-    if likeness is None or pixels_db is None or pixels_db >= enough_db:
-        return math.inf
-    return likeness.seen_db(pixels_db)
+    """The level of a result as people see it; see `likeness.seen_db`."""
+    return seen_db(task, made.scene, made.samples, made.blur, enough_db)
 
 
 def _suiting(task: Task, style: Style) -> Made:
@@ -287,13 +285,17 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     drawn = _seen_db(task, made, _enough_db(made))
     if math.isinf(drawn):
         return None
-    rest = 10.0 ** (-0.1 * drawn) - fall
-    rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
     curves = curves_of_equal_bytes(task, made)
     if curves not in task.quick_photos:
         task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, made.samples))
-    fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB - QUICK_BEHIND_DB)
+    fitted = task.quick_photos[curves].beyond(risen_db(drawn, rise_db, fall) + MARGIN_DB - QUICK_BEHIND_DB)
     if fitted is None:
         return None
     near = "is identical" if math.isinf(fitted) else f"has {fitted:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB, as pixels and as tones"
+
+
+def risen_db(level: float, rise_db: float, fall: float) -> float:
+    """The level in dB to which another may rise; see `photo_is_nearer`."""
+    rest = 10.0 ** (-0.1 * level) - fall
+    return level + (min(rise_db, -10.0 * math.log10(rest) - level) if rest > 0.0 else rise_db)

@@ -24,6 +24,7 @@ from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.scene import EmbeddedImage, Scene
+from cubicsplat_cli.scene.arrays import with_channels
 
 JPEG_QUALITY = 92  # of an embedded photo: hardly anybody sees what it loses
 NAME = "photo"  # of a shape that is one
@@ -42,8 +43,7 @@ def page_in(task: Task) -> Page | None:
     target = task.target.target()
     factor = reduction(*target.shape[:2])
     if factor > 1:
-        opaque = np.concatenate([target, np.ones_like(target[..., :1])], axis=2)
-        target = np.ascontiguousarray(blocks_of(opaque, factor)[..., :3])
+        target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., :3])
     return page_of(target)
 
 

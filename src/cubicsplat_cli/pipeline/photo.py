@@ -73,7 +73,7 @@ class PhotoFit:
             if not self._fitting.relax(share):
                 return None
             level = level_db(self._task, self._fitting.scene(), self._task.request.settings.finish_samples)
-            if level is not None and level + rise <= least:
+            if level + rise <= least:
                 return level + rise
         return None
 
@@ -99,10 +99,10 @@ def is_smaller(task: Task, drawing: Made) -> bool:
 class QuickPhoto:
     """A fit of so many curves in few steps to a small copy of a picture, done as far as its level matters.
 
-    level_of: the level of a scene, dB; None where it is the picture.
+    level_of: the level of a scene, dB; infinite where it is the picture.
     """
 
-    def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float | None]) -> None:
+    def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float]) -> None:
         self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
         from cubicsplat_cli.photo.fitting import Fitting  # which most drawings do not come to
 
@@ -116,8 +116,7 @@ class QuickPhoto:
         while self._looks and self._most > least:
             share, rise = self._looks.pop(0)
             scene = self._fitting.scene() if rise and self._fitting.relax(share) else self._end()
-            level = self._level_of(scene)
-            self._most = math.inf if level is None else level + rise
+            self._most = self._level_of(scene) + rise
         return self._most if self._most > least else None
 
     def _end(self) -> Scene:

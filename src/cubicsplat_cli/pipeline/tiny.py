@@ -23,6 +23,7 @@ from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.polygons import (
     FEWEST,
@@ -88,9 +89,7 @@ class TinySearch:
     ) -> None:  # fmt: skip
         self.polygons, self.engine = polygons, engine
         goal = np.ascontiguousarray(target.target(), dtype=np.float32)
-        if polygons.background is None and goal.shape[2] == 3:
-            goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
-        self.goal, self.weights = goal, weights
+        self.goal, self.weights = with_channels(goal, 4 if polygons.background is None else 3), weights
         self.scale = np.array(target.size) / polygons.size
         self.generator = np.random.default_rng(settings.seed)
         self.most_vertices = FEWEST if settings.shapes == "triangle" else MOST

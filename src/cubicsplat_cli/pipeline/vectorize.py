@@ -32,6 +32,7 @@ from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
 from cubicsplat_cli.svg.shapes import geometrize_list
 
@@ -149,10 +150,9 @@ def scores_of(task: Task, scene: Scene) -> list[float]:
     On a copy of at most SCORES_SIDE px.
     """
     target = resize_picture(task.picture, SCORES_SIDE)
-    sized, goal = scaled_scene(scene, target.width, target.height), target.target()
+    sized = scaled_scene(scene, target.width, target.height)
+    goal = with_channels(target.target(), sized.channels)
     ground = np.zeros(4, np.float32) if sized.background is None else np.array(sized.background, np.float32)
-    if sized.background is None and goal.shape[2] == 3:
-        goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
     drawn: np.ndarray = np.broadcast_to(ground, goal.shape)
     scores = [_root_mean_square(drawn - goal)]
     for curve in reversed(range(sized.curves)):

@@ -1,4 +1,4 @@
-"""Drawing scenes: one differentiable operator over the engines, and the readable reference."""
+"""Drawing scenes: one differentiable operator over the engines."""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 """The map of the borders between regions, by the native library: which touch, which enclose others, and the loops of
-cracks around them."""
+cracks around them.
+
+All raise EngineError where the library or the memory is missing.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from itertools import compress
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import doubles, int32s, native
 from cubicsplat_cli.raster.outlines import EdgePositions, size_of
 
 _native = partial(native, "borders")
@@ -60,7 +63,7 @@ class BorderMap:
     @cached_property
     def around(self) -> np.ndarray:
         """(R,) int32 the innermost one that encloses each, through which all its ways to the canvas's border lead, -1
-        where none does. Raises EngineError where the library or the memory is missing.
+        where none does.
         """
         out = np.full(self.count, -1, np.int32)
         given = self.labels, *self.labels.shape, self.count, len(self.first), self.first, self.second
@@ -69,7 +72,7 @@ class BorderMap:
 
     @cached_property
     def loops(self) -> Loops:
-        """The loops around all regions. Raises EngineError where the library or the memory is missing."""
+        """The loops around all regions."""
         room = int(self.cracks.sum()) + 2 * sum(self.labels.shape)
         found = np.empty((room, 3), np.int64), *(np.empty(room, np.int64) for _ in range(3))
         count = _native("cs_loops", self.labels, *self.labels.shape, *found, result=c_int64)
@@ -77,8 +80,8 @@ class BorderMap:
 
 
 def border_map(labels: np.ndarray) -> BorderMap:
-    """The borders of labels (H, W) >= 0. Raises EngineError where the library or the memory is missing."""
-    labels = np.ascontiguousarray(labels, np.int32)
+    """The borders of labels (H, W) >= 0."""
+    labels = int32s(labels)
     count = int(labels.max()) + 1
     room = 6 * count  # as many as connected regions have
     while True:
@@ -97,7 +100,7 @@ def passings(
 
     reaches: px along the loop from which its headings on either side are taken, the first where the mean squared
     residual, in sigmas, of a parabola is at most `smooth`; least: radians, of the standard error beyond that of the
-    points. Raises EngineError where the library or the memory is missing.
+    points.
     """
     places, turns = np.empty((len(loops.cracks), 5), np.int64), np.empty((len(loops.cracks), 2))
     given = loops.cracks, loops.beside, len(loops.ends), loops.ends, loops.owners, *size_of(found), *found
@@ -109,18 +112,17 @@ def passings(
 def border_positions(
     levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, error: float, rounding: float, share_error: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where borders run across all cracks, px, and the standard errors: two (H + 1, W) of horizontal cracks and two
-    (H, W + 1) of vertical ones.
+    """Where borders run across all cracks, px, and the standard errors: two (H + 1, W) of horizontal cracks and two (H,
+    W + 1) of vertical ones.
 
     levels: (H, W, 4), known to an error, of which `rounding` is that of a clean picture; share_error: of the shares of
-    pixels that shapes cover. labels: (H, W) the regions, fills: (R, 4) theirs, in levels. Raises EngineError where the
-    library is missing.
+    pixels that shapes cover. labels: (H, W) the regions, fills: (R, 4) theirs, in levels.
     """
     height, width = labels.shape
     wide = levels.dtype == np.float64
     picture = np.ascontiguousarray(levels, np.float64 if wide else np.float32), wide
     kinds = np.unique(doubles(fills), axis=0)
-    given = np.ascontiguousarray(labels, np.int32), height, width, doubles(fills), len(kinds), kinds
+    given = int32s(labels), height, width, doubles(fills), len(kinds), kinds
     rows, row_sigma = np.empty((2, height + 1, width))
     columns, column_sigma = np.empty((2, height, width + 1))
     found = rows, row_sigma, columns, column_sigma

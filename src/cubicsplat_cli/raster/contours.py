@@ -1,4 +1,7 @@
-"""Contours fitted whole, many at a time, by the native library."""
+"""Contours fitted whole, many at a time, by the native library.
+
+All raise EngineError where the library or the memory is missing.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class FittedContour:
 def independent(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """The weights (n,) 1/px^2 of a loop of points (n, 2), less where neighbouring points err together: drawing programs
     sample edges on a grid of about quarter pixels, so those of a nearly level or upright stretch err together as far as
-    it takes to cross a row of samples, and count as one. Raises EngineError where the library is missing.
+    it takes to cross a row of samples, and count as one.
     """
     out = np.empty(len(points))
     native("outlines", "cs_independent", len(points), doubles(points), doubles(weights), out, result=None)
@@ -38,28 +41,21 @@ def independent(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def fitted_contours(
-    ends: np.ndarray,
-    points: np.ndarray,
-    weights: np.ndarray,
-    known: np.ndarray,
-    prices: np.ndarray,
-    *,
-    astray: bool,
+    ends: np.ndarray, points: np.ndarray, weights: np.ndarray, known: np.ndarray, prices: np.ndarray, *, astray: bool
 ) -> tuple[list[FittedContour], int]:
     """The outline nearest to each of some closed contours, and how many of these are none, since they have fewer than
     three different points. The same for any number of threads.
 
     ends: (C,) where the points of each contour end; points: (n, 2) px; weights: (n,) 1/px^2, 0 where unknown; known:
     (n,) bool, unknown points that are corners; prices: (C,) nats of a parameter. astray: whether what encloses much
-    more or less than its points do is fitted again, ever closer to them. Raises EngineError where the library or the
-    memory is missing.
+    more or less than its points do is fitted again, ever closer to them.
     """
-    ends, loops = np.ascontiguousarray(ends, np.int64), len(ends)
+    ends, loops = int64s(ends), len(ends)
     room = 2 * (len(points) + loops)
     form, values, pieces = np.full(loops, -1, np.int32), np.zeros((loops, 6)), np.empty(loops, np.int64)
     anchors, controls = np.empty((room, 2)), np.empty((room, 2, 2))
     lines, smooth, doubtful = np.empty(room, bool), np.empty(room, bool), np.zeros(loops, bool)
-    given = ends, doubles(points), doubles(weights), np.ascontiguousarray(known, bool), doubles(prices)
+    given = ends, doubles(points), doubles(weights), bools(known), doubles(prices)
     out = form, values, pieces, anchors, controls, lines, smooth, doubtful
     bad = native("outlines", "cs_fit_contours", loops, *given, astray, work().threads, *out, result=c_int64)
     places = (2 * (np.concatenate([[0], ends])[:-1] + np.arange(loops))).tolist()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -138,6 +138,10 @@ _KINDS: dict[type, Any] = {np.ndarray: memory_of, int: c_int64, bool: c_int64, f
 def doubles(array: Any) -> np.ndarray:
     """An array as the library takes it: contiguous, of float64; itself where it is."""
     return np.ascontiguousarray(array, np.float64)
+
+
+# The same of other types.
+floats, int32s, int64s, bools = (partial(np.ascontiguousarray, dtype=t) for t in (np.float32, np.int32, np.int64, bool))
 
 
 def instruction_sets() -> list[str]:

@@ -1,4 +1,7 @@
-"""Outlines divided into lines and cubics and fitted to points, and feet of points on cubics, by the native library."""
+"""Outlines divided into lines and cubics and fitted to points, and feet of points on cubics, by the native library.
+
+All raise EngineError where the library or the memory is missing.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
 
 _native = partial(native, "outlines")
 Outline = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The parameters u (P, K) after one Newton step towards the feet of points (P, K, 2) on cubics (P, 4, 2).
-
-    Raises EngineError where the library is missing.
-    """
+    """The parameters u (P, K) after one Newton step towards the feet of points (P, K, 2) on cubics (P, 4, 2)."""
     u = doubles(u)
     out = np.empty_like(u)
     _native("cs_nearer", *u.shape, doubles(cubics), doubles(points), u, out, result=None)
@@ -64,8 +64,7 @@ def divided_run(
 
     fits: of the points, positions (m, 2) px, unit tangents (m, 2), curvatures (m,) 1/px, and standard errors (m, 2), px
     across the run and radians. weights: (m,) 1/px^2, 0 where points tell nothing. ends: positions, unit tangents and
-    standard errors, (2, 2) each, where the run starts and stops. price: nats. Raises EngineError where the library or
-    the memory is missing.
+    standard errors, (2, 2) each, where the run starts and stops. price: nats.
     """
     count, cost = len(weights), c_double()
     given = [doubles(array) for array in (*fits, weights, *ends)]
@@ -73,34 +72,6 @@ def divided_run(
     out = *found._arrays(), byref(cost)
     pieces = _native("cs_divide", count, *given, float(price), *out, result=c_int64)
     return found._first(pieces), cost.value
-
-
-def laid_out(
-    points: np.ndarray,
-    weights: np.ndarray,
-    corners: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-    price: float,
-) -> tuple[Division, np.ndarray, int, np.ndarray]:
-    """The cheapest division of a closed loop into lines and cubics: which of its corners pay (C,), from which point on
-    the pieces follow each other, and the weights (n,) 1/px^2 without the points next to corners, which see both flanks.
-
-    Every corner but a sure one that turns little, or has another near, is kept only if that is cheaper than doing
-    without, and so are those in a row along a rounding. The runs between the corners, or the whole loop where none is
-    left, are divided by dynamic programming: nodes are laid along a run, denser where it bends, each pair of them gets
-    the best line and the best cubic with the tangents measured there, and the cheapest path through the nodes is the
-    division. The price of a piece is half of chi^2 plus the price of a parameter times their number.
-
-    points: (n, 2) px; weights: (n,) 1/px^2, 0 where points tell nothing. corners: indices (C,) of the points after
-    them, ascending, positions (C, 2) px, turns (C,) radians, and (C,) bool, which are sure. price: of a parameter,
-    nats. Raises EngineError where the library or the memory is missing.
-    """
-    count, start = len(points), c_int64()
-    index, position, turn, sure = corners
-    at = [np.ascontiguousarray(index, np.int64), doubles(position), doubles(turn), np.ascontiguousarray(sure, bool)]
-    given = count, doubles(points), doubles(weights), len(index), *at, float(price)
-    kept, chosen, found = np.empty(len(index), bool), np.empty(count), Division._room(2 * count + 2)
-    pieces = _native("cs_lay_out", *given, kept, byref(start), chosen, *found._arrays(), result=c_int64)
-    return found._first(pieces), kept, start.value, chosen
 
 
 def found_merges(
@@ -116,14 +87,13 @@ def found_merges(
     ring: the pieces (S, 4, 2), and (S,) bool whether each is a line, starts smoothly, starts at a place that stays, and
     shows. samples: points along it (n, 2) px, weights (n,), and where those of each piece end (S,). judged: nats a
     parameter, the share of half of chi^2 that counts against a run, and the least cosine of the angle between the
-    directions at its ends. runs: the longest where it shows, and where it does not; the fewest pieces of a ring. Raises
-    EngineError where the library or the memory is missing.
+    directions at its ends. runs: the longest where it shows, and where it does not; the fewest pieces of a ring.
     """
     pieces, most = len(ring[0]), len(ring[0]) * runs[1]
     numbers, cubics, nets = np.empty((most, 4), np.int64), np.empty((most, 4, 2)), np.empty(most)
-    flags = [np.ascontiguousarray(each, bool) for each in ring[1:]]
+    flags = [bools(each) for each in ring[1:]]
     points, weights, ends = samples
-    given = np.ascontiguousarray(ends, np.int64), doubles(points), doubles(weights), *judged, np.array(runs, np.int64)
+    given = int64s(ends), doubles(points), doubles(weights), *judged, np.array(runs, np.int64)
     count = _native("cs_find_merges", pieces, doubles(ring[0]), *flags, *given, numbers, nets, cubics, result=c_int64)
     return numbers[:count], cubics[:count], nets[:count]
 
@@ -142,18 +112,17 @@ class Joints:
 
     @cached_property
     def _given(self) -> list[Any]:
-        flags = [np.ascontiguousarray(array, bool) for array in (self.lines, self.smooth, self.level)]
-        return [len(self.smooth), len(self.lines), *flags, np.ascontiguousarray(self.tied, np.int64)]
+        flags = [bools(array) for array in (self.lines, self.smooth, self.level)]
+        return [len(self.smooth), len(self.lines), *flags, int64s(self.tied)]
 
     @cached_property
     def variables(self) -> int:
-        """The number of variables that move the outline. Raises EngineError where the library or the memory is
-        missing."""
+        """The number of variables that move the outline."""
         return int(_native("cs_count_variables", *self._given, result=c_int64))
 
     @cached_property
     def numbers(self) -> JointNumbers:
-        """The variables of the joints. Raises EngineError where the library or the memory is missing."""
+        """The variables of the joints."""
         out = np.empty((len(self.smooth), 5), np.int64)
         _native("cs_number_joints", *self._given, out)
         return JointNumbers(*out.T)
@@ -172,10 +141,10 @@ class JointNumbers(NamedTuple):
 
 def tied_coordinates(anchors: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """(A, 2) int64 the variable of each coordinate of anchors (A, 2): one for both ends of a piece that is a level or
-    upright line; lines: (S,) bool. Raises EngineError where the library or the memory is missing.
+    upright line; lines: (S,) bool.
     """
     tied = np.empty(anchors.shape, np.int64)
-    _native("cs_tie", len(anchors), len(lines), doubles(anchors), np.ascontiguousarray(lines, bool), tied)
+    _native("cs_tie", len(anchors), len(lines), doubles(anchors), bools(lines), tied)
     return tied
 
 
@@ -192,20 +161,18 @@ def held_ring(
     are no smooth ones by their handles are corners.
 
     size: px of the canvas, on whose border what lies nearer to it than `on_border` px is brought; pins: the x, and the
-    y, that stay. Raises EngineError where the library or the memory is missing.
+    y, that stay.
     """
     outline = np.array(anchors, np.float64, order="C"), np.empty(anchors.shape), np.empty(anchors.shape)
     joints = Joints(lines, np.array(smooth, bool), np.empty(len(smooth), bool), np.empty(anchors.shape, np.int64))
     held = *size, float(on_border), len(pins[0]), len(pins[1]), doubles([*pins[0], *pins[1]])
-    given = len(anchors), doubles(controls), np.ascontiguousarray(lines, bool), *held
+    given = len(anchors), doubles(controls), bools(lines), *held
     _native("cs_hold_ring", *given, *outline, joints.smooth, joints.level, joints.tied)
     return outline, joints
 
 
 def outline_directions(joints: Joints, outline: Outline) -> np.ndarray:
-    """(A, 2) unit tangents of the smooth joints. outline: as for `moved_outline`. Raises EngineError where the library
-    or the memory is missing.
-    """
+    """(A, 2) unit tangents of the smooth joints. outline: as for `moved_outline`."""
     out = np.empty(outline[0].shape)
     _native("cs_directions", *joints._given, *map(doubles, outline), out)
     return out
@@ -215,8 +182,7 @@ def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> tuple[O
     """An outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian each, and
     its control points, as `outline_cubics` gives them.
 
-    outline: anchors, and handles before and after them, relative to them, (A, 2) px each. Raises EngineError where the
-    library or the memory is missing.
+    outline: anchors, and handles before and after them, relative to them, (A, 2) px each.
     """
     parts = [np.array(part, dtype=np.float64, order="C") for part in outline]
     cubics = np.empty((len(joints.lines), 4, 2))
@@ -226,18 +192,17 @@ def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> tuple[O
 
 def outline_cubics(lines: np.ndarray, outline: Outline) -> np.ndarray:
     """(S, 4, 2) the control points of an outline of S pieces, some of them lines (S,) bool, whose control points lie at
-    their thirds. outline: as for `moved_outline`. Raises EngineError where the library is missing.
+    their thirds. outline: as for `moved_outline`.
     """
     out = np.empty((len(lines), 4, 2))
-    flags = np.ascontiguousarray(lines, bool)
+    flags = bools(lines)
     _native("cs_outline_cubics", len(outline[0]), len(lines), flags, *map(doubles, outline), out, result=None)
     return out
 
 
 def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The Jacobian of the 8 coordinates of each piece's control points by the variables: the values, columns and row
-    starts of a sparse matrix. outline: as for `moved_outline`. Raises EngineError where the library or the memory is
-    missing.
+    starts of a sparse matrix. outline: as for `moved_outline`.
     """
     rows = 8 * len(joints.lines)
     values, columns, starts = np.empty(8 * rows), np.empty(8 * rows, np.int32), np.empty(rows + 1, np.int32)
@@ -258,8 +223,7 @@ def refined(
     and chi^2: Huber's, of distances in standard errors, linear beyond 3.
 
     outline: anchors, and handles before and after them, relative to them, (A, 2) px each; those at smooth joints are
-    turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and parameter (n,) to start from. Raises
-    EngineError where the library or the memory is missing.
+    turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and parameter (n,) to start from.
     """
     parts = tuple(np.array(part, dtype=np.float64, order="C") for part in outline)
     piece, u = np.array(feet[0], dtype=np.int64), np.array(feet[1], dtype=np.float64)

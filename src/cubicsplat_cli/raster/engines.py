@@ -16,6 +16,7 @@ from cubicsplat_cli.raster.cuda.libcuda import gpus
 from cubicsplat_cli.raster.engine import Engine, EngineScene
 from cubicsplat_cli.raster.settings import FLATNESS, RasterSettings
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import Mode
 
 if TYPE_CHECKING:
@@ -143,9 +144,7 @@ def leave_one_out_importance(
     """The squared error of the exact picture against a target (H, W, C) of the scene's size, and (N,) how much it would
     rise without each curve. weights (H, W): of the pixels. samples: edges per cubic at most.
     """
-    goal = np.ascontiguousarray(target, dtype=np.float32)
-    if scene.background is None and goal.shape[2] == 3:
-        goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
+    goal = with_channels(np.ascontiguousarray(target, dtype=np.float32), scene.channels)
     with closing(CpuEngine(threads)) as engine:
         loss, found = engine.gradients(
             scene_arrays(scene.as_numpy()), RasterSettings("exact", 1.0, samples, FLATNESS), target=goal,

@@ -6,7 +6,7 @@ from ctypes import c_int64
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import native
+from cubicsplat_cli.raster.cpu import int64s, native
 
 
 def linked_groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
@@ -25,7 +25,7 @@ def strong_groups(count: int, start: np.ndarray, end: np.ndarray) -> tuple[int, 
 
 
 def _groups(name: str, count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
-    ends = [np.ascontiguousarray(each, dtype=np.int64) for each in (first, second)]
+    ends = [int64s(each) for each in (first, second)]
     if len(ends[0]) != len(ends[1]) or any(len(each) and not 0 <= each.min() <= each.max() < count for each in ends):
         raise ValueError(f"links lead from and to things 0 to {count - 1}")
     found = np.empty(count, np.int32)

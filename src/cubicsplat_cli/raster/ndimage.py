@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import bools, doubles, native
 
 _native = partial(native, "filters")
 _Line: TypeAlias = "tuple[int, int, int, np.ndarray | None]"  # an axis, the neighbours before and after, and weights
@@ -148,7 +148,7 @@ def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
 def holes_of(mask: np.ndarray) -> np.ndarray:
     """(H, W) bool: what a mask's pixels enclose without being it, connected along the sides of pixels. Of scipy's
     functions the nearest is binary_fill_holes, which has the mask in it."""
-    mask = np.ascontiguousarray(mask, bool)
+    mask = bools(mask)
     holes = np.empty_like(mask)
     _native("cs_holes", mask, *mask.shape, holes)
     return holes
@@ -158,7 +158,7 @@ def reached(shown: np.ndarray, above: np.ndarray, hull: np.ndarray | None, steps
     """(H, W) bool: a mask, what of another one lies within so many steps along rows and columns of it or in a third
     one, None for none, and holes in all this that are of the other one alone; each (H, W) bool. None of scipy's.
     """
-    masks = [None if mask is None else np.ascontiguousarray(mask, bool) for mask in (shown, above, hull)]
+    masks = [None if mask is None else bools(mask) for mask in (shown, above, hull)]
     out = np.empty(shown.shape, bool)
     _native("cs_reach", *shown.shape, *masks, steps, out)
     return out

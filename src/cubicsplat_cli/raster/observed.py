@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import doubles, floats, int32s, native
 
 _native = partial(native, "regions")
 
@@ -24,7 +24,7 @@ def edge_variances(
     contrast: levels of an edge; off: share of the contrast by which an edge's pixels may be off the line between the
     colours that they blend, as those of a thin line between two areas are.
     """
-    levels, luma = (np.ascontiguousarray(each, np.float32) for each in (levels, luma))
+    levels, luma = (floats(each) for each in (levels, luma))
     out = np.empty(2 * most)
     limits = (float(even), float(contrast), float(off))
     return out[: _native("cs_edge_widths", levels, luma, *luma.shape, most, *limits, out, result=c_int64)].copy()
@@ -34,7 +34,7 @@ def planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """(H, W, C) the means of windows of size x size px, odd, of values (H, W, C), whose border goes on beyond it; and
     (H, W) by how much the planes through them change per px, in the channel with most; float32.
     """
-    values = np.ascontiguousarray(values, np.float32)
+    values = floats(values)
     means, slopes = np.empty_like(values), np.empty(values.shape[:2], np.float32)
     _native("cs_planes", values, *values.shape, size, means, slopes)
     return means, slopes
@@ -44,7 +44,7 @@ def second_differences(levels: np.ndarray) -> np.ndarray:
     """(H, W) float32 the larger one of those along the row and along the column, of the colour channel of a picture
     (H, W, 4) that has the largest; 0 where a pixel has no neighbours.
     """
-    levels = np.ascontiguousarray(levels, np.float32)
+    levels = floats(levels)
     out = np.empty(levels.shape[:2], np.float32)
     _native("cs_second_differences", levels, *levels.shape[:2], out, result=None)
     return out
@@ -54,7 +54,7 @@ def steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(H - 1, W) and (H, W - 1) float32 how far each pixel of a picture (H, W, C) is from the one below, and from the
     one to the right, in the channel with most.
     """
-    levels = np.ascontiguousarray(levels, np.float32)
+    levels = floats(levels)
     height, width, channels = levels.shape
     down = np.empty((max(height - 1, 0), width), np.float32)
     along = np.empty((height, max(width - 1, 0)), np.float32)
@@ -68,8 +68,8 @@ def off_palette(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> 
     says, in the channel with most.
     """
     out = np.empty(labels.shape)
-    given = np.ascontiguousarray(levels, np.float32), labels.size, doubles(palette)
-    _native("cs_off_palette", *given, np.ascontiguousarray(labels, np.int32), out, result=None)
+    given = floats(levels), labels.size, doubles(palette)
+    _native("cs_off_palette", *given, int32s(labels), out, result=None)
     return out
 
 
@@ -103,7 +103,7 @@ def unexplained(
     plus its `ringing` (H, W, 4), and itself by more than the share `own` of that mean, and of `unlike`.
     """
     gap, where = np.empty(levels.shape[:2]), np.empty(levels.shape[:2], bool)
-    given = np.ascontiguousarray(levels, np.float32), doubles(painted), *levels.shape[:2], doubles(space)
+    given = floats(levels), doubles(painted), *levels.shape[:2], doubles(space)
     judged = reach, float(seam), float(unlike), float(own), float(allowed)
-    _native("cs_unexplained", *given, np.ascontiguousarray(ringing, np.float32), *judged, gap, where)
+    _native("cs_unexplained", *given, floats(ringing), *judged, gap, where)
     return gap, where

@@ -1,5 +1,8 @@
 """Boundaries and hulls of masks, local fits along chains of points, paths of straight lines, primitives fitted to
-points, and the coverage of pixels, by the native library."""
+points, and the coverage of pixels, by the native library.
+
+All raise EngineError where the library or the memory is missing.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
 
 _native = partial(native, "outlines")
 CIRCLE, ELLIPSE, BOX = 0, 1, 2
@@ -38,11 +41,11 @@ def loop_points(cracks: np.ndarray, found: EdgePositions) -> tuple[np.ndarray, n
     errors (m,), and the index (m,) of each one's crack.
 
     Where the border runs rather level its points come from the horizontal cracks, else from the vertical ones, so that
-    there is one point a column or a row. Raises EngineError where the library or the memory is missing.
+    there is one point a column or a row.
     """
     count = len(cracks)
     out = np.empty((count, 2)), np.empty(count), np.empty(count, np.int64)
-    given = count, np.ascontiguousarray(cracks, np.int64), *size_of(found), *found
+    given = count, int64s(cracks), *size_of(found), *found
     points = _native("cs_loop_points", *given, *out, result=c_int64)
     return out[0][:points], out[1][:points], out[2][:points]
 
@@ -53,9 +56,9 @@ def contours_of(
     """The loops around a part of a window (h, w) bool, with its top and left at a corner, px, those that enclose most
     first: points (n, 2) px and their standard errors (n,), as of `loop_points`, and the px^2 that each encloses, below
     0 for a hole. Where the pixel within the part is not one of those `shown` (h, w) bool, the points are middles of
-    cracks, and the errors inf. Raises EngineError where the library or the memory is missing.
+    cracks, and the errors inf.
     """
-    masks = [np.ascontiguousarray(mask, bool) for mask in (part, shown)]
+    masks = [bools(mask) for mask in (part, shown)]
     room, count = 4 * sum(part.shape) + _ROOM, c_int64(0)
     while True:
         points, sigma, ends, told = np.empty((room, 2)), np.empty(room), np.empty(room, np.int64), np.empty((room, 2))
@@ -77,23 +80,11 @@ def size_of(found: EdgePositions) -> tuple[int, int]:
 
 def fewer_points(points: np.ndarray, tolerance: float) -> np.ndarray:
     """Those of the points (n, 2) of a chain, n >= 1, the first and the last among them, between which no other is more
-    than `tolerance` off the straight line; (k, 2), in their order (Ramer 1972; Douglas and Peucker 1973). Raises
-    EngineError where the library or the memory is missing.
+    than `tolerance` off the straight line; (k, 2), in their order (Ramer 1972; Douglas and Peucker 1973).
     """
     kept = np.zeros(len(points), dtype=bool)
     _native("cs_fewer_points", len(points), doubles(points), float(tolerance), kept)
     return np.asarray(points[kept])
-
-
-def corners_of(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The corners of a closed loop of points (n, 2), px: the index of the first point after each (C,), ascending, their
-    positions (C, 2), px, and turns (C,), radians, in (-pi, pi). weights: (n,) 1/px^2, 0 where unknown. Raises
-    EngineError where the library or the memory is missing.
-    """
-    count = len(points)
-    out = np.empty(count, np.int64), np.empty((count, 2)), np.empty(count)
-    found = _native("cs_corners", count, doubles(points), doubles(weights), *out, result=c_int64)
-    return out[0][:found], out[1][:found], out[2][:found]
 
 
 def parabolas(
@@ -104,7 +95,7 @@ def parabolas(
 
     points: (n, 2) px; weights: (n,) 1/px^2, 0 where unknown; along: (n,) arc lengths, px. kinds: half-windows from the
     shortest on, and up to which mean squared residual, in squared sigmas, each is believed; the longest one is taken
-    before the first that is not. Raises EngineError where the library is missing.
+    before the first that is not.
     """
     chain = len(points), doubles(points), doubles(weights), doubles(along)
     halves, most = np.array([half for half, _ in kinds], np.int64), np.array([limit for _, limit in kinds], np.float64)
@@ -136,13 +127,12 @@ def fewest_links(
     nodes (n, 2), px; none where there is no path. Lines go from lower to higher places (n,). before, after: px that it
     costs to start at each of the first nodes and to end at each of the last ones.
 
-    Lines that pass at 32 samples may show between them; those of a path that do are given up, up to 60 times. Raises
-    EngineError where the library or the memory is missing.
+    Lines that pass at 32 samples may show between them; those of a path that do are given up, up to 60 times.
     """
     count, path = len(nodes), np.empty(len(nodes), np.int64)
     top, left, *canvas = hiding.box
     box = np.array([top, left, *hiding.mask.shape, *canvas], np.int64)
-    masks = [np.ascontiguousarray(mask, bool) for mask in (hiding.mask, hiding.hidden, hiding.allowed)]
+    masks = [bools(mask) for mask in (hiding.mask, hiding.hidden, hiding.allowed)]
     links = count, doubles(nodes), doubles(place), len(before), doubles(before), len(after), doubles(after)
     reach = doubles(hiding.ends), float(hiding.near), float(hiding.at_end)
     return path[: _native("cs_fewest_links", *links, box, *masks, *reach, path, result=c_int64)]
@@ -157,7 +147,7 @@ def nearest_primitive(
     The values are the middle, px, the radius of a circle or the half-axes or half sides, the radius of a box's corners
     and the angle, 0 where there is none. Fitted by Levenberg's and Marquardt's method; the cost is half of Huber's loss
     of distances in standard errors, linear beyond 3, and the price of each parameter. weights: (n,) 1/px^2, 0 where
-    unknown. Raises EngineError where the library or the memory is missing.
+    unknown.
     """
     form, values, told = np.empty(3, np.int32), np.empty(6), np.empty(2)
     given = len(points), doubles(points), doubles(weights), float(price)
@@ -166,10 +156,8 @@ def nearest_primitive(
 
 
 def hull_mask(mask: np.ndarray) -> np.ndarray:
-    """(h, w) bool: the pixels that lie by half or more in the convex hull of a mask's pixels. Raises EngineError where
-    the library or the memory is missing.
-    """
-    mask = np.ascontiguousarray(mask, bool)
+    """(h, w) bool: the pixels that lie by half or more in the convex hull of a mask's pixels."""
+    mask = bools(mask)
     out = np.empty_like(mask)
     _native("cs_hull", mask, *mask.shape, out)
     return out
@@ -178,9 +166,9 @@ def hull_mask(mask: np.ndarray) -> np.ndarray:
 def held_by_hull(labels: np.ndarray, window: tuple[slice, slice], own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of a window of labels (H, W) int32, C-contiguous, how many pixels (R,) of each label the convex hull of those
     labels that are own (R,) bool holds by half or more, besides these, and how many of them (R,) have no neighbour
-    along rows and columns beyond the hull or the window. Raises EngineError where the library or the memory is missing.
+    along rows and columns beyond the hull or the window.
     """
-    view, own = labels[window], np.ascontiguousarray(own, bool)
+    view, own = labels[window], bools(own)
     held, inner = np.zeros(len(own), np.int64), np.zeros(len(own), np.int64)
     rows = c_void_p(view.ctypes.data)  # of the whole array, so that they are apart
     _native("cs_hull_holds", rows, labels.shape[1], *view.shape, own, held, inner)
@@ -192,7 +180,7 @@ def end_heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> np.ndarr
     1/px; and mean squared residual, in sigmas, of a parabola through what is near. None where too few points are known.
 
     points: (n, 2) px from the end on, n >= 1, of which those within `reach` px are looked at; sigma: (n,) their
-    standard errors, px. Raises EngineError where the library is missing.
+    standard errors, px.
     """
     out = np.empty(7)
     given = len(points), doubles(points), doubles(sigma), float(reach)
@@ -202,10 +190,9 @@ def end_heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> np.ndarr
 def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height: int, width: int) -> np.ndarray:
     """(height, width) float64 coverage, in [0, 1], of the pixels of a window by closed outlines.
 
-    cubics: (S, 4, 2) px, of which some are lines (S,) bool. A loop of an outline that crosses itself is filled. Raises
-    EngineError where the library or the memory is missing.
+    cubics: (S, 4, 2) px, of which some are lines (S,) bool. A loop of an outline that crosses itself is filled.
     """
     out = np.empty((height, width))
-    given = len(cubics), doubles(cubics), np.ascontiguousarray(lines, bool)
+    given = len(cubics), doubles(cubics), bools(lines)
     native("shapes", "cs_coverage", *given, left, top, width, height, out)
     return out

@@ -8,14 +8,6 @@ from typing import NamedTuple
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene.arrays import Array, namespace
 
-# A pixel's alpha is kept below one so that the backward pass may divide by 1 - alpha; the transmittance at which
-# a pixel stops lies just above 1 - MAX_ALPHA, so that one opaque curve ends the pixel in every precision.
-MAX_ALPHA = 0.9995
-MIN_TRANSMITTANCE = 5.1e-4
-# Exact coverage of strokes: sub-samples per axis of a pixel.
-EXACT_SUBSAMPLES = 4
-# Half of the relaxed edge's support, in edge widths (the smoothstep of slope 1/w has support 1.5 w).
-HALF_SUPPORT = 0.75
 # Px between a cubic and its polyline where a finished picture is drawn: coverage is wrong by at most a fiftieth. A
 # drawing has tens of thousands of short cubics, which would otherwise take as many edges each as a long one.
 FLATNESS = 0.02

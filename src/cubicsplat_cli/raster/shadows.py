@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
 
 _native = partial(native, "shadows")
 
@@ -63,6 +63,6 @@ class ShadedPixels:
         return numbers, float(left)
 
     def _given(self) -> tuple[Any, ...]:
-        rows, columns = (np.ascontiguousarray(a, dtype=np.int64) for a in (self.rows, self.columns))
-        open_to = np.ascontiguousarray(self.open, dtype=bool)
+        rows, columns = (int64s(a) for a in (self.rows, self.columns))
+        open_to = bools(self.open)
         return len(self.boxes), doubles(self.boxes), len(rows), rows, columns, open_to

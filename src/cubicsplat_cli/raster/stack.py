@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import address_of, library
+from cubicsplat_cli.raster.cpu import address_of, int32s, library
 from cubicsplat_cli.raster.sparse import SparseRows
 
 _OPAQUE = 254.5 / 255.0
@@ -210,7 +210,7 @@ class DrawnStack:
 
         group, other: (pieces,) the group of each piece here and there, or -1.
         """
-        group, other, found = _numbers(group), _numbers(other), np.empty(count)
+        group, other, found = int32s(group), int32s(other), np.empty(count)
         arrays = address_of(group), address_of(other), count, spread, leaks, address_of(found)
         _check(_library().cs_stack_growth(self._handle, after._handle, *arrays))
         return found
@@ -218,7 +218,7 @@ class DrawnStack:
     def changed(self, before: DrawnStack, group: np.ndarray, groups: int, least: float) -> np.ndarray:
         """(groups,) bool: whether the picture has changed by more than `least` at a pixel that a piece of the group
         crosses. group: (pieces,) of each piece, or -1."""
-        group, found = _numbers(group), np.zeros(groups, dtype=bool)
+        group, found = int32s(group), np.zeros(groups, dtype=bool)
         _library().cs_stack_changed(before._handle, self._handle, address_of(group), least, address_of(found))
         return found
 
@@ -228,9 +228,9 @@ class DrawnStack:
         parts = unknowns.jacobians
         ends = np.cumsum([0, *(part.starts[-1] for part in parts)])
         row = np.concatenate([[0], *(part.starts[1:] + end for part, end in zip(parts, ends, strict=False))])
-        row, column = row.astype(np.int64), _numbers(np.concatenate([part.columns for part in parts]))
+        row, column = row.astype(np.int64), int32s(np.concatenate([part.columns for part in parts]))
         value = np.concatenate([part.values for part in parts])
-        first, count, start = (_numbers(each) for each in (unknowns.first, unknowns.count, unknowns.start))
+        first, count, start = (int32s(each) for each in (unknowns.first, unknowns.count, unknowns.start))
         variables, outlines = len(unknowns.damping), len(first)
         found = Step(np.empty(variables), np.empty(variables), np.empty(outlines), np.empty(outlines))
         given = _Unknowns(
@@ -241,10 +241,6 @@ class DrawnStack:
         out = (address_of(array) for array in (found.values, found.gradient, found.moves, found.misfits))
         _check(_library().cs_stack_step(self._handle, given, chance, *out))
         return found
-
-
-def _numbers(values: Sequence[int] | np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(values, np.int32)
 
 
 def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:

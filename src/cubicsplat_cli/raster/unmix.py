@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cpu import bools, doubles, floats, int32s, int64s, native
 
 _native = partial(native, "regions")
 SLOTS, REACH = 4, 3  # colours that are looked at near a pixel, and px up to which they lie away
@@ -24,7 +24,7 @@ def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
     """(H, W) float32 by how much the values (H, W, C) of a window of rows x columns px around each pixel, both odd,
     differ, in the channel with most; what lies beyond the border does not count.
     """
-    values = np.ascontiguousarray(values, np.float32)
+    values = floats(values)
     out = np.empty(values.shape[:2], np.float32)
     _native("cs_spread", values, *values.shape, rows, columns, out)
     return out
@@ -34,7 +34,7 @@ def nearest_fills(values: np.ndarray, palette: np.ndarray, *, straight: bool = F
     """(...) int32 index of the fill nearest to values (..., 4), and (...) float32 its distance in levels: Euclid's if
     that is to be `straight`, else that of the channel that is farthest off.
     """
-    values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
+    values, palette = (floats(each) for each in (values, palette))
     index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
     _native("cs_nearest_fills", index.size, values, len(palette), palette, straight, index, gap, result=None)
     return index, gap
@@ -44,7 +44,7 @@ def near_fills(fills: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> n
     """(n, SLOTS) int32 the different fills >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away along
     rows and columns; -1 where there are fewer.
     """
-    fills, pixels = _int32(fills), _whole(y * fills.shape[1] + x)
+    fills, pixels = int32s(fills), int64s(y * fills.shape[1] + x)
     near = np.empty((len(pixels), SLOTS), np.int32)
     _native("cs_near", fills, *fills.shape, len(pixels), pixels, reach, SLOTS, near, None)
     return near
@@ -56,7 +56,7 @@ def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tup
 
     Fills farther away must explain clearly better than nearer ones.
     """
-    values, palette, near = np.ascontiguousarray(values, np.float32), doubles(palette), _int32(near)
+    values, palette, near = floats(values), doubles(palette), int32s(near)
     winner, residual = np.empty(len(values), np.int32), np.empty(len(values))
     _native("cs_unmix", len(values), values, palette, near.shape[1], near, winner, residual, result=None)
     return winner, residual
@@ -66,7 +66,7 @@ def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray)
     """(n,) levels that values (n, 4) are off the nearest blend of three of the fills near them (n, SLOTS) int32, or of
     two that explain them about as well; infinity where there are fewer fills.
     """
-    values, palette, near = np.ascontiguousarray(values, np.float32), doubles(palette), _int32(near)
+    values, palette, near = floats(values), doubles(palette), int32s(near)
     residual = np.empty(len(values))
     _native("cs_unmix_three", len(values), values, palette, near.shape[1], near, residual, result=None)
     return residual
@@ -95,7 +95,7 @@ def seam_shares(
 
     Later grounds must explain clearly better than earlier ones.
     """
-    values, share, rest = np.ascontiguousarray(values, np.float32), np.empty(len(values)), np.empty(len(values))
+    values, share, rest = floats(values), np.empty(len(values)), np.empty(len(values))
     given = len(values), values, doubles(own), doubles(beside), len(grounds), doubles(grounds)
     _native("cs_seam_shares", *given, steps, float(odd), CLEARLY, share, rest, result=None)
     return share, rest
@@ -115,8 +115,8 @@ def fills_of_lines(
     costs: levels beyond which a residual costs no more, those that a fill costs that has no share, and those that it
     costs for each fill before it in the palette.
     """
-    values, palette = np.ascontiguousarray(values, np.float32), doubles(palette)
-    (y, x), (first, second) = (_whole(each) for each in place), (doubles(each) for each in beside)
+    values, palette = floats(values), doubles(palette)
+    (y, x), (first, second) = (int64s(each) for each in place), (doubles(each) for each in beside)
     fill, share, residual = np.empty(len(values), np.int64), np.empty(len(values)), np.empty(len(values))
     found = (window, *costs, fill, share, residual)
     _native("cs_line_fills", len(values), values, y, x, len(palette), palette, first, second, *found)
@@ -127,7 +127,7 @@ def distance_to_blends(values: np.ndarray, fills: np.ndarray, first: int = 0) ->
     """(n,) the Euclidean distance of values (n, 4) to the nearest blend of two fills of (P, 4), one of them from
     `first` on; infinite where there is none.
     """
-    values, fills = np.ascontiguousarray(values, np.float32), doubles(fills)
+    values, fills = floats(values), doubles(fills)
     square = np.empty(len(values))
     _native("cs_off_blends", len(values), values, len(fills), fills, first, square, result=None)
     return np.sqrt(square)
@@ -140,7 +140,7 @@ def part_fills(levels: np.ndarray, owner: np.ndarray, even: float, side: float) 
     may differ for it to show one fill, the commonest colour, or the median where none has a quarter of it; others show
     the mean in every cell of `side` levels.
     """
-    levels, owner = np.ascontiguousarray(levels, np.float32), _int32(owner)
+    levels, owner = floats(levels), int32s(owner)
     room = int(np.count_nonzero(owner))
     fills, sizes = np.empty((room, 4)), np.empty(room)
     parts = int(owner.max(initial=0))
@@ -180,7 +180,7 @@ def are_lines(
     ground on both sides. thin: (H, W) bool, where lines are. small: the colours (k, 4), and how many px (k,) have them.
     fills: (P, 4) those of lines and grounds.
     """
-    levels, thin = np.ascontiguousarray(levels, np.float32), np.ascontiguousarray(thin, bool)
+    levels, thin = floats(levels), bools(thin)
     (colours, sizes), fills = (doubles(each) for each in small), doubles(fills)
     lines = np.zeros(len(colours), bool)
     numbers = (rule.one, rule.ground, rule.between, rule.off, *rule.shares, rule.more)
@@ -193,14 +193,6 @@ def components(values: np.ndarray) -> tuple[np.ndarray, int]:
     """(H, W) int32 the parts of equal values (H, W) >= -1, connected along the sides of pixels, numbered from 0 on by
     their values and then their first pixels; and how many there are.
     """
-    values = _int32(values)
+    values = int32s(values)
     labels = np.empty_like(values)
     return labels, _native("cs_components", values, *values.shape, labels, result=c_int64)
-
-
-def _int32(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(array, np.int32)
-
-
-def _whole(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(array, np.int64)

@@ -5,15 +5,6 @@ from cubicsplat_cli.scene.moving import Clip, MovingScene
 from cubicsplat_cli.scene.scene import Scene, pack_rings, points_from_segments, scaled_scene, segments_from_points
 
 __all__ = [
-    "Clip",
-    "EmbeddedImage",
-    "LayeredScene",
-    "MovingScene",
-    "Scene",
-    "SceneLayer",
-    "pack_rings",
-    "points_from_segments",
-    "resized",
-    "scaled_scene",
-    "segments_from_points",
+    "Clip", "EmbeddedImage", "LayeredScene", "MovingScene", "Scene", "SceneLayer", "pack_rings", "points_from_segments",
+    "resized", "scaled_scene", "segments_from_points",
 ]  # fmt: skip

@@ -59,6 +59,12 @@ def copied(array: Array) -> Array:
     return array.copy() if isinstance(array, np.ndarray) else array.clone()
 
 
+def with_channels(picture: Array, channels: int) -> Array:
+    """A picture (H, W, 3) or (H, W, 4) with so many channels at least: of RGB alone the fourth is an opacity of 1."""
+    xp = namespace(picture)
+    return picture if picture.shape[2] >= channels else xp.concat([picture, xp.ones_like(picture[..., :1])], axis=-1)
+
+
 def contiguous(array: Array) -> Array:
     """The same values row after row; the same array where they are."""
     return np.ascontiguousarray(array) if isinstance(array, np.ndarray) else array.contiguous()

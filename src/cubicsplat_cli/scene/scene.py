@@ -161,13 +161,9 @@ class Scene(CurveArrays):
             raise InputError(f"points must be finite, but curve {curve} holds NaN or infinity")
 
     def _validate_shapes(self) -> None:
-        tensors = {
-            "points": self.points,
-            "colours": self.colours,
-            "opacities": self.opacities,
-            "half_widths": self.half_widths,
-        }
-        for name, array in tensors.items():
+        of_one = {"colours": (3,), "opacities": (), "half_widths": ()}  # the shape of a curve's own values
+        for name in ("points", *of_one):
+            array = getattr(self, name)
             if not is_array(array):
                 raise InputError(f"{name} must be a numpy array or a torch.Tensor, not {type(array).__name__}")
             xp = namespace(array)
@@ -181,12 +177,8 @@ class Scene(CurveArrays):
         if self.points.ndim != 3 or self.points.shape[-1] != 2 or self.curves < 1:
             raise InputError(f"points must have shape (N, K, 2) with N >= 1 curves, not {tuple(self.points.shape)}")
         segments_from_points(self.mode, self.points_per_curve)
-        for name, wanted in (
-            ("colours", (self.curves, 3)),
-            ("opacities", (self.curves,)),
-            ("half_widths", (self.curves,)),
-        ):
-            shape = tuple(tensors[name].shape)
+        for name, own in of_one.items():
+            shape, wanted = tuple(getattr(self, name).shape), (self.curves, *own)
             if shape != wanted:
                 raise InputError(f"{name} must have shape {wanted} for {self.curves} curves, not {shape}")
         self._validate_ring_shape()

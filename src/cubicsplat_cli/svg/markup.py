@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from urllib.parse import quote
 from xml.etree import ElementTree
@@ -37,6 +38,11 @@ def format_number(value: int, precision: int) -> str:
     if not fraction:
         return "0" if whole == "0" else sign + whole
     return f"{sign}{'' if whole == '0' else whole}.{fraction}"
+
+
+def joined(numbers: Iterable[int]) -> str:
+    """Whole numbers in a row; a minus separates them as well as a space does."""
+    return " ".join(map(str, numbers)).replace(" -", "-")
 
 
 def xml_text(text: str) -> str:

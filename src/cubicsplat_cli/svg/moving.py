@@ -13,7 +13,7 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Clip, MovingScene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE, check_precision
-from cubicsplat_cli.svg.values import unit_colour
+from cubicsplat_cli.svg.values import levels_of, unit_colour
 
 SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
 TIME_DECIMALS = 4  # of seconds
@@ -134,10 +134,7 @@ def to_grid_clip(clip: Clip, precision: int, off: float = 0.5) -> GridClip:
     duration = round(clip.groups[-1].end - start, TIME_DECIMALS)
     shortest = min(float(np.diff(np.append(group.times, group.end)).min()) for group in clip.groups)
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
-    background = None
-    if clip.background is not None:
-        red, green, blue = (round(255.0 * value) for value in clip.background)
-        background = (red, green, blue)
+    background = levels_of(clip.background)
     key_s = duration / 10**decimals
     groups = [
         GridGroup(

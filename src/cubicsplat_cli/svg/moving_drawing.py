@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.moving import MovingDrawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.markup import document, format_number
-from cubicsplat_cli.svg.moving_writer import repeated
+from cubicsplat_cli.svg.moving_file import repeated
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _DISPLAY, _MOVE = "display", "transform"
@@ -24,18 +24,17 @@ def write_moving_drawing(
     begins: np.ndarray,
     duration: float,
     *,
-    precision: int | None = None,
     title: str = "",
     comment: str = "",
     plays: int = 0,
 ) -> str:
-    """The SVG text. begins: (F,) s from the start. duration: s. precision: as of `write_drawing`. plays: 0 for ever.
+    """The SVG text. begins: (F,) s from the start. duration: s. plays: 0 for ever.
 
     Each shape is one element, in the order of all shapes; it is where it was drawn first, and shown and moved by
     animations that change it at once. Viewers that know none show the first frame.
     """
     drawing = moving.drawing
-    precision = suggested_precision(drawing.width, drawing.height) if precision is None else precision
+    precision = suggested_precision(drawing.width, drawing.height)
     named = tuple(replace(shape, name=f"s{index}", group="") for index, shape in enumerate(drawing.shapes))
     # Each shape shall be an element of its own, whatever its colour.
     text = write_drawing(

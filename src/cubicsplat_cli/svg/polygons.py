@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.shapes import polygon_points
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.markup import format_number
+from cubicsplat_cli.svg.markup import format_number, joined
 
 LEVELS = 15  # of a colour channel of 4 bits
 TENTHS = 10  # of the opacity
@@ -42,8 +42,7 @@ class GridPolygons:
 
     def path(self, index: int) -> str:
         """The element of one polygon."""
-        numbers = " ".join(map(str, self.vertices[index].ravel().tolist())).replace(" -", "-")
-        return f'<path d="M{numbers}" fill="{_hex(self.colours[index])}"/>'
+        return f'<path d="M{joined(self.vertices[index].ravel().tolist())}" fill="{_hex(self.colours[index])}"/>'
 
     def head(self) -> str:
         """The document up to its first polygon."""

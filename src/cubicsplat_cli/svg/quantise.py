@@ -19,7 +19,7 @@ from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.settings import PRECISION, Mode
 from cubicsplat_cli.svg.scene_gradients import as_written, paints_of
-from cubicsplat_cli.svg.values import unit_colour
+from cubicsplat_cli.svg.values import levels_of, unit_colour
 
 OPACITY_DECIMALS = 3
 # Whole pixels would make most strokes 0 or 1 px wide, so widths keep two decimals at least.
@@ -79,17 +79,10 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
     scene.validate()
     points, ring_ends = _packed(scene)
     half_widths = _array(scene.half_widths)
-    _refuse(
-        np.abs(points) > MAX_COORDINATE,
-        f"control points lie more than {MAX_COORDINATE:.0f} px from the origin",
-    )
+    _refuse(np.abs(points) > MAX_COORDINATE, f"control points lie more than {MAX_COORDINATE:.0f} px from the origin")
     _refuse(half_widths > MAX_COORDINATE, f"half-width exceeds {MAX_COORDINATE:.0f} px")
     width_decimals = max(precision, MIN_WIDTH_DECIMALS)
     gradients, colours, opacities = paints_of(scene, precision)
-    background = None
-    if scene.background is not None:
-        red, green, blue = (int(value) for value in _round(np.asarray(scene.background, np.float64), 255))
-        background = (red, green, blue)
     return GridScene(
         mode=scene.mode,
         width=scene.width,
@@ -99,7 +92,7 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
         colours=_round(_array(colours), 255),
         opacities=_round(_array(opacities), 10**OPACITY_DECIMALS),
         stroke_widths=_round(2.0 * half_widths, 10**width_decimals),
-        background=background,
+        background=levels_of(scene.background),
         ring_ends=ring_ends,
         gradients=tuple(gradients) if any(gradients) else (),
     )

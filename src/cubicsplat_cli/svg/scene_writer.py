@@ -8,10 +8,11 @@ from xml.etree import ElementTree
 import numpy as np
 import svgwrite
 
+from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import ANY, Mode
-from cubicsplat_cli.svg.markup import comment_text, format_number, gradient_element, in_short, xml_text
+from cubicsplat_cli.svg.markup import comment_text, format_number, gradient_element, in_short, joined, xml_text
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, ring_slices, to_grid
 from cubicsplat_cli.svg.scene_gradients import gradient_decimals
 from cubicsplat_cli.svg.shapes import shape_element
@@ -39,7 +40,7 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
     )
     if grid.background is not None:
         size = (grid.width, grid.height)
-        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=_hex_colour(grid.background)))
+        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=hex_text(grid.background)))
     definitions, fills = _definitions(grid)
     drawing.add(_curve_group(drawing, grid, fills))
     root = drawing.get_xml()
@@ -57,7 +58,7 @@ def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
     units come from one that is none itself; a transform would not come along in every renderer.
     """
     definitions = ElementTree.Element("defs")
-    fills = [_hex_colour(colour) for colour in grid.colours.tolist()]
+    fills = [hex_text(colour) for colour in grid.colours.tolist()]
     names: dict[str, str] = {}
     for index, gradient in enumerate(grid.gradients):
         if gradient is None:
@@ -140,11 +141,6 @@ def _finish(root: ElementTree.Element, title: str, comment: str, definitions: El
             child.tail = "\n"
 
 
-def _hex_colour(colour: tuple[int, int, int] | list[int]) -> str:
-    red, green, blue = colour
-    return f"#{red:02x}{green:02x}{blue:02x}"
-
-
 def path_strings(points: np.ndarray, ring_ends: np.ndarray | None = None, *, closed: bool) -> list[str]:
     """The `d` attribute of every curve, with a subpath for each of its rings.
 
@@ -170,7 +166,7 @@ def _chains(points: np.ndarray, closed: bool) -> list[str]:
     flat_shape = (count, segments, 6)
     end = "z" if closed else ""
     return [
-        "M" + _join(start) + _cubics(curve_absolute, curve_relative) + end
+        "M" + joined(start) + _cubics(curve_absolute, curve_relative) + end
         for start, curve_absolute, curve_relative in zip(
             points[:, 0].tolist(),
             absolute.reshape(flat_shape).tolist(),
@@ -185,7 +181,7 @@ def _cubics(absolute: Sequence[Sequence[int]], relative: Sequence[Sequence[int]]
     pieces: list[str] = []
     letter = ""
     for absolute_numbers, relative_numbers in zip(absolute, relative, strict=True):
-        lower, upper = _join(relative_numbers), _join(absolute_numbers)
+        lower, upper = joined(relative_numbers), joined(absolute_numbers)
         lower = (_separator(lower) if letter == "c" else "c") + lower
         upper = (_separator(upper) if letter == "C" else "C") + upper
         take_lower = len(lower) < len(upper) or (len(lower) == len(upper) and letter != "C")
@@ -197,11 +193,6 @@ def _cubics(absolute: Sequence[Sequence[int]], relative: Sequence[Sequence[int]]
 def _separator(number: str) -> str:
     """The separator before a number that follows another: none before a minus."""
     return "" if number[0] == "-" else " "
-
-
-def _join(numbers: Sequence[int]) -> str:
-    # A minus separates numbers as well as a space does.
-    return " ".join(map(str, numbers)).replace(" -", "-")
 
 
 def bytes_by_curve(scene: Scene, precision: int) -> list[int]:

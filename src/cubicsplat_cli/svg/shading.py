@@ -16,7 +16,7 @@ from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.embedded import uri_of
-from cubicsplat_cli.svg.markup import Identifiers, format_number, short_colour
+from cubicsplat_cli.svg.markup import Identifiers, format_number, joined, short_colour
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, to_grid
 
 # Whole numbers to px: steps a px, and steps that a curve's size has at least, which is the root of its area: rounding
@@ -116,9 +116,8 @@ def _straight(points: np.ndarray, off: float) -> bool:
 
 def _lines(corners: Sequence[Sequence[int]]) -> str:
     """The path data of a polygon in whole numbers, each corner relative to the one before."""
-    (x, y), *_ = corners
-    steps = [f"{b[0] - a[0]} {b[1] - a[1]}" for a, b in pairwise(corners)]
-    return f"M{x} {y}l{' '.join(steps)}z".replace(" -", "-")
+    steps = [b[axis] - a[axis] for a, b in pairwise(corners) for axis in (0, 1)]
+    return f"M{joined(corners[0])}l{joined(steps)}z"
 
 
 class ShadedShape:

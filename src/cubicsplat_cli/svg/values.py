@@ -67,6 +67,11 @@ def unit_colour(levels: tuple[float, ...] | None) -> tuple[float, float, float] 
     return None if levels is None else (levels[0] / 255, levels[1] / 255, levels[2] / 255)
 
 
+def levels_of(colour: tuple[float, float, float] | None) -> tuple[int, int, int] | None:
+    """8-bit levels of sRGB in [0, 1]; None for none."""
+    return None if colour is None else (round(255.0 * colour[0]), round(255.0 * colour[1]), round(255.0 * colour[2]))
+
+
 def colour(text: str, current: str) -> Rgba | None:
     """Any colour of CSS; None for no paint. current: the value of `color`. Raises ValueError for anything else."""
     from PIL import ImageColor

@@ -40,12 +40,7 @@ from cubicsplat_cli.raster.cuda.frame import (
     workspace,
 )
 from cubicsplat_cli.raster.cuda.selftest import self_test
-from cubicsplat_cli.raster.engine import (
-    Backward,
-    Engine,
-    EngineScene,
-    Training,
-)
+from cubicsplat_cli.raster.engine import Backward, Engine, EngineScene, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene.arrays import Array, as_torch
 from cubicsplat_cli.settings import Mode

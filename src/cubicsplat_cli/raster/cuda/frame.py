@@ -210,11 +210,7 @@ def attach(frame: StepFrame, tensors: dict[str, Tensor]) -> None:
 
 
 def step_values(
-    scene: EngineScene,
-    settings: RasterSettings,
-    importance: str | None,
-    number: int = 0,
-    penalty: Penalty = SQUARED,
+    scene: EngineScene, settings: RasterSettings, importance: str | None, number: int = 0, penalty: Penalty = SQUARED
 ) -> StepValues:
     """The values of one call, without rates and outputs."""
     return StepValues(

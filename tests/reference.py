@@ -13,20 +13,19 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
+from reference_coverage import coverage, pixel_centres, polylines
 from torch import Tensor
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.raster.reference_coverage import coverage, pixel_centres, polylines
-from cubicsplat_cli.raster.settings import (
-    MAX_ALPHA,
-    MIN_TRANSMITTANCE,
-    SQUARED,
-    Penalty,
-    RasterSettings,
-    image_loss,
-)
+from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings, image_loss
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, paint_at
+
+# Of the kernels' pixel.h, and so are those of the coverage. A pixel's alpha is kept below one so that the backward pass
+# may divide by 1 - alpha; the transmittance at which a pixel stops lies just above 1 - MAX_ALPHA, so that one opaque
+# curve ends the pixel in every precision.
+MAX_ALPHA = 0.9995
+MIN_TRANSMITTANCE = 5.1e-4
 
 
 def alpha_of(covered: Tensor, opacity: Tensor) -> Tensor:

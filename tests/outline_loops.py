@@ -1,0 +1,52 @@
+"""Two parts of the native fit of outlines by themselves: the corners of a loop, and its division into pieces."""
+
+from __future__ import annotations
+
+from ctypes import byref, c_int64
+from functools import partial
+
+import numpy as np
+
+from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.raster.cubics import Division
+
+_native = partial(native, "outlines")
+
+
+def corners_of(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The corners of a closed loop of points (n, 2), px: the index of the first point after each (C,), ascending, their
+    positions (C, 2), px, and turns (C,), radians, in (-pi, pi). weights: (n,) 1/px^2, 0 where unknown. Raises
+    EngineError where the library or the memory is missing.
+    """
+    count = len(points)
+    out = np.empty(count, np.int64), np.empty((count, 2)), np.empty(count)
+    found = _native("cs_corners", count, doubles(points), doubles(weights), *out, result=c_int64)
+    return out[0][:found], out[1][:found], out[2][:found]
+
+
+def laid_out(
+    points: np.ndarray,
+    weights: np.ndarray,
+    corners: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    price: float,
+) -> tuple[Division, np.ndarray, int, np.ndarray]:
+    """The cheapest division of a closed loop into lines and cubics: which of its corners pay (C,), from which point on
+    the pieces follow each other, and the weights (n,) 1/px^2 without the points next to corners, which see both flanks.
+
+    Every corner but a sure one that turns little, or has another near, is kept only if that is cheaper than doing
+    without, and so are those in a row along a rounding. The runs between the corners, or the whole loop where none is
+    left, are divided by dynamic programming: nodes are laid along a run, denser where it bends, each pair of them gets
+    the best line and the best cubic with the tangents measured there, and the cheapest path through the nodes is the
+    division. The price of a piece is half of chi^2 plus the price of a parameter times their number.
+
+    points: (n, 2) px; weights: (n,) 1/px^2, 0 where points tell nothing. corners: indices (C,) of the points after
+    them, ascending, positions (C, 2) px, turns (C,) radians, and (C,) bool, which are sure. price: of a parameter,
+    nats. Raises EngineError where the library or the memory is missing.
+    """
+    count, start = len(points), c_int64()
+    index, position, turn, sure = corners
+    at = [np.ascontiguousarray(index, np.int64), doubles(position), doubles(turn), np.ascontiguousarray(sure, bool)]
+    given = count, doubles(points), doubles(weights), len(index), *at, float(price)
+    kept, chosen, found = np.empty(len(index), bool), np.empty(count), Division._room(2 * count + 2)
+    pieces = _native("cs_lay_out", *given, kept, byref(start), chosen, *found._arrays(), result=c_int64)
+    return found._first(pieces), kept, start.value, chosen
