@@ -26,7 +26,7 @@ from cubicsplat_cli.jobs.run import run_job
 from cubicsplat_cli.jobs.sinks import MemorySink
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, task_of
-from cubicsplat_cli.pipeline.artwork import drawn_outlines
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_outlines
 from cubicsplat_cli.pipeline.choose import (
     ENOUGH_DB,
     FAR_DB,
@@ -38,7 +38,7 @@ from cubicsplat_cli.pipeline.choose import (
     risen_db,
 )
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
-from cubicsplat_cli.pipeline.photo import QuickPhoto
+from cubicsplat_cli.pipeline.photo import QuickPhoto, is_smaller
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
 from cubicsplat_cli.request import Request
@@ -232,6 +232,13 @@ def test_a_photo_is_not_fitted_to_the_end_where_a_later_look_tells_that_the_draw
     early, later = (float(text.split("only ")[1].split()[0]) for text in (only.style.reason, only.notes[-1]))
     assert FAR_DB < early < later < ENOUGH_DB
     assert not is_finished(told)
+
+
+@pytest.mark.parametrize(("curves", "smaller"), [(None, True), (2, False)])
+def test_only_a_drawing_of_fewer_bytes_replaces_a_photo_at_sight(curves, smaller):
+    task = task_for(speckled(2.0), curves=curves)
+    with task.working():
+        assert is_smaller(task, drawn_artwork(task)) == smaller
 
 
 def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
