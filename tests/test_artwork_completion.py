@@ -11,7 +11,7 @@ import pytest
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import hidden_runs
 from cubicsplat_cli.artwork.layers.ends import End, continued
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -211,6 +211,16 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
     assert len(window.wrong(polygon(square))) == 0
     # Two sides go on until they meet, beyond the canvas.
     assert len(window.wrong(polygon(np.array([[10.0, 20.0], [20.0, -50.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]]))))
+
+
+@pytest.mark.parametrize(("top", "left"), [(0, 0), (200, 200), (55, 55), (0, 200), (40, 45)])
+def test_only_what_an_outline_reaches_of_a_window_is_looked_at(top, left):
+    wedge = polygon(np.array([(50.0, 50.5), (60.2, 50.0), (55.0, 70.0)]))
+    reached, own = enclosed(wedge, top, left, (40, 20))
+    whole = np.zeros((40, 20), dtype=bool)
+    whole[reached] = own
+    assert (whole == (coverage(wedge.cubics, wedge.lines, top, left, 40, 20) > 0.5)).all()
+    assert own.size <= 11 * 20  # px
 
 
 def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():

@@ -94,7 +94,8 @@ def test_a_drawing_imports_nothing_that_only_rarer_pictures_need(tmp_path):
     pen.ellipse((200, 150, 470, 420), "#f2a900")
     pen.polygon([(60, 480), (240, 250), (300, 490)], "#b02a30")
     large.resize((128, 128), Image.Resampling.BOX).save(tmp_path / "a.png")
-    drawn = ["vectorize", str(tmp_path / "a.png"), "-o", str(tmp_path / "a.svg"), "--threads", "1"]
+    files = [str(tmp_path / "a.png"), "-o", str(tmp_path / "a.svg")]
+    drawn = ["vectorize", *files, "--threads", "1", "--style", "artwork"]
     ((code, found),) = imported(drawn)
     assert (code, [name for name in found if name in (*RARE, *OTHERS)]) == (0, [])
     assert (tmp_path / "a.svg").stat().st_size < 1500  # bytes: a drawing, not a photo

@@ -15,11 +15,11 @@ from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 MOST_PIXELS = 3_000_000
 # A map, a page of text or a tone of dots has very many regions: MOST_REGIONS are drawn, about a minute's work, the
 # larger beneath the smaller, each ending a little beneath its neighbours; beyond, the smallest join their neighbours.
-# What else lies above what, hidden parts and translucency take some milliseconds a region, and are sought of so many.
-MOST_COMPLETED = 2000
+# What else lies above what, hidden parts and translucency take some milliseconds a region, and are sought of so many;
+# what has to be blurred to have any regions has no more.
+MOST_COMPLETED = 6000
 MOST_REGIONS = 20_000
-MOST_BLURRED = 600  # regions of what has to be blurred to have any: few say as much
-MOST_POLISHED = 3000  # shapes, beyond which no regularities are sought: they take some 6 ms each
+MOST_POLISHED = 8000  # shapes, beyond which no regularities are sought: they take some 6 ms each
 
 _log = logging.getLogger("cubicsplat")
 
@@ -42,8 +42,7 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
     cover of the block; at the far edges blocks are filled up with the last px.
     """
     height, width = levels.shape[:2]
-    fill = ((0, -height % factor), (0, -width % factor), (0, 0))
-    padded = np.pad(levels, fill, mode="edge")
+    padded = np.pad(levels, ((0, -height % factor), (0, -width % factor), (0, 0)), mode="edge")
     blocks = padded.reshape(padded.shape[0] // factor, factor, padded.shape[1] // factor, factor, 4)
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
@@ -62,12 +61,10 @@ def bounded_regions(
     fills = pixel_fills(levels, palette, most, known)
     regions = fills.regions(min_area)
     found = regions.count
-    while regions.count > limit:
+    while regions.count > limit and min_area <= levels[..., 0].size:
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[limit]) + 1.0, 4.0)
         regions = fills.regions(min_area)
-        if min_area > levels.shape[0] * levels.shape[1]:
-            break
     if regions.count < found:
         _log.warning(
             "%d regions are too many to draw: those below %.0f px joined their neighbours; --colors leaves fewer",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
-from cubicsplat_cli.artwork.limits import MOST_BLURRED, MOST_COMPLETED, MOST_REGIONS, bounded_regions
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
@@ -55,7 +55,7 @@ def planned(
     min_area = settings.min_area / factor**2
     while True:
         work().at("finding regions", 0.15)
-        soft, regions = _regions(picture, settings, min_area, MOST_REGIONS)
+        soft, regions = _regions(picture, min_area)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
         found = edge_positions(soft, regions, ROUNDING + error, share_error)
@@ -75,11 +75,8 @@ def planned(
         min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)
 
 
-def _regions(
-    picture: FlatPicture, settings: ArtworkSettings, min_area: float, limit: int
-) -> tuple[np.ndarray, Regions]:
-    """The regions of a picture, `limit` at most, and the picture they are of: blurred where there would be as many as
-    px."""
+def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, Regions]:
+    """The regions of a picture, and the picture they are of: blurred where there would be as many as px."""
     levels, fills = picture.levels, picture.palette
     many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
@@ -91,7 +88,7 @@ def _regions(
             continue
         palette = picture_fills(soft) if fills is None else fills
         most, known = None if fills is None else len(fills), None if blur else picture.labels
-        regions = bounded_regions(soft, palette, min_area, most, known, MOST_BLURRED if blur else limit)
+        regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else MOST_REGIONS)
         if regions.count <= many:
             break
     return soft, regions

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import Field
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 from typer import Argument, Exit, Option, echo
 from typer.core import TyperCommand, TyperGroup
@@ -172,7 +172,8 @@ def _value(parameter: Any, convert: Callable[[Any, Any], Any], kind: Any, contex
     if given is None or given == parameter.default:
         return convert(context, given) if parameter.required else given
     try:
-        value = _READ[kind](given) if given else convert(context, given)
+        chosen = given in get_args(kind)
+        value = given if chosen else _READ[kind](given) if given else convert(context, given)
     except (KeyError, ValueError):
         return convert(context, given)
     return value if parameter.callback is None else parameter.callback(context, parameter, value)
@@ -203,7 +204,7 @@ def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 class _AsGiven:
-    """Reads texts and numbers, for which Typer would import pydantic: that takes as long as all of our own imports."""
+    """Reads texts, numbers and words, for which Typer would import pydantic: that takes as long as our own imports."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """The parameters, with --help."""

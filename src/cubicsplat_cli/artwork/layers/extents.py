@@ -107,22 +107,27 @@ def _extent(
     return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), contours)
 
 
-def enclosed(ring: Ring, top: int, left: int, size: tuple[int, ...]) -> np.ndarray:
-    """(h, w) bool: the pixels of a window, by its corner and size in px, of which a ring encloses half or more."""
-    return coverage(ring.cubics, ring.lines, top, left, *size) > 0.5
+def enclosed(ring: Ring, top: int, left: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
+    """The rows and columns of a window, by its corner and size in px, that a ring reaches; and (h, w) bool, of these:
+    the pixels of which it encloses half or more."""
+    ends = np.stack([np.floor(ring.cubics.min(axis=(0, 1))), np.ceil(ring.cubics.max(axis=(0, 1)))])
+    (x, y), (right, bottom) = np.clip(ends - [left, top], 0, size[::-1]).astype(int).tolist()
+    inside = coverage(ring.cubics, ring.lines, top + y, left + x, bottom - y, right - x) > 0.5
+    return (slice(y, bottom), slice(x, right)), inside
 
 
 @dataclass(frozen=True)
 class Window:
     """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
     shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
-    lies outside of the outer one."""
+    lies outside of the outer one. box: rows and columns beyond which there is nothing that it must."""
 
     top: int
     left: int
     must: np.ndarray
     may: np.ndarray
     canvas: tuple[int, int]
+    box: tuple[slice, slice]
 
     @classmethod
     def of(cls, extent: Extent, canvas: tuple[int, int]) -> Window:
@@ -134,26 +139,27 @@ class Window:
         must |= beneath & ~ndimage.binary_dilation(~extent.allowed, ndimage.SQUARE, 2)
         # An outer outline may go around holes, which have outlines of their own.
         may = ndimage.binary_dilation(extent.allowed | extent.holes, ndimage.SQUARE)
-        return cls(extent.top, extent.left, must, may, canvas)
+        return cls(extent.top, extent.left, must, may, canvas, (slice(0, must.shape[0]), slice(0, must.shape[1])))
 
     def hole(self, contour: Contour, extent: Extent) -> Window:
         """The same of a contour of a hole of the extent."""
-        free = self._inside(polygon(contour.points)) & ~extent.allowed
-        return replace(self, must=ndimage.binary_erosion(free, ndimage.SQUARE), may=self.may & ~self.must)
-
-    def _inside(self, ring: Ring) -> np.ndarray:
-        """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
-        return enclosed(ring, self.top, self.left, self.must.shape)
+        box, free = enclosed(polygon(contour.points), self.top, self.left, self.must.shape)
+        must = np.zeros_like(self.must)
+        must[box] = ndimage.binary_erosion(free & ~extent.allowed[box], ndimage.SQUARE)
+        return replace(self, must=must, may=self.may & ~self.must, box=box)
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
         ring = outline.ring()
         points = dense(flattened(ring, 1.0), 1.0) - [self.left, self.top]
-        inside = self._inside(ring)
-        y, x = np.nonzero((inside & ~self.may) | (~inside & self.must))
-        within = np.stack([x + 0.5, y + 0.5], axis=1)
-        corner = np.array([self.left, self.top])
-        return np.concatenate([within, points[self._astray(points)]]) + corner
+        reached, own = enclosed(ring, self.top, self.left, self.must.shape)
+        both = zip(self.box, reached, strict=True)
+        rows, columns = box = tuple(slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
+        inside = np.zeros_like(self.must)
+        inside[reached] = own
+        y, x = np.nonzero((inside[box] & ~self.may[box]) | (~inside[box] & self.must[box]))
+        within = np.stack([x + columns.start, y + rows.start], axis=1) + 0.5
+        return np.concatenate([within, points[self._astray(points)]]) + np.array([self.left, self.top])
 
     def _astray(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: points of an outline beyond the window, though on the canvas."""
@@ -172,13 +178,13 @@ def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent) -> tuple[Ou
     """
     if len(fitted) == 1 or np.isfinite(extent.contours[0].sigma).all():
         return fitted
-    size = extent.shown.shape
-    inside = enclosed(fitted[0].ring(), extent.top, extent.left, size)
+    inside = np.zeros_like(extent.shown)
+    box, inside[box] = enclosed(fitted[0].ring(), extent.top, extent.left, inside.shape)
     kept, wrong = [fitted[0]], 0
     for outline, contour in zip(fitted[1:], extent.contours[1:], strict=True):
-        own = enclosed(polygon(contour.points), extent.top, extent.left, size)
-        around = bool(inside[own].mean() >= 0.5) if own.any() else True
-        wrong += int((own & ~extent.allowed & (inside != around)).sum())
+        box, own = enclosed(polygon(contour.points), extent.top, extent.left, inside.shape)
+        around = bool(inside[box][own].mean() >= 0.5) if own.any() else True
+        wrong += int((own & ~extent.allowed[box] & (inside[box] != around)).sum())
         if around:
             kept.append(outline)
     return (few_lines(extent.contours[0].points), *fitted[1:]) if wrong > MOST_WRONG else tuple(kept)
