@@ -24,7 +24,7 @@ from cubicsplat_cli.raster.stack import Goal
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
-PASSES, CROWDED = 3, 8000  # one pass where there are more shapes, of which each takes five seconds and more
+PASSES, CROWDED = 3, 2000  # one pass where there are more shapes, of which each takes five seconds and more
 MOST_TRIED = 4000  # areas
 SEEN = 60  # px of an area that is worth a note
 LEFT = 0.5  # share of the squared error that shapes may leave which explain it in no fewer areas than before
