@@ -60,7 +60,7 @@ def test_report_follows_schema_one(photo, run_cli, tmp_path):
     assert (found["input"]["width"], found["input"]["height"], found["input"]["alpha"]) == (40, 28, False)
     data = out.read_bytes()
     written = {"svg": str(out), "png": None, "bytes": len(data), "paths": data.count(b"<path")}
-    hashes = {"svg_sha256": hashlib.sha256(data).hexdigest(), "png_sha256": None}
+    hashes = {"svg_sha256": hashlib.sha256(data).hexdigest(), "png_sha256": None, "compressed_bytes": None}
     assert found["output"] == {**written, **hashes}
     assert (found["settings"]["curves"], found["settings"]["steps"], found["settings"]["seed"]) == (12, 30, 3)
     assert found["settings"]["precision"] is None

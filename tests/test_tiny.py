@@ -12,6 +12,7 @@ import pytest
 from cli_runs import strict_json
 
 from cubicsplat_cli import vectorize
+from cubicsplat_cli.cli.run import summary_line
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.options import GzipBytes, parse_bytes
@@ -78,6 +79,8 @@ def test_a_tiny_file_holds_polygons_and_nothing_else(placeholder):
     )
     report = placeholder.report
     assert (report.style, report.settings["max_bytes"], report.settings["shapes"]) == ("photo", "300gz", "polygon")
+    assert report.output.compressed_bytes == packed_size(svg)
+    assert ", 2" in summary_line(report) and "B gzipped" in summary_line(report)
     assert report.output.paths == svg.count("<path") - 1 == placeholder.scene.curves
     assert report.quality.svg.psnr_db > 24.0
     assert abs(report.quality.surrogate.psnr_db - report.quality.svg.psnr_db) < 0.1

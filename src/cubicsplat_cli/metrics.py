@@ -64,7 +64,8 @@ class Input:
 class Output:
     """The written files. svg, png: paths (None: not written, or standard output). bytes, paths: of the SVG;
     paths are the elements that it draws: a photo's curves, and of a drawing those that its shapes are in. The
-    hashes are of the files as written; by them a later run knows whether they are complete.
+    hashes are of the files as written; by them a later run knows whether they are complete. compressed_bytes: of the
+    SVG through gzip, where the bytes that it may have are counted so.
     """
 
     paths: int
@@ -73,6 +74,7 @@ class Output:
     svg: str | None = None
     png: str | None = None
     png_sha256: str | None = None
+    compressed_bytes: int | None = None
 
 
 @dataclass(frozen=True)

@@ -233,7 +233,7 @@ def _print_plan(outcome: Outcome, request: Request) -> None:
 def summary_line(report: Report, status: str = DONE) -> str:
     """`out.svg  512 curves  61 kB  SVG 31.9 dB  SSIM 0.86  47 s  cpu`."""
     output = report.output
-    parts = [output.svg or "stdout", report.style, _size_text(report), file_size(output.bytes), *_quality_parts(report)]
+    parts = [output.svg or "stdout", report.style, _size_text(report), _bytes_text(report), *_quality_parts(report)]
     if status == UNCHANGED:
         parts.append("unchanged")
     else:
@@ -249,6 +249,12 @@ def _size_text(report: Report) -> str:
         return counted(report.output.paths, "curve")
     apart = report.shapes == report.output.paths
     return counted(report.shapes, "shape") + ("" if apart else f" in {counted(report.output.paths, 'element')}")
+
+
+def _bytes_text(report: Report) -> str:
+    """`61 kB`, or `958 B, 396 B gzipped` where those are counted."""
+    size, packed = report.output.bytes, report.output.compressed_bytes
+    return file_size(size) + ("" if packed in (None, size) else f", {file_size(packed)} gzipped")
 
 
 def _quality_parts(report: Report) -> list[str]:

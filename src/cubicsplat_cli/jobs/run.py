@@ -118,7 +118,7 @@ def _write_others(
             png = encode_png(figures.pixels)
             sink.put("png", png)
         files |= {"png": str(outputs.png), "png_sha256": sha256_of(png)}
-    output = output_of(made, svg, data, **files)
+    output = output_of(task, made, svg, data, **files)
     if outputs.geometrize is not None:
         from cubicsplat_cli.pipeline.vectorize import geometrized
 

@@ -14,6 +14,7 @@ from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_d
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
+from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.metrics import (
     SECONDS_DECIMALS,
     FileQuality,
@@ -58,7 +59,7 @@ def vectorize_picture(
     *_, made = candidates(task)
     svg = task.svg(made)
     figures = measured(task, made, svg) if task.request.measure else None
-    report = report_of(task, made, figures, output_of(made, svg, svg.encode()))
+    report = report_of(task, made, figures, output_of(task, made, svg, svg.encode()))
     return Result(svg, made.scene, report, None if figures is None else figures.pixels)
 
 
@@ -167,10 +168,11 @@ def _root_mean_square(values: np.ndarray) -> float:
     return float(np.sqrt(np.square(values).mean()))
 
 
-def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:
+def output_of(task: Task, made: Made, text: str, data: bytes, **files: Any) -> Output:
     """The report's member `output`. text: of the SVG; data: its file, which may be compressed. files: more members."""
     paths = drawn_elements(text) if "shapes" in made.facts else made.paths
-    return Output(paths, len(data), sha256_of(data), **files)
+    compressed = len(packed(text, compressed=True)) if task.request.counts_compressed else None
+    return Output(paths, len(data), sha256_of(data), compressed_bytes=compressed, **files)
 
 
 def report_of(task: Task, made: Made, figures: Measured | None, output: Output, *, path: str | None = None) -> Report:
