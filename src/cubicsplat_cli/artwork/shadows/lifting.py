@@ -90,10 +90,11 @@ def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: Sequence
                 casters |= cast.mask
         off = np.abs(ground.fill + shares.on(ground.mask)[..., None] * (colour - ground.fill) - levels).max(axis=2)
         if shadow.outlined:  # whose casters are known well
-            near = off <= shadow.off
+            own, near = ground.mask, off <= 2.0 * shadow.off
         else:
+            own = ground.mask & (off <= shadow.off + 0.5)
             near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=BESIDE) & (off <= NEAR)
-        out[(ground.mask & (off <= shadow.off + 0.5)) | (near & ~casters & (out < 0))] = k
+        out[own | (near & ~casters & (out < 0))] = k
     return out
 
 

@@ -20,13 +20,13 @@ from cubicsplat_cli.raster.unmix import blend_with
 
 BEGIN = (2.5, 6.0, 14.0)  # px of blur to begin with
 ROUNDS, SETTLED, DAMPING = 30, 1e-3, 1e-3  # of Gauss-Newton; px of a last step
-LEAST, MOST = (-64.0, -64.0, 0.5, 0.01), (64.0, 64.0, 64.0, 1.0)  # of a Blur's numbers
+FAR_OFF = 64.0  # px that a shadow is moved or blurred by at most
 BEYOND = 4.0  # sigmas from what casts it at which a shadow ends
 # Px by which a silhouette may be larger than what casts the shadow, and from its tips to where that is even.
 LARGER, TIP = 2, 10
 # Px of the longer side of the copy that is fitted first; share of what is shaded there that is off by so much of the
 # darkest shade at most, or no blur explains it.
-SMALL, HALFWAY, FAR = 192, 0.6, 0.1
+SMALL, HALFWAY, FAR = 128, 0.6, 0.1
 REFINED = 2  # rounds in which what they cover is told from what they shade
 # Share of the shaded pixels, and of the others, that must be off by CLOSE at most; levels that count as shade.
 EXPLAINED, FAINT = 0.97, 1.0
@@ -54,8 +54,10 @@ class Blur:
         bend = np.gradient(down, axis=0) + np.gradient(across, axis=1)
         return tuple(_moved(each, pad, self.dx, self.dy) for each in (wide, -across, -down, self.sigma * bend))
 
-    def nearest(self, cover: np.ndarray, seen: np.ndarray, where: np.ndarray) -> Blur:
-        """The blur whose shadow is nearest to what is seen (H, W) where that is (H, W) bool known."""
+    def nearest(self, cover: np.ndarray, seen: np.ndarray, where: np.ndarray, far: float = FAR_OFF) -> Blur:
+        """The blur whose shadow is nearest to what is seen (H, W) where that is (H, W) bool known. far: px by which it
+        is moved or blurred at most.
+        """
         best, left = self, np.inf
         damping = DAMPING
         trial = self
@@ -75,7 +77,13 @@ class Blur:
                 if damping > 1e3:
                     break
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-12 * np.eye(4), -force)
-            trial = Blur(*np.clip(np.array([best.dx, best.dy, best.sigma, best.alpha]) + step, LEAST, MOST).tolist())
+            trial = Blur(
+                *np.clip(
+                    np.array([best.dx, best.dy, best.sigma, best.alpha]) + step,
+                    [-far, -far, 0.5, 0.01],
+                    [far, far, far, 1.0],
+                ).tolist()
+            )
         return best
 
 
@@ -149,7 +157,7 @@ def _roughly(cover: np.ndarray, seen: np.ndarray, on: np.ndarray, strongest: flo
     factor = -(-max(cover.shape) // SMALL)
     cover, seen, known, _ = np.moveaxis(blocks_of(np.stack([cover, seen, on, on], axis=2), factor), 2, 0)
     on = known == 1.0
-    fits = [Blur(0.0, 0.0, sigma, strongest).nearest(cover, seen, on) for sigma in BEGIN]
+    fits = [Blur(0.0, 0.0, sigma, strongest).nearest(cover, seen, on, FAR_OFF / factor) for sigma in BEGIN]
     errors = [np.abs(blur.of(cover) - seen)[on] for blur in fits]
     blur, error = min(zip(fits, errors, strict=True), key=lambda fit: float(fit[1] @ fit[1]))
     off = FAR * strongest
