@@ -135,24 +135,23 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
 
 
 def _photo_or_drawing(task: Task, style: Style) -> Made:
-    """The photo of a picture; or its drawing, where the style is doubtful or an early look at the fit tells that it
-    will end far from the picture, and the drawing is nearer by more than a look may err. Later looks end the fit where
-    it will not come as near.
+    """The photo of a picture; or its drawing, where the style is doubtful or the photo will be far from the picture, as
+    an early look at the fit tells, and the drawing is nearer by more than a look may err.
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
     fit = PhotoFit(task)
     scene, rise = fit.early() or (None, 0.0)
-    level = level_db(task, scene, task.request.settings.finish_samples)
-    if math.isinf(level) or (level + rise >= FAR_DB and not style.doubtful):
+    expected = level_db(task, scene, task.request.settings.finish_samples) + rise
+    if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
-    drawing = _drawing_of(task, style, level + rise)
+    drawing = _drawing_of(task, style, expected)
     if isinstance(drawing, Made):
         own = _level_db(task, drawing)
         # The photo may end far above what a look tells, in fewer bytes than many shapes take.
-        decisive = level + rise < FAR_DB or is_smaller(task, drawing)
-        if drawing.interrupted or (decisive and own > decisive_db(level + rise)):
-            return _instead(drawing, level + rise)
+        decisive = expected < FAR_DB or is_smaller(task, drawing)
+        if drawing.interrupted or (decisive and own > decisive_db(expected)):
+            return _instead(drawing, expected)
         most = fit.most(own) if decisive else None
         if most is not None:
             return _instead(drawing, most)
