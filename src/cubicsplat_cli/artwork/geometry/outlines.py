@@ -284,7 +284,4 @@ def derivatives(cubics: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """First and second derivatives, each (P, K, 2), of the cubics (P, 4, 2) at u (P, K)."""
     first, v = 3.0 * np.diff(cubics, axis=1), 1.0 - u
     second = 2.0 * np.diff(first, axis=1)
-    return (
-        np.stack([v * v, 2.0 * v * u, u * u], axis=-1) @ first,
-        np.stack([v, u], axis=-1) @ second,
-    )
+    return (np.stack([v * v, 2.0 * v * u, u * u], axis=-1) @ first, np.stack([v, u], axis=-1) @ second)

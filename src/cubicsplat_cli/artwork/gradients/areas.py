@@ -11,16 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.parts import (
-    CLEAR,
-    LEAST_AREA,
-    LEAST_PLATEAU,
-    RING,
-    Part,
-    Patch,
-    part_of,
-    plateau,
-)
+from cubicsplat_cli.artwork.gradients.parts import CLEAR, LEAST_AREA, LEAST_PLATEAU, RING, Part, Patch, part_of, plateau
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
