@@ -141,10 +141,7 @@ class Ellipse:
         """4, and the angle where there is one."""
         return 4 + (self.angle != 0.0)
 
-    @property
-    def parameters(self) -> int:
-        """Degrees of freedom, as many as coordinates."""
-        return self.coordinates
+    parameters = coordinates
 
     def ring(self) -> Ring:
         """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
@@ -175,10 +172,7 @@ class Rectangle:
         """4, and the radius and the angle where there are such."""
         return 4 + (self.radius > 0.0) + (self.angle != 0.0)
 
-    @property
-    def parameters(self) -> int:
-        """Degrees of freedom, as many as coordinates."""
-        return self.coordinates
+    parameters = coordinates
 
     def ring(self) -> Ring:
         """Four lines, or with a radius eight pieces, from the left end of the top side on, clockwise as seen."""
