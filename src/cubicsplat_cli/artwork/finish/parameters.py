@@ -161,7 +161,7 @@ class Still:
 
     def __init__(self, outline: Outline) -> None:
         self._outline = outline
-        ring = outline if isinstance(outline, Ring) else fine_ring(outline)
+        ring = fine_ring(outline)
         self.cubics, self.lines = ring.cubics, ring.lines
         self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 

@@ -219,6 +219,13 @@ def following(points: np.ndarray) -> np.ndarray:
 Outline = Ring | Circle | Ellipse | Rectangle
 
 
+def with_thirds(ring: Ring) -> Ring:
+    """The ring with the control points of its lines where they belong."""
+    ends = np.roll(ring.anchors, -1, axis=0)
+    thirds = np.stack([(2.0 * ring.anchors + ends) / 3.0, (ring.anchors + 2.0 * ends) / 3.0], axis=1)
+    return Ring(ring.anchors, np.where(ring.lines[:, None, None], thirds, ring.controls), ring.lines, ring.smooth)
+
+
 def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     """(n, 2) points along a ring, those of a cubic about `step` px apart; each piece gives its start, not its end."""
     cubics = ring.cubics

@@ -65,11 +65,8 @@ class _Search:
         if self.left <= 0:
             return None
         self.left -= 1
-        return shade_of(pixels, self.hints())
-
-    def hints(self) -> list[Shade]:
-        """The last few radial gradients found."""
-        return [shade for shade in {id(a.shade): a.shade for a in self.found}.values() if shade.radial][-MOST_HINTS:]
+        radial = [shade for shade in {id(a.shade): a.shade for a in self.found}.values() if shade.radial]
+        return shade_of(pixels, radial[-MOST_HINTS:])
 
 
 def _explain(part: Part, search: _Search, depth: int) -> None:

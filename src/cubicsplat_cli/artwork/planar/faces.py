@@ -104,19 +104,7 @@ def _cycles(
     vertices: np.ndarray, tail: np.ndarray, head: np.ndarray, following: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(2 E,) the cycle of each half-edge, and (C,) twice their areas, negative around a component."""
-    cycle = np.full(len(following), -1)
-    count = 0
-    after = following.tolist()
-    marks = cycle.tolist()
-    for start in range(len(after)):
-        if marks[start] >= 0:
-            continue
-        h = start
-        while marks[h] < 0:
-            marks[h] = count
-            h = after[h]
-        count += 1
-    cycle = np.array(marks)
+    count, cycle = linked_groups(len(following), np.arange(len(following)), following)
     a, b = vertices[tail], vertices[head]
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     areas = np.zeros(count, dtype=np.int64)

@@ -81,8 +81,6 @@ def sources_from(
 
 def _ring(outline: Outline) -> Ring:
     """The ring of an outline, the arcs of primitives in eighths of a turn, which are true to 5e-6 of a radius."""
-    if isinstance(outline, Ring):
-        return outline
     if not isinstance(outline, (Circle, Ellipse)):
         return fine_ring(outline)
     radii = (outline.r, outline.r) if isinstance(outline, Circle) else (outline.rx, outline.ry)
