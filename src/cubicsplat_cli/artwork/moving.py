@@ -59,9 +59,7 @@ class _Outline:
         if np.abs(move).max() <= SAME_PX:
             move = np.zeros(2)
         moved = self.points + move
-        apart = max(
-            PointTree(other.points).query(moved)[0].max(), PointTree(moved).query(other.points)[0].max()
-        )  # fmt: skip
+        apart = max(PointTree(a).query(b)[0].max() for a, b in ((other.points, moved), (moved, other.points)))
         return move if apart <= SAME_PX + STEP / 2.0 else None
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import oriented
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer, pack_rings
@@ -72,11 +72,5 @@ def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: 
 
 def _rings(shape: Shape) -> list[np.ndarray]:
     """(3m, 2) control points of each ring: the outer one clockwise as seen, holes the other way."""
-    return [_points(outline, clockwise=index == 0) for index, outline in enumerate(shape.outlines)]
-
-
-def _points(outline: Outline, *, clockwise: bool) -> np.ndarray:
-    ring = outline if isinstance(outline, Ring) else fine_ring(outline)
-    if (signed_area(ring) > 0.0) != clockwise:
-        ring = reversed_ring(ring)
-    return ring.cubics[:, :3].reshape(-1, 2).astype(np.float32)
+    rings = oriented([fine_ring(outline) for outline in shape.outlines])
+    return [ring.cubics[:, :3].reshape(-1, 2).astype(np.float32) for ring in rings]

@@ -216,7 +216,8 @@ def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, 
     pixels = Pixels(x + 0.5, y + 0.5, opaque)
     shades = [_along(math.pi * k / ANGLES, stops, pixels) for k in range(ANGLES) for stops in (2, STOPS)]
     flat = float(((values - middle) ** 2).mean())
-    costs = [_misfit(shade, pixels) + LEAST_GAIN * len(shade.ramp.knots) for shade in shades]
+    off = [colours_off(shade.frame, False, shade.ramp.knots, shade.ramp.colours, pixels)[:, :3] for shade in shades]
+    costs = [float((o**2).mean()) + LEAST_GAIN * len(shade.ramp.knots) for o, shade in zip(off, shades, strict=True)]
     best = int(np.argmin(costs))
     return fill, gradient_of(shades[best]) if costs[best] < flat else None
 
@@ -229,9 +230,3 @@ def _along(angle: float, stops: int, pixels: Pixels) -> Shade:
     colours = np.clip(best_colours(frame, False, knots, pixels), 0.0, 255.0)
     colours[:, 3] = 255.0
     return Shade(frame, False, Ramp(knots, colours), 2)
-
-
-def _misfit(shade: Shade, pixels: Pixels) -> float:
-    """The mean square in levels^2 of three channels."""
-    off = colours_off(shade.frame, False, shade.ramp.knots, shade.ramp.colours, pixels)
-    return float((off[:, :3] ** 2).mean())

@@ -80,20 +80,14 @@ class Drawing:
     @property
     def segments(self) -> int:
         """The number of lines and cubics of the outlines, primitives counted as their rings."""
-        return sum(
-            line.pieces
-            for shape in self.shapes
-            for line in (shape.outlines if shape.stroke is None else (shape.stroke.path,))
-        )
+        paths = (shape.outlines if shape.stroke is None else (shape.stroke.path,) for shape in self.shapes)
+        return sum(path.pieces for own in paths for path in own)
 
     @property
     def coordinates(self) -> int:
         """The number of numbers that an artist would write for the outlines."""
-        return sum(
-            line.coordinates
-            for shape in self.shapes
-            for line in (shape.outlines if shape.stroke is None else (shape.stroke,))
-        )
+        lines = (shape.outlines if shape.stroke is None else (shape.stroke,) for shape in self.shapes)
+        return sum(line.coordinates for own in lines for line in own)
 
 
 def ground_shape(fill: Rgba, width: int, height: int) -> Shape:

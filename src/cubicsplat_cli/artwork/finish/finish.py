@@ -199,7 +199,10 @@ def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
 def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]:
     """The layers of a drawing; what is pinned stays where it is."""
     constraints = Constraints(drawing.width, drawing.height, pins)
-    return [_layer(shape, constraints, goal.space) for shape in drawing.shapes]
+    return [
+        layer_of(shape, premultiplied(shape.fill) @ goal.space, [parametrised(o, constraints) for o in shape.outlines])
+        for shape in drawing.shapes
+    ]
 
 
 def settle(state: State, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None) -> State:
@@ -234,7 +237,8 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     What one outline spoils is held against its neighbours too, so the worst ones are taken back first. Copies are
     judged together with their model.
     """
-    families = _families(state.outlines)
+    # Of each outline the number of the one whose variables move it: its model's, or its own.
+    families = np.array([o.source if isinstance(o, CopyParameters) else k for k, o in enumerate(state.outlines)])
     layers, moving = _stepped(state, families, damping, awake)
     if not moving.any():
         return state, moving
@@ -283,11 +287,6 @@ def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     return with_outlines(new, (x if w else y for x, y, w in zip(before, after, worse.tolist(), strict=True)))
 
 
-def _layer(shape: Shape, constraints: Constraints, space: np.ndarray) -> Layer:
-    fill = premultiplied(shape.fill) @ space
-    return layer_of(shape, fill, [parametrised(outline, constraints) for outline in shape.outlines])
-
-
 def premultiplied(fill: Rgba) -> np.ndarray:
     """(4,) in [0, 1] a fill of 8 bits."""
     r, g, b, a = (v / 255.0 for v in fill)
@@ -301,11 +300,6 @@ def layer_of(shape: Shape, fill: np.ndarray, outlines: list[Parameters]) -> Laye
         ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
         signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
     return Layer(shape, fill, outlines, signs)
-
-
-def _families(outlines: list[Parameters]) -> np.ndarray:
-    """(outlines,) of each whose variables move it: the number of its model, or its own."""
-    return np.array([o.source if isinstance(o, CopyParameters) else k for k, o in enumerate(outlines)])
 
 
 def _stepped(

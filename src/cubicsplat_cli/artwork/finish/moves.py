@@ -63,7 +63,7 @@ def complaints(state: State) -> dict[int, Complaint]:
     c, count = state.crossings, int(state.pieces[-1])
     floor = _floor(state, slice(None))
     chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
-    cubics = np.concatenate([o.cubics for layer in state.layers for o in layer.outlines])
+    cubics = np.concatenate([o.cubics for o in state.outlines])
     lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     along = c.t * lengths[c.piece]
     weight = np.maximum(chi, 0.0)

@@ -146,7 +146,7 @@ class RingParameters:
         if self.origin is not None:
             low, high = p.anchors.min(axis=0), p.anchors.max(axis=0)
             return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
-        return self.pieces.ring()
+        return p.ring()
 
 
 def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
@@ -161,7 +161,7 @@ class Still:
 
     def __init__(self, outline: Outline) -> None:
         self._outline = outline
-        ring = outline if isinstance(outline, Ring) else fine_ring(outline)
+        ring = fine_ring(outline)
         self.cubics, self.lines = ring.cubics, ring.lines
         self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 
@@ -221,11 +221,9 @@ def _alike(shape: Circle | Ellipse | Rectangle) -> Circle | Ellipse | Rectangle:
         return Circle(0.0, 0.0, 1.0)
     if shape.angle != 0.0:
         return shape
-    return (
-        Ellipse(0.0, 0.0, 1.0, 1.0)
-        if isinstance(shape, Ellipse)
-        else Rectangle(0.0, 0.0, 1.0, 1.0, shape.radius and 0.25)
-    )
+    if isinstance(shape, Ellipse):
+        return Ellipse(0.0, 0.0, 1.0, 1.0)
+    return Rectangle(0.0, 0.0, 1.0, 1.0, shape.radius and 0.25)
 
 
 @lru_cache(maxsize=64)
@@ -253,7 +251,8 @@ class CopyParameters:
         if not matrix[0, 1]:  # x and y stay apart
             signs = np.tile(np.diag(matrix), 4 * len(self.lines))
             return SparseRows(own.starts, own.columns, own.values * np.repeat(signs, np.diff(own.starts)), own.count)
-        places = np.broadcast_arrays(*_pair_places(4 * len(self.lines)), matrix.T)
+        pairs = 2 * np.arange(4 * len(self.lines))[:, None, None]
+        places = np.broadcast_arrays(pairs + np.arange(2)[:, None], pairs + np.arange(2), matrix.T)
         rows, columns, values = (part.ravel() for part in places)
         return SparseRows.of(rows, columns, values, (8 * len(self.lines),) * 2).after(own)
 
@@ -266,9 +265,3 @@ class CopyParameters:
 
     def outline(self) -> Outline:
         return self.way.outline(self.model.outline())
-
-
-def _pair_places(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """The rows (points, 2, 1) and columns (points, 1, 2) of matrices 2 x 2 along a diagonal."""
-    pairs = 2 * np.arange(points)[:, None, None]
-    return pairs + np.arange(2)[:, None], pairs + np.arange(2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
 
@@ -35,43 +36,40 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
         return drawing
     constraints = Constraints(drawing.width, drawing.height)
     at = work().at
+
+    def merged(state: State) -> State:
+        return with_merges(state, constraints, detail)
+
+    def moved(state: State) -> State:
+        return _tried(state, *with_moves(state, constraints, detail), detail)
+
     at("fitting to the pixels", 0.5)
     state = begin(drawing, goal)
     with work().stoppable():
-        state = settle(state, _rounds(pieces))
+        state = settle(state, ROUNDS if pieces <= CROWDED else _trial_rounds(pieces))
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
         if pieces <= FULL:
-            state = _merged(state, constraints, detail, MERGES if goal.reach and pieces <= CROWDED else 1)
+            state = _repeated(merged, state, MERGES if goal.reach and pieces <= CROWDED else 1)
         at("fitting to the pixels", 0.7)
-        for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= CHANGED else 0):
-            following = _moved(state, constraints, detail)
-            if following is state:
-                break
-            state = following
+        state = _repeated(moved, state, PASSES if pieces <= CROWDED else 1 if pieces <= CHANGED else 0)
         state = _tried(state, *_otherwise(drawing, state, constraints), detail)
         if pieces <= MANY:
-            state = settle(state, _trial_rounds(pieces))
+            state = settle(state, TRIAL_ROUNDS)
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:
-            state = _merged(state, constraints, detail, MERGES if pieces <= SEVERAL else 1)
+            state = _repeated(merged, state, MERGES if pieces <= SEVERAL else 1)
     return drawn(drawing, state)
 
 
-def _rounds(pieces: int) -> int:
-    if pieces <= CROWDED:
-        return ROUNDS
+def _trial_rounds(pieces: int) -> int:
     return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
 
 
-def _trial_rounds(pieces: int) -> int:
-    return min(TRIAL_ROUNDS, _rounds(pieces))
-
-
-def _merged(state: State, constraints: Constraints, detail: float, passes: int) -> State:
-    """The state after passes of merges, until one changes nothing."""
+def _repeated(change: Callable[[State], State], state: State, passes: int) -> State:
+    """The state after some passes, until one changes nothing."""
     for _ in range(passes):
-        following = with_merges(state, constraints, detail)
+        following = change(state)
         if following is state:
             break
         state = following
@@ -86,11 +84,6 @@ def _otherwise(drawing: Drawing, state: State, constraints: Constraints) -> tupl
         for ring, own in zip(rings, state.outlines, strict=True)
     ]
     return with_outlines(state.layers, iter(found)), np.array([ring is not None for ring in rings])
-
-
-def _moved(state: State, constraints: Constraints, detail: float) -> State:
-    """The state after one pass of moves, the same where none paid."""
-    return _tried(state, *with_moves(state, constraints, detail), detail)
 
 
 def _tried(state: State, layers: list[Layer], changed: np.ndarray, detail: float) -> State:

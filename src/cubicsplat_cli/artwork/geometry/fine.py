@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 
 SIXTEENTHS = 16  # of a circle, one cubic each
 
@@ -25,8 +25,10 @@ class _Template:
     lines: np.ndarray
 
 
-def fine_ring(shape: Circle | Ellipse | Rectangle) -> Ring:
-    """The ring of a primitive, its arcs in eighths of a turn or less so that they are true to 1e-5 of a radius."""
+def fine_ring(shape: Outline) -> Ring:
+    """A ring itself; that of a primitive, its arcs in eighths of a turn or less, true to 1e-5 of a radius."""
+    if isinstance(shape, Ring):
+        return shape
     template, middle, half, radius, angle = _parts(shape)
     cubics = (template.half * half + template.round * radius) @ _turn(angle) + middle
     smooth = np.full(len(cubics), not (isinstance(shape, Rectangle) and shape.radius <= 0.0))

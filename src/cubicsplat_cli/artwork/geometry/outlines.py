@@ -141,10 +141,7 @@ class Ellipse:
         """4, and the angle where there is one."""
         return 4 + (self.angle != 0.0)
 
-    @property
-    def parameters(self) -> int:
-        """Degrees of freedom, as many as coordinates."""
-        return self.coordinates
+    parameters = coordinates
 
     def ring(self) -> Ring:
         """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
@@ -175,10 +172,7 @@ class Rectangle:
         """4, and the radius and the angle where there are such."""
         return 4 + (self.radius > 0.0) + (self.angle != 0.0)
 
-    @property
-    def parameters(self) -> int:
-        """Degrees of freedom, as many as coordinates."""
-        return self.coordinates
+    parameters = coordinates
 
     def ring(self) -> Ring:
         """Four lines, or with a radius eight pieces, from the left end of the top side on, clockwise as seen."""
@@ -223,6 +217,13 @@ def following(points: np.ndarray) -> np.ndarray:
 
 
 Outline = Ring | Circle | Ellipse | Rectangle
+
+
+def with_thirds(ring: Ring) -> Ring:
+    """The ring with the control points of its lines where they belong."""
+    ends = np.roll(ring.anchors, -1, axis=0)
+    thirds = np.stack([(2.0 * ring.anchors + ends) / 3.0, (ring.anchors + 2.0 * ends) / 3.0], axis=1)
+    return Ring(ring.anchors, np.where(ring.lines[:, None, None], thirds, ring.controls), ring.lines, ring.smooth)
 
 
 def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
@@ -284,7 +285,4 @@ def derivatives(cubics: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """First and second derivatives, each (P, K, 2), of the cubics (P, 4, 2) at u (P, K)."""
     first, v = 3.0 * np.diff(cubics, axis=1), 1.0 - u
     second = 2.0 * np.diff(first, axis=1)
-    return (
-        np.stack([v * v, 2.0 * v * u, u * u], axis=-1) @ first,
-        np.stack([v, u], axis=-1) @ second,
-    )
+    return (np.stack([v * v, 2.0 * v * u, u * u], axis=-1) @ first, np.stack([v, u], axis=-1) @ second)

@@ -11,16 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.parts import (
-    CLEAR,
-    LEAST_AREA,
-    LEAST_PLATEAU,
-    RING,
-    Part,
-    Patch,
-    part_of,
-    plateau,
-)
+from cubicsplat_cli.artwork.gradients.parts import CLEAR, LEAST_AREA, LEAST_PLATEAU, RING, Part, Patch, part_of, plateau
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
@@ -74,11 +65,8 @@ class _Search:
         if self.left <= 0:
             return None
         self.left -= 1
-        return shade_of(pixels, self.hints())
-
-    def hints(self) -> list[Shade]:
-        """The last few radial gradients found."""
-        return [shade for shade in {id(a.shade): a.shade for a in self.found}.values() if shade.radial][-MOST_HINTS:]
+        radial = [shade for shade in {id(a.shade): a.shade for a in self.found}.values() if shade.radial]
+        return shade_of(pixels, radial[-MOST_HINTS:])
 
 
 def _explain(part: Part, search: _Search, depth: int) -> None:

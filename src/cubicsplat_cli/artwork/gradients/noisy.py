@@ -47,7 +47,8 @@ MORE = 1.5  # times the pixels that windows must show gradients in
 
 def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, of a condition, without its gradients."""
-    areas, even = plane_areas(levels, condition), _even(levels, condition.noise)
+    calm, _ = calm_pixels(levels, condition.noise)
+    areas, even = plane_areas(levels, condition), ndimage.large_parts(calm, LEAST_EVEN)[0]
     if areas:
         areas = _to_the_nearest(levels, [_grown(levels, area, condition, even) for area in areas], condition)
     return without_areas(levels, even, areas, STRANGE)
@@ -199,12 +200,6 @@ def off_extended(shade: Shade, levels: np.ndarray, patch: Patch) -> np.ndarray:
     return shade.extended().off(Pixels(x + 0.5, y + 0.5, levels[y, x]))
 
 
-def _even(levels: np.ndarray, noise: float) -> np.ndarray:
-    """(H, W) int32 numbers from 1 on of what is of one colour but for the noise, 0 elsewhere."""
-    calm, _ = calm_pixels(levels, noise)
-    return ndimage.large_parts(calm, LEAST_EVEN)[0]
-
-
 def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, without its gradients. blur: px, standard deviation."""
     parts, count = smooth_parts(levels)
@@ -221,7 +216,10 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
         areas = [_followed(levels, parts, area, GROWN) for area in planes]
     else:
         areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
-    return without_areas(levels, _rest(parts, areas), areas, STRANGE, blur)
+    free = parts > 0
+    for area in areas:
+        free[area.patch.window] &= ~area.patch.mask
+    return without_areas(levels, ndimage.large_parts(free, LEAST_EVEN)[0], areas, STRANGE, blur)
 
 
 def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
@@ -238,11 +236,3 @@ def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int)
     rimmed = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=rim)
     mask = wide.mask | (explained & (rimmed | own[rests]))
     return replace(area, patch=replace(wide, mask=ndimage.binary_propagation(wide.mask, None, mask)))
-
-
-def _rest(parts: np.ndarray, areas: list[ShadedArea]) -> np.ndarray:
-    """(H, W) int32 numbers from 1 on of what changes evenly and is in no area, 0 elsewhere."""
-    free = parts > 0
-    for area in areas:
-        free[area.patch.window] &= ~area.patch.mask
-    return ndimage.large_parts(free, LEAST_EVEN)[0]

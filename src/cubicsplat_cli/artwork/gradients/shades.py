@@ -127,13 +127,9 @@ def _reaching(shade: Shade, pixels: Pixels) -> Shade:
         colours[end] += slope * (place - knots[end])
         knots[end] = place
         goes_on[end] = True
-    return Shade(shade.frame, shade.radial, Ramp(knots, _valid(colours)), shade.parameters, (goes_on[0], goes_on[1]))
-
-
-def _valid(colours: np.ndarray) -> np.ndarray:
-    """Premultiplied colours in levels that are ones."""
-    alpha = np.clip(colours[:, 3:], 0.0, 255.0)
-    return np.concatenate([np.clip(colours[:, :3], 0.0, alpha), alpha], axis=1)
+    colours[:, 3:] = alpha = np.clip(colours[:, 3:], 0.0, 255.0)
+    colours[:, :3] = np.clip(colours[:, :3], 0.0, alpha)
+    return Shade(shade.frame, shade.radial, Ramp(knots, colours), shade.parameters, (goes_on[0], goes_on[1]))
 
 
 def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:

@@ -84,8 +84,8 @@ def continued(
         [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
     )
     for k in np.argsort(_bending(cubics), kind="stable")[:MOST_TRIED]:
-        trial = points.copy()
-        trial[run] = _spread(cubics[k], len(run))
+        trial, fine = points.copy(), points_at(cubics[k], np.linspace(0.0, 1.0, 4 * len(run) + 8))
+        trial[run] = polyline_places(fine, (np.arange(len(run)) + 1.0) / (len(run) + 1.0) * arc_lengths(fine)[-1])
         if wrong(trial) <= TOLERATED:
             return trial[run]
     return None
@@ -104,9 +104,3 @@ def _bending(cubics: np.ndarray) -> np.ndarray:
     cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
     return (cross**2 / speed**5).mean(axis=1) * chord
-
-
-def _spread(cubic: np.ndarray, count: int) -> np.ndarray:
-    """(count, 2) points evenly along a cubic, its ends left out."""
-    fine = points_at(cubic, np.linspace(0.0, 1.0, 4 * count + 8))
-    return polyline_places(fine, (np.arange(count) + 1.0) / (count + 1.0) * arc_lengths(fine)[-1])

@@ -75,14 +75,17 @@ def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> It
 def _parts(
     place: int, corner: tuple[int, int], shown: np.ndarray, above: np.ndarray, found: EdgePositions, joined: bool
 ) -> Iterator[Extent]:
-    """corner: the top and left of the windows `shown` and `above`."""
-    parts, count = ndimage.label(_grown(shown, above, joined))
+    """corner: the top and left of the windows `shown` and `above`; joined: the hull of what shows counts too."""
+    parts, count = ndimage.label(ndimage.reached(shown, above, hull_mask(shown) if joined else None, UNDERLAP))
     boxes = ndimage.find_objects(parts)
     # What a hull adds apart from all that shows is of no use.
     for k in np.flatnonzero(np.bincount(parts[shown], minlength=count + 1)).tolist():
         own = rows, columns = _widened(boxes[k - 1])
         top, left = corner[0] + rows.start, corner[1] + columns.start
-        yield _extent(place, top, left, parts[own] == k, shown[own], above[own], found)
+        part, seen = parts[own] == k, shown[own]
+        loops = contours_of(part, seen, (top, left), found)
+        contours = tuple(Contour(points, sigma, area < 0.0) for points, sigma, area in loops)
+        yield Extent(place, top, left, seen & part, seen | above[own], ndimage.holes_of(part), contours)
 
 
 def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
@@ -92,19 +95,6 @@ def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
     room = UNDERLAP + 1 + max(side.stop - side.start for side in box) // 2
     rows, columns = (slice(max(side.start - room, 0), side.stop + room) for side in box)
     return rows, columns
-
-
-def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
-    """(h, w) bool: what shows, and what lies above it near by, within its hull where it is joined, or in its holes."""
-    return ndimage.reached(shown, above, hull_mask(shown) if joined else None, UNDERLAP)
-
-
-def _extent(
-    place: int, top: int, left: int, part: np.ndarray, shown: np.ndarray, above: np.ndarray, found: EdgePositions
-) -> Extent:
-    loops = contours_of(part, shown, (top, left), found)
-    contours = tuple(Contour(points, sigma, area < 0.0) for points, sigma, area in loops)
-    return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), contours)
 
 
 def enclosed(ring: Ring, top: int, left: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:

@@ -63,7 +63,9 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
     votes: dict[tuple[int, int], float] = {}
     for same in places.values():
         for passing in same:
-            rivals = [p for p in same if p.region != passing.region and _near(p.at, passing.at)]
+            x, y = passing.at
+            near = [p for p in same if max(abs(p.at[0] - x), abs(p.at[1] - y)) <= MEETING]
+            rivals = [p for p in near if p.region != passing.region]
             if len(rivals) != 2:
                 continue
             sure = passing.likelihood / (1.0 + passing.likelihood + sum(p.likelihood for p in rivals))
@@ -71,10 +73,6 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
                 for other in passing.others:
                     votes[passing.region, other] = votes.get((passing.region, other), 0.0) + sure
     return votes
-
-
-def _near(a: tuple[int, int], b: tuple[int, int]) -> bool:
-    return max(abs(a[0] - b[0]), abs(a[1] - b[1])) <= MEETING
 
 
 def round_votes(regions: Regions, found: EdgePositions, clear: np.ndarray) -> dict[tuple[int, int], float]:

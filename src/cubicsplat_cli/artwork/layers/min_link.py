@@ -14,13 +14,12 @@ import numpy as np
 
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import Hiding, fewer_points, fewest_links
+from cubicsplat_cli.raster.outlines import Hiding, fewest_links
 
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
 # px beneath the run at which a corner is tried, and at how many places along it; where nothing is found, as what hides
 # the run is narrow, nearer to it and at more.
 WIDE, NARROW = ((0.0, 3.0, 8.0, 16.0), 28), ((0.0, -1.5, 1.5), 64)
-# Pixels away from those that show the layer, or that it must not cover, where there is room.
 # px from an end of the run in which lines may be nearer, and in which pixels that show the layer do not count.
 NEAR_END, AT_END = 6.0, 3.0
 SLACK = 1.0  # px that the lines along an edge may be off it
@@ -76,11 +75,6 @@ def min_link_path(run: np.ndarray, first: End, last: End, room: Room) -> Iterato
         path = fewest_links(nodes, order, RAY[: len(start)], RAY[: len(stop)], hiding)
         if len(path):
             yield nodes[path]
-
-
-def along_edge(run: np.ndarray) -> np.ndarray:
-    """(k, 2) corners of lines along a run (m, 2), px."""
-    return fewer_points(run, SLACK)
 
 
 def _on_ray(end: End, near: np.ndarray, room: Room) -> np.ndarray:

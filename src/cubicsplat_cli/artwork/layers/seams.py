@@ -32,8 +32,11 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     if not 0 < len(y) <= MOST_ODD:
         return levels
     own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
+    fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
+    areas = np.bincount(index.reshape(-1), regions.areas(), len(fills))
+    commonest = fills[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
     clear, filled = np.full((2, *regions.labels.shape), np.nan)
-    for shares, grounds in ((clear, np.zeros((1, 4))), (filled, _common_fills(regions))):
+    for shares, grounds in ((clear, np.zeros((1, 4))), (filled, commonest)):
         share, rest = seam_shares(levels[y, x], own, beside, grounds, STEPS, ODD)
         shares[y, x] = np.where(rest <= SEEN, share, np.nan)
     share = np.where(np.isnan(clear), _along_runs(filled), clear)[y, x]
@@ -86,10 +89,3 @@ def _odd(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray, 
     y, x, own, other = y[two], x[two], own[two], other[two]
     odd = largest(np.abs(blend_of(levels[y, x], regions.fills[own], regions.fills[other])[1])) > ODD
     return y[odd], x[odd], other[odd]
-
-
-def _common_fills(regions: Regions) -> np.ndarray:
-    """(k, 4) the commonest fills."""
-    fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
-    areas = np.bincount(index.reshape(-1), regions.areas(), len(fills))
-    return fills[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]

@@ -14,7 +14,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, polyline_places
 from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, end_of
-from cubicsplat_cli.artwork.layers.min_link import Room, along_edge, min_link_path
+from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
+from cubicsplat_cli.raster.outlines import fewer_points
 
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
 # The most that such a cubic turns, radians: an edge less likely turns by more than a right angle.
@@ -92,7 +93,7 @@ def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = Non
     first, last = ends or tuple(end_of(loop.points, loop.sigma, run[k], step) for k, step in ((0, -1), (-1, 1)))
     for corners in min_link_path(points, first, last, loop.room):
         yield from _by_lines(loop, run, (first, last), corners)
-    yield from _by_lines(loop, run, (first, last), along_edge(points))
+    yield from _by_lines(loop, run, (first, last), fewer_points(points, SLACK))
 
 
 def _by_cubic(loop: HiddenLoop, run: np.ndarray, most: float) -> Iterator[Completion]:

@@ -91,6 +91,7 @@ def _walked(e: int, v: int, at: dict[int, list[int]], faces: Faces, left: set[in
 def _along_pieces(chain: list[tuple[int, bool]], faces: Faces, sources: Sources, closed: bool) -> list[Run]:
     """The runs of a chain: it keeps to a piece as long as that goes on, then takes the one that follows it."""
     runs: list[Run] = []
+    after = sources.after
     for e, ahead in chain:
         found = [(p, (a, b) if ahead else (b, a)) for p, a, b in faces.runs[e]]
         last = runs[-1] if runs else None
@@ -99,8 +100,8 @@ def _along_pieces(chain: list[tuple[int, bool]], faces: Faces, sources: Sources,
             last.t = (last.t[0], same[1])
             last.edges.append((e, ahead))
             continue
-        piece, t = _next(found, last, sources)
-        runs.append(Run(piece, t, [(e, ahead)]))
+        joined = ((p, t) for p, t in found if last and (after[last.piece] == p or after[p] == last.piece))
+        runs.append(Run(*next(joined, found[0]), [(e, ahead)]))
     if closed and len(runs) > 1 and runs[0].piece == runs[-1].piece and _goes_on(runs[-1].t, runs[0].t):
         last = runs.pop()
         runs[0] = Run(last.piece, (last.t[0], runs[0].t[1]), last.edges + runs[0].edges)
@@ -110,16 +111,6 @@ def _along_pieces(chain: list[tuple[int, bool]], faces: Faces, sources: Sources,
 def _goes_on(before: tuple[float, float], after: tuple[float, float]) -> bool:
     same_way = (before[1] > before[0]) == (after[1] > after[0])
     return same_way and abs(after[0] - before[1]) < _JUMP
-
-
-def _next(
-    found: list[tuple[int, tuple[float, float]]], last: Run | None, sources: Sources
-) -> tuple[int, tuple[float, float]]:
-    if last is not None:
-        for piece, t in found:
-            if sources.after[last.piece] == piece or sources.after[piece] == last.piece:
-                return piece, t
-    return found[0]
 
 
 def _cycles(

@@ -148,7 +148,10 @@ def overlapping(drawing: Drawing, ranks: np.ndarray, reach: float, precision: in
             continue
         sources, live = pieces.seen_from(rank)
         faces = faces_of(snapped_segments(sources, live), sources.shape)
-        region, wanted = _regions(faces)
+        # The shapes that reach beneath others.
+        inside = np.array([OWN in covers or {GROWN, LATER} <= set(covers) for covers in faces.covers])
+        region = connected(inside.astype(np.int64), faces.face[0::2], faces.face[1::2])
+        wanted = np.isin(np.arange(region.max() + 1), region[inside])
         found = outlines_of_regions(faces, region, wanted, sources, precision)
         shapes += [replace(own[0], outlines=found[number]) for number in sorted(found)]
     return replace(drawing, shapes=tuple(shapes))
@@ -212,12 +215,3 @@ def _across(sources: Sources, own: np.ndarray, rank: np.ndarray) -> np.ndarray:
     ahead = np.rint(sources.cubics * STEPS).astype(np.int64)
     rank_of = {key.tobytes(): int(number) for key, number in zip(ahead[own], rank[own], strict=True)}
     return np.array([rank_of.get(np.ascontiguousarray(key).tobytes(), -1) for key in ahead[:, ::-1]])
-
-
-def _regions(faces: Faces) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) regions of the faces of a planar map, and which (R,) of them the shapes are that reach beneath others."""
-    inside = np.array([OWN in covers or {GROWN, LATER} <= set(covers) for covers in faces.covers])
-    region = connected(inside.astype(np.int64), faces.face[0::2], faces.face[1::2])
-    wanted = np.zeros(int(region.max()) + 1, dtype=bool)
-    wanted[region[inside]] = True
-    return region, wanted

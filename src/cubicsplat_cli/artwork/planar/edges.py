@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -152,13 +153,12 @@ def _smooth_pairs(
     ends: list[tuple[int, int]], borders: Borders, sources: Sources
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Pairs of ends at a node that go on smoothly: of one piece that was cut, or of two that were joined so."""
-    pairs = []
-    for i, (n, k) in enumerate(ends):
-        for m, j in ends[i + 1 :]:
-            if n != m and _smooth(borders.runs[n].piece, borders.runs[n].t[k], borders.runs[m].piece,
-                                  borders.runs[m].t[j], sources):  # fmt: skip
-                pairs.append(((n, k), (m, j)))
-    return pairs
+    places = [(borders.runs[n].piece, borders.runs[n].t[k]) for n, k in ends]
+    return [
+        (ends[i], ends[j])
+        for i, j in combinations(range(len(ends)), 2)
+        if ends[i][0] != ends[j][0] and _smooth(*places[i], *places[j], sources)
+    ]
 
 
 def _smooth(p: int, t: float, q: int, u: float, sources: Sources) -> bool:

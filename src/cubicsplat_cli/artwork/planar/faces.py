@@ -104,19 +104,7 @@ def _cycles(
     vertices: np.ndarray, tail: np.ndarray, head: np.ndarray, following: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(2 E,) the cycle of each half-edge, and (C,) twice their areas, negative around a component."""
-    cycle = np.full(len(following), -1)
-    count = 0
-    after = following.tolist()
-    marks = cycle.tolist()
-    for start in range(len(after)):
-        if marks[start] >= 0:
-            continue
-        h = start
-        while marks[h] < 0:
-            marks[h] = count
-            h = after[h]
-        count += 1
-    cycle = np.array(marks)
+    count, cycle = linked_groups(len(following), np.arange(len(following)), following)
     a, b = vertices[tail], vertices[head]
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     areas = np.zeros(count, dtype=np.int64)
@@ -150,7 +138,9 @@ def _nested(
         if not len(left):
             face[c] = 0
             continue
-        nearest = _nearest(at[at < x], left, x0, x1, y0, y1)
+        # The rightmost; of those that start in one point the one that leans most to the right.
+        lean = (x1 - x0)[left] / (y1 - y0)[left]
+        nearest = int(left[np.lexsort((lean, np.round(at[at < x], 9)))[-1]])
         parent[c] = int(cycle[2 * nearest + (y1[nearest] > y0[nearest])])
     for c in parent:
         trail = c
@@ -158,13 +148,6 @@ def _nested(
             trail = parent[trail]
         face[c] = face[trail]
     return face
-
-
-def _nearest(at: np.ndarray, edges: np.ndarray, x0: np.ndarray, x1: np.ndarray, y0: np.ndarray, y1: np.ndarray) -> int:
-    """The rightmost edge of those that pass a line at x = at; of those that start in one point the one that leans most
-    to the right."""
-    lean = (x1 - x0)[edges] / (y1 - y0)[edges]
-    return int(edges[np.lexsort((lean, np.round(at, 9)))[-1]])
 
 
 def _covers(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas: int) -> list[list[int]]:

@@ -44,14 +44,11 @@ class Sources:
 
 def sources_of(drawing: Drawing) -> Sources:
     """The pieces of a drawing, outer rings clockwise as seen and holes the other way; arcs in eighths of a turn."""
-    rings: list[Ring] = []
-    owners: list[int] = []
-    outlines: list[Outline] = []
-    for number, shape in enumerate(drawing.shapes):
-        rings += rings_of(shape)
-        owners += [number] * len(shape.outlines)
-        outlines += shape.outlines
-    return sources_from(rings, owners, outlines, canvas_ring(drawing), len(drawing.shapes))
+    shapes = drawing.shapes
+    rings = [ring for shape in shapes for ring in rings_of(shape)]
+    owners = [number for number, shape in enumerate(shapes) for _ in shape.outlines]
+    outlines = [outline for shape in shapes for outline in shape.outlines]
+    return sources_from(rings, owners, outlines, canvas_ring(drawing), len(shapes))
 
 
 def rings_of(shape: Shape) -> list[Ring]:
@@ -84,8 +81,6 @@ def sources_from(
 
 def _ring(outline: Outline) -> Ring:
     """The ring of an outline, the arcs of primitives in eighths of a turn, which are true to 5e-6 of a radius."""
-    if isinstance(outline, Ring):
-        return outline
     if not isinstance(outline, (Circle, Ellipse)):
         return fine_ring(outline)
     radii = (outline.r, outline.r) if isinstance(outline, Circle) else (outline.rx, outline.ry)

@@ -9,16 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.regularities.alike import (
-    FARTHEST,
-    LARGEST,
-    MEAN,
-    ON_IT,
-    SIGMAS,
-    SYSTEMATIC,
-    TRIES,
-    Track,
-)
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, ON_IT, SIGMAS, SYSTEMATIC, TRIES, Track
 from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, NEAR, STEPS, Turn, Walk, evenly, turned_onto
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ

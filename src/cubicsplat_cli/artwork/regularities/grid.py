@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import State
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into.
@@ -75,9 +75,8 @@ def _seen_edges(state: State) -> list[list[np.ndarray]]:
     """Of each outline the x of its upright lines and the y of its level ones that show in the picture."""
     crossings, shown = state.crossings, np.zeros(int(state.pieces[-1]))
     np.add.at(shown, crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWS)
-    freedoms = [outline for layer in state.layers for outline in layer.outlines]
     found = []
-    for outline, first in zip(freedoms, state.pieces, strict=False):
+    for outline, first in zip(state.outlines, state.pieces, strict=False):
         good = outline.lines & (shown[first : first + len(outline.lines)] >= FEWEST_SEEN)
         level = np.ptp(outline.cubics, axis=1) < LEVEL
         found.append([outline.cubics[good & level[:, axis], 0, axis] for axis in (0, 1)])
@@ -103,10 +102,7 @@ def _level(ring: Ring, axis: int) -> list[float]:
     return np.unique(values[along]).tolist()
 
 
-Grids = dict[int, float]
-
-
-def _grids(marks: list[Mark], size: tuple[float, float]) -> Grids:
+def _grids(marks: list[Mark], size: tuple[float, float]) -> dict[int, float]:
     """The px of a cell for each axis that has a grid: of one that serves both axes, or of one for each."""
     distinct = [_distinct(marks, axis) for axis in (0, 1, 2)]
     longest = max(size)
@@ -142,7 +138,7 @@ def _score(distinct: list[np.ndarray], axes: tuple[int, ...], unit: float, cells
 class _Snap:
     """Brings outlines onto grids. pins: for x, y and lengths the lines that were hit."""
 
-    def __init__(self, grids: Grids, edge: float) -> None:
+    def __init__(self, grids: dict[int, float], edge: float) -> None:
         self.grids, self.edge = grids, edge
         self.pins: tuple[set[float], set[float], set[float]] = (set(), set(), set())
 
@@ -196,6 +192,4 @@ def _moved(ring: Ring, axis: int, value: float, to: float) -> Ring:
     anchors[moving, axis] += to - value
     controls[moving, 0, axis] += to - value
     controls[np.roll(moving, -1), 1, axis] += to - value
-    ends = np.roll(anchors, -1, axis=0)
-    thirds = np.stack([(2.0 * anchors + ends) / 3.0, (anchors + 2.0 * ends) / 3.0], axis=1)
-    return Ring(anchors, np.where(ring.lines[:, None, None], thirds, controls), ring.lines, ring.smooth)
+    return with_thirds(Ring(anchors, controls, ring.lines, ring.smooth))

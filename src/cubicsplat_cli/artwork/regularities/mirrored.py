@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
-from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at
+from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at, with_thirds
 from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 
@@ -44,20 +44,16 @@ class MirroredRing:
 
 def mirrored_rings(ring: Ring, axis: Axis) -> list[MirroredRing]:
     """The rings that either side of a ring and its mirror image make; none unless the axis is crossed just twice."""
-    opened = _opened(ring, axis)
-    if opened is None:
-        return []
-    first, second = opened
-    return [_whole(half, axis) for half in (first, second)]
+    return [_whole(half, axis) for half in _opened(ring, axis)]
 
 
-def _opened(ring: Ring, axis: Axis) -> tuple[Ring, Ring] | None:
+def _opened(ring: Ring, axis: Axis) -> list[Ring]:
     """The two sides of a ring, each with its first and last anchor on the axis; the piece that closes them is void."""
     side = ring.anchors[:, axis.across] - axis.at
     near = np.abs(side) < ON_AXIS
     near &= ~(np.roll(near, 1) | np.roll(near, -1))
     if _touches(ring, axis, side, near):
-        return None
+        return []
     on = set(np.flatnonzero(near).tolist())
     for i in reversed(range(len(side))):
         j = (i + 1) % len(side)
@@ -66,14 +62,12 @@ def _opened(ring: Ring, axis: Axis) -> tuple[Ring, Ring] | None:
         ring = divided(ring, i, _crossing(ring.cubics[i][:, axis.across] - axis.at))
         on = {k + (k > i) for k in on} | {i + 1}
     if len(on) != 2:
-        return None
+        return []
     a, b = sorted(on)
     count = ring.pieces
     sides = [_turned(ring, np.arange(a, b + 1)), _turned(ring, np.arange(b, a + count + 1) % count)]
     beyond = [float(half.controls[:-1, :, axis.across].mean()) > axis.at for half in sides]
-    if beyond[0] == beyond[1]:
-        return None
-    return _ended(sides[0], axis), _ended(sides[1], axis)
+    return [_ended(half, axis) for half in sides] if beyond[0] != beyond[1] else []
 
 
 def _touches(ring: Ring, axis: Axis, side: np.ndarray, near: np.ndarray) -> bool:
@@ -135,15 +129,7 @@ def _whole(half: Ring, axis: Axis) -> MirroredRing:
     lines = np.concatenate([half.lines[:m], half.lines[:m][::-1]])
     smooth = np.concatenate([half.smooth, other.smooth[1:m]])
     partner = (2 * m - np.arange(2 * m)) % (2 * m)
-    ring = _thirds(Ring(anchors, controls, lines, smooth))
-    return _joined(MirroredRing(ring, axis, partner))
-
-
-def _thirds(ring: Ring) -> Ring:
-    """The ring with the control points of its lines where they belong."""
-    ends = np.roll(ring.anchors, -1, axis=0)
-    thirds = np.stack([(2.0 * ring.anchors + ends) / 3.0, (ring.anchors + 2.0 * ends) / 3.0], axis=1)
-    return Ring(ring.anchors, np.where(ring.lines[:, None, None], thirds, ring.controls), ring.lines, ring.smooth)
+    return _joined(MirroredRing(with_thirds(Ring(anchors, controls, lines, smooth)), axis, partner))
 
 
 def _joined(found: MirroredRing) -> MirroredRing:

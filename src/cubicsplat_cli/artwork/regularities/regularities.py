@@ -121,7 +121,7 @@ def with_copies(state: State, constraints: Constraints, detail: float) -> State:
         shape = parameters.outline()
         if not parameters.jacobian.shape[1]:
             continue
-        track = Track.of(shape if isinstance(shape, Ring) else fine_ring(shape), Visibility.of(state, k))
+        track = Track.of(fine_ring(shape), Visibility.of(state, k))
         inside = (track.extent[0] > ON_BORDER).all() and (track.extent[1] < np.array(size) - ON_BORDER).all()
         # What is held on the border would not stay there; primitives are held by their numbers alone.
         if inside or isinstance(parameters, PrimitiveParameters):
@@ -168,7 +168,8 @@ def _tied(state: State, tied: Mapping[int, Parameters], detail: float) -> State:
         if able is copies:
             refused &= saved < 0.0
         if refused.any():
-            trial = settle(_back(trial, state, refused), AFTER_REFUSALS, trim=False, changed=refused)
+            back = _with(trial, {k: state.outlines[k] for k in np.flatnonzero(refused).tolist()})
+            trial = settle(back, AFTER_REFUSALS, trim=False, changed=refused)
             tied = {k: parameters for k, parameters in tied.items() if not refused[k]}
     return trial
 
@@ -210,11 +211,6 @@ def _on_steps(state: State, step: float) -> State:
             moved[k] = outline.on_steps(step)
     moved |= _followers(outlines, moved)
     return _with(state, moved) if moved else state
-
-
-def _back(trial: State, state: State, refused: np.ndarray) -> State:
-    """The trial with the outlines of the state where they are refused."""
-    return _with(trial, {k: state.outlines[k] for k in np.flatnonzero(refused).tolist()})
 
 
 def _with(state: State, tied: Mapping[int, Parameters]) -> State:

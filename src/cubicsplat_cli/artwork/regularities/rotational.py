@@ -52,8 +52,11 @@ def rotated(parameters: RingParameters | TiedRing, track: Track) -> TiedRing | N
     power = np.abs(np.fft.fft(walk.steps) / STEPS) ** 2
     beyond = np.fft.fftfreq(STEPS, 1.0 / STEPS).astype(int) - 1
     for parts in range(min(MOST_PARTS, count), 1, -1):
-        unlike = power[beyond % parts != 0].sum() > NEAR**2
-        if count % parts or unlike or not _alike(parameters.pieces, parts):
+        if count % parts or power[beyond % parts != 0].sum() > NEAR**2:
+            continue
+        # Pieces and joints are of the same kinds in all parts.
+        kinds = np.stack([parameters.pieces.lines, parameters.pieces.smooth]).reshape(2, parts, -1)
+        if (kinds != kinds[:, :1]).any():
             continue
         middle = _middle(track, parts, np.array([walk.middle.real, walk.middle.imag]))
         found = None if middle is None else rotational(parameters, Rotation(parts, middle))
@@ -61,12 +64,6 @@ def rotated(parameters: RingParameters | TiedRing, track: Track) -> TiedRing | N
             saved = parameters.jacobian.shape[1] - found.jacobian.shape[1]
             return found if walk.is_certain(saved + 3, MOST_PARTS) else None
     return None
-
-
-def _alike(pieces: Pieces, parts: int) -> bool:
-    """Whether the pieces and joints of a ring are of the same kinds in all its parts."""
-    kinds = np.stack([pieces.lines, pieces.smooth]).reshape(2, parts, -1)
-    return bool((kinds == kinds[:, :1]).all())
 
 
 def _middle(track: Track, parts: int, middle: np.ndarray) -> np.ndarray | None:

@@ -26,7 +26,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, polygon
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.raster.contours import FittedContour, fitted_contours
+from cubicsplat_cli.raster.contours import fitted_contours
 from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, fewer_points, nearest_primitive
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
@@ -93,18 +93,15 @@ def _fitted(
     found, unfit = fitted_contours(ends, places, weights, known, prices, astray=astray)
     if unfit:
         raise InputError("an outline needs at least 3 different points")
-    # Where a part is hidden its points do not tell where the outline ought to run.
-    seen = [astray and bool((errors < HIDDEN_SIGMA).all()) for errors in sigmas]
-    return [
-        _outline(each, points if all_seen else None) for each, points, all_seen in zip(found, loops, seen, strict=True)
-    ]
-
-
-def _outline(found: FittedContour, points: np.ndarray | None) -> Outline:
-    if found.form >= 0:
-        return primitive_of(found.form, found.values)
-    otherwise = few_lines(points) if found.doubtful and points is not None else None
-    return Ring(found.anchors, found.controls, found.lines, found.smooth, otherwise)
+    outlines: list[Outline] = []
+    for each, points, sigma in zip(found, loops, sigmas, strict=True):
+        if each.form >= 0:
+            outlines.append(primitive_of(each.form, each.values))
+            continue
+        # Where a part is hidden its points do not tell where the outline ought to run.
+        otherwise = few_lines(points) if astray and each.doubtful and (sigma < HIDDEN_SIGMA).all() else None
+        outlines.append(Ring(each.anchors, each.controls, each.lines, each.smooth, otherwise))
+    return outlines
 
 
 def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Outline, float, float] | None:
