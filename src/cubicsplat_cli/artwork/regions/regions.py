@@ -10,13 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import PURE, SAME, flat_pixels, has_square
-from cubicsplat_cli.artwork.regions.hairlines import (
-    LESS,
-    missing_fills,
-    nearest_line_fills,
-    unexplained,
-    with_lines,
-)
+from cubicsplat_cli.artwork.regions.hairlines import LESS, missing_fills, nearest_line_fills, unexplained, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
