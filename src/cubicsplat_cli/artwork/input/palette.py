@@ -171,8 +171,7 @@ def square_fills(
     mean = corners.mean(axis=0)
     calm = corners.std(axis=0).max(axis=-1) <= CALM * sigma
     calm &= ~_on_ramps(seen, mean, sigma)
-    far = calm & (np.abs(mean[..., None, :] - known).max(axis=-1).min(axis=-1) > apart)
-    y, x = np.nonzero(far)
+    y, x = np.nonzero(calm & (np.abs(mean[..., None, :] - known).max(axis=-1).min(axis=-1) > apart))
     if not len(y):
         return np.zeros((0, 4))
     from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares
