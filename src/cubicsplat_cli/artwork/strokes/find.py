@@ -121,15 +121,11 @@ def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) 
 
 def _common(strokes: list[Stroke]) -> dict[float, float]:
     """For each width the one that it and those like it become, their mean by length."""
-    order = sorted(strokes, key=lambda stroke: stroke.width)
     groups: list[list[Stroke]] = []
-    for stroke in order:
+    for stroke in sorted(strokes, key=lambda stroke: stroke.width):
         if groups and stroke.width - groups[-1][0].width <= ALIKE_PX + ALIKE_SHARE * stroke.width:
             groups[-1].append(stroke)
         else:
             groups.append([stroke])
-    common: dict[float, float] = {}
-    for group in groups:
-        width = float(np.mean([stroke.width for stroke in group]))
-        common |= {stroke.width: width for stroke in group}
-    return common
+    means = [float(np.mean([stroke.width for stroke in group])) for group in groups]
+    return {stroke.width: mean for group, mean in zip(groups, means, strict=True) for stroke in group}
