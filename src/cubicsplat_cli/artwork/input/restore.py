@@ -78,8 +78,7 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
     palette = noisy_fills(levels, seen, condition)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = nearest_fills(seen, palette @ space, straight=True)
-    new = missing_colours(levels, palette, nearest, LUMA_CHROMA, condition)
-    palette = np.vstack([palette, new])
+    palette = np.vstack([palette, missing_colours(levels, palette, nearest, LUMA_CHROMA, condition)])
     thick = len(palette)
     if thick <= MOST_THICK:
         _, gap = nearest_fills(seen, palette @ space, straight=True)

@@ -90,9 +90,8 @@ def _stroke(
     for branch, entered in row:
         own = centres[branch]
         good = own.even(float(widths[branch]))
-        run, values = own.points[good], own.widths[good]
-        points.append(run if entered == 0 else run[::-1])
-        own_widths.append(values)
+        points.append(own.points[good][:: -1 if entered else 1])
+        own_widths.append(own.widths[good])
     line = np.concatenate(points)
     if len(line) < 3:
         return None

@@ -74,9 +74,8 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
             angle = first.angle + (0.0 if first.width >= first.height else 0.5 * math.pi)
             half = 0.5 * (long - short if rounded else long) * np.array([math.cos(angle), math.sin(angle)])
             middle = np.array([first.x + 0.5 * first.width, first.y + 0.5 * first.height])
-            return Stroke(
-                line_chain(np.stack([middle - half, middle + half])), short, ROUND if rounded else BUTT, MITER
-            )
+            path = line_chain(np.stack([middle - half, middle + half]))
+            return Stroke(path, short, ROUND if rounded else BUTT, MITER)
     return None
 
 
