@@ -121,7 +121,7 @@ def without_repeats(target: np.ndarray) -> np.ndarray:
 def _exact_cells(target: np.ndarray) -> Cells | None:
     height, width = target.shape[:2]
     # Most photos have more colours in a few of their rows than any cells may have.
-    if _colour_count(target[:_ROWS, : _SAMPLE // _ROWS]) > _most_colours(height * width):
+    if len(distinct(_keys(_levels(target[:_ROWS, : _SAMPLE // _ROWS])))[0]) > _most_colours(height * width):
         return None
     grid = exact_grid(target)
     count = (len(grid.x) - 1) * (len(grid.y) - 1)
@@ -183,10 +183,6 @@ def _distinct(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return colours, numbers
 
 
-def _colour_count(part: np.ndarray) -> int:
-    return len(distinct(_keys(_levels(part)))[0])
-
-
 def _most_colours(cells: int) -> int:
     return max(FEW_COLOURS, math.isqrt(cells))
 
@@ -216,30 +212,26 @@ def _are_meant(cells: Cells) -> bool:
 
 def _alone(numbers: np.ndarray) -> float:
     """The share of the pixels at borders, but for those of the picture, with at most one like neighbour of four."""
-    like = np.zeros(numbers.shape, dtype=np.uint8)
-    for axis in (0, 1):
-        same = np.moveaxis(np.diff(numbers, axis=axis) == 0, axis, 0)
-        counts = np.moveaxis(like, axis, 0)
-        counts[:-1] += same
-        counts[1:] += same
-    inner = like[1:-1, 1:-1]
-    borders = int((inner < 4).sum())
-    return float((inner <= 1).sum()) / borders if borders else 0.0
+    like = _like(numbers, 1, 1).sum(axis=0)
+    borders = int((like < 4).sum())
+    return float((like <= 1).sum()) / borders if borders else 0.0
 
 
 def _repeated(numbers: np.ndarray) -> float:
     """The share of the cells unlike a neighbour that are like those PERIOD cells to all four sides."""
-    inner = numbers[PERIOD:-PERIOD, PERIOD:-PERIOD]
-    if not inner.size:
+    if min(numbers.shape) <= 2 * PERIOD:
         return 0.0
-
-    def at(down: int, across: int) -> np.ndarray:
-        rows, columns = numbers.shape
-        return numbers[PERIOD + down : rows - PERIOD + down, PERIOD + across : columns - PERIOD + across] == inner
-
-    border = ~(at(-1, 0) & at(1, 0) & at(0, -1) & at(0, 1))
-    like = at(-PERIOD, 0) & at(PERIOD, 0) & at(0, -PERIOD) & at(0, PERIOD)
+    border = ~_like(numbers, PERIOD, 1).all(axis=0)
+    like = np.asarray(_like(numbers, PERIOD, PERIOD).all(axis=0))
     return float(like[border].mean()) if border.any() else 0.0
+
+
+def _like(numbers: np.ndarray, rim: int, apart: int) -> np.ndarray:
+    """(4, R - 2 rim, C - 2 rim) bool: the cells but for a rim that are like those so far above, below, and beside."""
+    around = np.pad(numbers, apart)
+    ways = ((0, apart), (2 * apart, apart), (apart, 0), (apart, 2 * apart))
+    like = [around[y:, x:][: len(numbers), : numbers.shape[1]] == numbers for y, x in ways]
+    return np.array(like)[:, rim:-rim, rim:-rim]
 
 
 def _step(cells: np.ndarray) -> float:

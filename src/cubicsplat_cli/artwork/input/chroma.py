@@ -49,8 +49,7 @@ def explained(seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.nd
     y, x = np.nonzero(_halved(mixed[..., None])[..., 0] > 0.0)
     columns = [_again(_halved(mixture.coverage(k)[..., None]))[y, x, 0] for k in range(len(fills))]
     shares, values = np.stack(columns, axis=1).astype(np.float64), small[y, x]
-    fitted, rest = _fitted(shares, values[:, 1:3], fills[:, 1:3], free, sigma)
-    fills[:, 1:3] = fitted
+    fills[:, 1:3], rest = _fitted(shares, values[:, 1:3], fills[:, 1:3], free, sigma)
     off = np.hypot(rest[:, 0], rest[:, 1])
     usual = float(np.median(off)) if len(off) else 0.0
     strange = off > max(RESIDUAL, TIMES * usual)

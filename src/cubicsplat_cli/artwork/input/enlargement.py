@@ -46,8 +46,7 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _repeated(levels: np.ndarray) -> int:
-    """The number of times that each pixel is repeated along rows and columns, where that is more than shapes on a
-    grid."""
+    """How often each pixel is repeated along rows and columns, where that is more than shapes on a grid."""
     for times in range(MOST_REPEATED, 1, -1):
         height, width = (side // times * times for side in levels.shape[:2])
         if min(height, width) < 8 * times:
@@ -147,10 +146,6 @@ def _enlarging(length: int, factor: int, kernel: Callable[[np.ndarray], np.ndarr
     return sparse.csr_matrix(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _linear(x: np.ndarray) -> np.ndarray:
-    return np.maximum(0.0, 1.0 - np.abs(x))
-
-
 def _cubic(x: np.ndarray, a: float) -> np.ndarray:
     """Cubic convolution (Keys 1981)."""
     x = np.abs(x)
@@ -159,13 +154,10 @@ def _cubic(x: np.ndarray, a: float) -> np.ndarray:
     return np.where(x <= 1.0, inner, np.where(x < 2.0, outer, 0.0))
 
 
-def _lanczos(x: np.ndarray) -> np.ndarray:
-    return np.where(np.abs(x) < 3.0, np.sinc(x) * np.sinc(x / 3.0), 0.0)
-
-
+# Linear, cubic of two kinds, and Lanczos'.
 KERNELS: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
     lambda x: _cubic(x, -0.5),
-    _linear,
+    lambda x: np.maximum(0.0, 1.0 - np.abs(x)),
     lambda x: _cubic(x, -0.75),
-    _lanczos,
+    lambda x: np.where(np.abs(x) < 3.0, np.sinc(x) * np.sinc(x / 3.0), 0.0),
 )

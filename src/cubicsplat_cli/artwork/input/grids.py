@@ -40,24 +40,18 @@ class Grid:
         return cells.repeat(np.diff(self.y), axis=0).repeat(np.diff(self.x), axis=1)
 
 
-def single_pixels(width: int, height: int) -> Grid:
-    """The grid whose cells are the pixels."""
-    return Grid(np.arange(width + 1), np.arange(height + 1), 1.0)
-
-
 def exact_grid(target: np.ndarray) -> Grid:
     """The coarsest grid whose cells each have one colour; single pixels where there is none coarser."""
     height, width = target.shape[:2]
     columns, rows = _changes(target)
-    gaps = [np.diff(columns), np.diff(rows)]
-    steps = np.concatenate(gaps)
+    steps = np.concatenate([np.diff(columns), np.diff(rows)])
     # Without two changes along a side the canvas's border is as good as one.
     side = int(np.gcd.reduce(steps)) if len(steps) else math.gcd(*columns.tolist(), *rows.tolist(), width, height)
     if side > 1:
         return Grid(_ends(columns, side, width), _ends(rows, side, height), float(side))
     found = [_fractional(changes, length) for changes, length in ((columns, width), (rows, height))]
     if sum(evidence for _, _, evidence in found) < LEAST_EVIDENCE or not all(evidence for _, _, evidence in found):
-        return single_pixels(width, height)
+        return Grid(np.arange(width + 1), np.arange(height + 1), 1.0)
     (x, across, _), (y, down, _) = found
     return Grid(x, y, min(across, down))
 
@@ -67,7 +61,7 @@ def _changes(target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     which those of no enlargement have.
     """
     height, width = target.shape[:2]
-    columns, rows = np.zeros(max(0, width - 1), dtype=bool), np.zeros(max(0, height - 1), dtype=bool)
+    columns, rows = np.zeros(width - 1, dtype=bool), np.zeros(height - 1, dtype=bool)
     for top in range(0, height, _ROWS):
         part = target[top : top + _ROWS]
         columns |= (part[:, 1:] != part[:, :-1]).any(axis=(0, 2))

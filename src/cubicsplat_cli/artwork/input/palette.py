@@ -110,10 +110,7 @@ def missing_colours(
     off_by = 0.0 if condition.jpeg else SAME_NOISE * condition.noise / WINDOW / np.sqrt(share)
     unlike = np.abs(mean) - np.maximum(UNLIKE, off_by)
     if condition.jpeg:
-        for block, channels in BLOCKS:
-            size, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
-            ends = ndimage.maximum_filter(values, size), ndimage.minimum_filter(values, size)
-            unlike[..., channels] -= RINGING * (ends[0] - ends[1])
+        unlike -= ringing(seen)
     calm, _ = calm_pixels(seen, condition.noise)
     off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > EXPLAINED * square.sum(axis=-1))
     values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
@@ -123,6 +120,15 @@ def missing_colours(
         for place in modes(values, reach, LEAST_MISSING, np.zeros((0, 4)))
     ]
     return np.array(found, dtype=float).reshape(-1, 4)
+
+
+def ringing(seen: np.ndarray) -> np.ndarray:
+    """(H, W, 4) float32 levels by which a JPEG's edges are off, in a picture (H, W, 4) in luma, chroma and opacity."""
+    out = np.zeros(seen.shape, dtype=np.float32)
+    for block, channels in BLOCKS:
+        window, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
+        out[..., channels] = RINGING * (ndimage.maximum_filter(values, window) - ndimage.minimum_filter(values, window))
+    return out
 
 
 def modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> np.ndarray:
@@ -165,8 +171,7 @@ def square_fills(
     mean = corners.mean(axis=0)
     calm = corners.std(axis=0).max(axis=-1) <= CALM * sigma
     calm &= ~_on_ramps(seen, mean, sigma)
-    far = calm & (np.abs(mean[..., None, :] - known).max(axis=-1).min(axis=-1) > apart)
-    y, x = np.nonzero(far)
+    y, x = np.nonzero(calm & (np.abs(mean[..., None, :] - known).max(axis=-1).min(axis=-1) > apart))
     if not len(y):
         return np.zeros((0, 4))
     from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares

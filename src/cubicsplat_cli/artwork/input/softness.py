@@ -94,18 +94,20 @@ def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
     """The share of the pixels of a mask (H, W), or 1 where none is off the border, at which colours do not change as
     evenly as rounded ramps do.
     """
-    bent = []
-    for values, inside in ((levels, mask), (levels.swapaxes(0, 1), mask.T)):
-        second = np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3]).max(axis=2)
-        bent.append(second[inside[:, 1:-1]] >= BENT)
-    every = np.concatenate(bent)
+    turned = (levels, mask), (levels.swapaxes(0, 1), mask.T)
+    every = np.concatenate([_bends(each).max(axis=2)[inside[:, 1:-1]] >= BENT for each, inside in turned])
     return float(every.mean()) if len(every) else 1.0
 
 
 def _is_noisy(values: np.ndarray) -> bool:
     """Whether what differs from pixel to pixel in most of the picture has a standard deviation beyond NOISY levels."""
-    second = np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
+    second = _bends(values)
     return 2 * np.count_nonzero(second > NOISY * SECOND_MEDIAN) > second.size
+
+
+def _bends(values: np.ndarray) -> np.ndarray:
+    """(H, W - 2, 3) the sizes of second differences along rows."""
+    return np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
 
 
 def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:

@@ -127,12 +127,9 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[n
     lean = totals * (PLACES - (totals**2 @ PLACES / square)[:, None])
     moved = lean[parts.own] * slope[:, None]
     both = parts.sums((fringe * moved).sum(axis=1))
-    least = 1e-9
-    of_moved = np.maximum(parts.sums((moved**2).sum(axis=1)), least)
-    of_fringe = np.maximum(parts.sums((fringe**2).sum(axis=1)), least)
-    offset = both / of_moved
+    of_moved, of_fringe = (np.maximum(parts.sums((each**2).sum(axis=1)), 1e-9) for each in (moved, fringe))
     seen = of_fringe > 3.0 * ROUNDING**2 * parts.sums(np.ones(len(parts.at)))
-    return np.where(seen, offset, 0.0), both**2 / (of_moved * of_fringe)
+    return np.where(seen, both / of_moved, 0.0), both**2 / (of_moved * of_fringe)
 
 
 def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:
@@ -171,10 +168,9 @@ def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 def _shares(text: _Parts, fills: np.ndarray, order: float, size: tuple[int, int]) -> np.ndarray:
     """(n,) what the fill covers of the pixels of the text. order: of their subpixels, 1 for red first, -1 for blue."""
-    canvas = np.zeros((*size, 3))
+    canvas, weight = np.zeros((*size, 3)), np.zeros((*size, 3))
     contrast = fills[text.own]
     canvas.reshape(-1, 3)[text.at] = text.off / np.where(contrast == 0.0, 1.0, contrast)
-    weight = np.zeros((*size, 3))
     weight.reshape(-1, 3)[text.at] = np.abs(contrast)
     # Two pixels without fill keep the rows of one part apart from the next.
     near = np.zeros(size, dtype=bool)
@@ -183,7 +179,8 @@ def _shares(text: _Parts, fills: np.ndarray, order: float, size: tuple[int, int]
     step = 1 if order > 0.0 else -1
     samples, strength = canvas[near][:, ::step].ravel(), weight[near][:, ::step].ravel()
     covers = _coverage(samples, strength, WIDE)
-    if not _explains(covers, samples, strength, WIDE):
+    left = strength * (samples - np.convolve(covers, WIDE, "same"))
+    if (left**2).mean() > ROUNDING**2:
         covers = _coverage(samples, strength, NARROW)
     share = np.zeros(size)
     share[near] = covers.reshape(-1, 3).mean(axis=1)
@@ -201,9 +198,3 @@ def _coverage(samples: np.ndarray, strength: np.ndarray, taps: np.ndarray) -> np
         left = weight * (samples - np.convolve(covers, taps, "same"))
         covers = np.clip(covers + np.convolve(left, taps, "same"), 0.0, 1.0)
     return covers
-
-
-def _explains(covers: np.ndarray, samples: np.ndarray, strength: np.ndarray, taps: np.ndarray) -> bool:
-    """Whether coverages, filtered, are the samples but for rounding."""
-    left = strength * (samples - np.convolve(covers, taps, "same"))
-    return bool((left**2).mean() <= ROUNDING**2)

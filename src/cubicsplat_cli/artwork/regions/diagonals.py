@@ -35,22 +35,16 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
         both = np.ones(share.shape) if whole else np.clip(meeting[0] * meeting[1], 0.0, 1.0)
         good = (share >= LEAST_SHARE * both)[at, best]
         if not whole:
-            good |= _unsmoothed(has_square(fills), y, x, both.min(axis=1), share)
+            # Lines without anti-aliasing, a px across: two pixels have all, and the others nothing, of the line.
+            thick = has_square(fills)
+            thin = ~thick[y[:, 0], x[:, 1]] & ~thick[y[:, 1], x[:, 0]]
+            good |= (both.min(axis=1) >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & thin
         y, x = y[at, best], x[at, best]
         good[good] = _thin(fills, own[good], y[good], x[good])
         if not good.any():
             break
         fills[y[good], x[good]] = own[good]
     return fills
-
-
-def _unsmoothed(thick: np.ndarray, y: np.ndarray, x: np.ndarray, both: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(n,) bool: corners of lines without anti-aliasing, a px across, at which two pixels have all and the others
-    nothing of the line. thick: (H, W) bool, what lines a px across are not; both, share: (n,) and (n, 2) of the line in
-    the two and in the others.
-    """
-    thin = ~thick[y[:, 0], x[:, 1]] & ~thick[y[:, 1], x[:, 0]]
-    return (both >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & thin
 
 
 def _corners(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -67,13 +61,7 @@ def _corners(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _thin(fills: np.ndarray, own: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(n,) bool: around the pixels y, x a fill is thin, and thinner than theirs."""
-    padded = np.pad(fills, REACH, constant_values=-1)
-    mine, others = np.zeros(len(y), dtype=int), np.zeros(len(y), dtype=int)
-    theirs = fills[y, x]
     side = 2 * REACH + 1
-    for dy in range(side):
-        for dx in range(side):
-            found = padded[y + dy, x + dx]
-            mine += found == own
-            others += found == theirs
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(fills, REACH, constant_values=-1), (side, side))[y, x]
+    mine, others = ((windows == fill[:, None, None]).sum(axis=(1, 2)) for fill in (own, fills[y, x]))
     return (2 * mine <= side * side) & (mine < others)

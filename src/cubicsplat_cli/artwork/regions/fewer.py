@@ -49,37 +49,19 @@ def nearest_colours(
     tolerance: in CIEDE2000, by which the nearest colour is told then; what is farther from all stays as it is. Returns
     (k, 4), no two alike, with the opacities that there were, and (K,) int which of them each becomes.
     """
-    chosen = np.array(palette, dtype=float)
-    if tolerance is not None:
-        return _near_colours(colours, chosen, tolerance)
-    # Nearest as numbers: in CIELAB pure primaries are so far from everything that sky is nearer to black than to blue.
-    gaps = colours[:, None, :3] * 255.0 / np.maximum(colours[:, None, 3:], 1e-6) - chosen[None]
-    return _different(_with_opacity(chosen[(gaps**2).sum(axis=2).argmin(axis=1)], colours))
+    chosen, opacity = np.array(palette, dtype=float), np.rint(colours[:, 3:])
+    straight = colours[:, :3] * 255.0 / np.maximum(colours[:, 3:], 1e-6)
+    if tolerance is None:
+        # Nearest as numbers: in CIELAB pure primaries are so far from everything that sky is nearer to black than blue.
+        gaps = ((straight[:, None] - chosen) ** 2).sum(axis=2)
+    else:
+        from skimage.color import deltaE_ciede2000  # takes a while to import, and is hardly ever asked for
 
-
-def _near_colours(colours: np.ndarray, chosen: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """As `nearest_colours`, of a palette (n, 3) in levels."""
-    from skimage.color import deltaE_ciede2000  # takes a while to import, and is hardly ever asked for
-
-    straight = np.concatenate(
-        [colours[:, :3] * 255.0 / np.maximum(colours[:, 3:], 1e-6), 0.0 * colours[:, 3:] + 255.0], axis=1
-    )
-    of_palette = np.concatenate([chosen, np.full((len(chosen), 1), 255.0)], axis=1)
-    gaps = deltaE_ciede2000(to_lab(straight)[:, None, :3], to_lab(of_palette)[None, :, :3])
-    near = gaps.min(axis=1) <= tolerance
-    return _different(np.where(near[:, None], _with_opacity(chosen[gaps.argmin(axis=1)], colours), colours))
-
-
-def _with_opacity(straight: np.ndarray, colours: np.ndarray) -> np.ndarray:
-    """(K, 4) premultiplied colours (K, 3) of the opacities, whole levels, of others (K, 4)."""
-    opacity = np.rint(colours[:, 3:])
-    return np.concatenate([straight * opacity / 255.0, opacity], axis=1)
-
-
-def _different(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different ones of colours (K, 4), and (K,) int which of these each is."""
-    known, owner = np.unique(colours, axis=0, return_inverse=True)
-    return known, owner
+        seen, known = (to_lab(np.pad(each, ((0, 0), (0, 1)), constant_values=255.0)) for each in (straight, chosen))
+        gaps = deltaE_ciede2000(seen[:, None, :3], known[None, :, :3])
+    new = np.concatenate([chosen[gaps.argmin(axis=1)] * opacity / 255.0, opacity], axis=1)
+    near = gaps.min(axis=1, keepdims=True) <= (np.inf if tolerance is None else tolerance)
+    return np.unique(np.where(near, new, colours), axis=0, return_inverse=True)
 
 
 def nearest_in(palette: tuple[tuple[int, int, int], ...], fill: Rgba, tolerance: float | None = None) -> Rgba:

@@ -155,4 +155,4 @@ def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
 def solid_labels(labels: np.ndarray) -> np.ndarray:
     """(H, W) the labels of pixels that belong to 3 x 3 px of it, else -1."""
     middle = np.where(ndimage.alike(labels, 3) & (labels >= 0), labels, -1)
-    return np.where(labels >= 0, ndimage.maximum_filter(middle, 3), -1) * (labels >= 0) - (labels < 0)
+    return np.where(labels >= 0, ndimage.maximum_filter(middle, 3), -1)

@@ -51,7 +51,8 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
         if own.sum() < fewest or _blend_of_three(fill, palette, ONE_OF_THREE * least):
             gap[farthest] = 0.0
             continue
-        fill = _opaque(fill)
+        # A fill that shows with nothing only is taken for opaque, of which its pixels then have a part.
+        fill = fill * (255.0 / fill[3])
         found.append(fill)
         palette = np.vstack([palette, fill])
         gap = np.minimum(gap, distance_to_blends(levels, palette, len(palette) - 1))
@@ -59,17 +60,11 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
     return np.array(found, dtype=float).reshape(-1, 4)
 
 
-def _opaque(fill: np.ndarray) -> np.ndarray:
-    """A fill that shows with nothing only is taken for opaque, of which its pixels then have a part."""
-    return fill * (255.0 / fill[3])
-
-
 def _blend_of_three(fill: np.ndarray, palette: np.ndarray, gap: float) -> bool:
     """Whether a fill (4,) is a blend of three of a palette, to so many levels: corners of small shapes are."""
     for k in range(len(palette) - 2):
-        first, second = np.triu_indices(len(palette) - k - 1, 1)
-        rest = palette[k + 1 :]
-        if (blend_with(fill, palette[k], rest[first], rest[second])[1] <= gap).any():
+        first, second = (k + 1 + each for each in np.triu_indices(len(palette) - k - 1, 1))
+        if (blend_with(fill, palette[k], palette[first], palette[second])[1] <= gap).any():
             return True
     return False
 

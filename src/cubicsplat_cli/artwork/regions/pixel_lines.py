@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, PURE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import steps
+from cubicsplat_cli.raster.unmix import nearest_fills
 
 # Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
 ALIKE, APART = 0.5, 8.0
@@ -52,8 +53,10 @@ def with_pixel_lines(
     all, and the fill of every pixel that is one, (H, W) int32, -1 of others, with those of the pixel lines.
     """
     found = _runs(levels)
-    told = (largest(np.abs(found.before - found.behind)) <= PURE) | ~_between(found)
-    grounds = np.maximum(_gap(found.before, palette), _gap(found.behind, palette))
+    # What blends the two sides may be an edge between them.
+    blend = largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) < APART
+    told = (largest(np.abs(found.before - found.behind)) <= PURE) | ~blend
+    grounds = np.maximum(*(nearest_fills(each, palette)[1] for each in (found.before, found.behind)))
     found = found.where(told & (grounds <= PURE))
     out, fills = pure.copy(), palette
     for colour in _colours(found):
@@ -96,19 +99,6 @@ def _colours(found: _LineRuns) -> list[np.ndarray]:
     return [colours[k] for k in np.argsort(-sizes, kind="stable")[:MOST_RULES] if sizes[k]]
 
 
-def _between(found: _LineRuns) -> np.ndarray:
-    """(n,) bool: the colour is a blend of what is on either side, as an edge's between two pixels is."""
-    return np.asarray(largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) < APART)
-
-
-def _gap(colours: np.ndarray, palette: np.ndarray) -> np.ndarray:
-    """(n,) levels from the nearest fill."""
-    gap = np.full(len(colours), np.inf)
-    for fill in palette:
-        gap = np.minimum(gap, largest(np.abs(colours - fill)))
-    return gap
-
-
 def _runs(levels: np.ndarray) -> _LineRuns:
     """All of SHORT px and more, opaque and one px wide, with an even row of another colour on either side."""
     parts, (down, along) = [], steps(levels)
@@ -125,15 +115,13 @@ def _rows(solid: np.ndarray, down: np.ndarray, along: np.ndarray) -> tuple[np.nd
 
     solid: (H, W) bool, opaque pixels. down, along: its `steps`.
     """
-    height, width = solid.shape
-    differs = np.zeros((height, width), dtype=bool)
+    differs, on = np.zeros(solid.shape, dtype=bool), np.zeros(solid.shape, dtype=bool)
     step = down >= APART
     differs[1:-1] = step[1:] & step[:-1] & solid[1:-1] & solid[2:] & solid[:-2]
     alike = along <= ALIKE
-    on = np.zeros((height, width), dtype=bool)
     on[1:-1, 1:] = alike[1:-1] & alike[:-2] & alike[2:]
     on[:, 1:] &= differs[:, 1:] & differs[:, :-1]
     first = np.flatnonzero(~on.ravel())
-    length = np.diff(np.append(first, height * width))
+    length = np.diff(np.append(first, solid.size))
     keep = length >= SHORT
-    return first[keep] // width, first[keep] % width, length[keep]
+    return *divmod(first[keep], solid.shape[1]), length[keep]

@@ -10,13 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import PURE, SAME, flat_pixels, has_square
-from cubicsplat_cli.artwork.regions.hairlines import (
-    LESS,
-    missing_fills,
-    nearest_line_fills,
-    unexplained,
-    with_lines,
-)
+from cubicsplat_cli.artwork.regions.hairlines import LESS, missing_fills, nearest_line_fills, unexplained, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
@@ -82,7 +76,9 @@ class PixelFills:
 
     def regions(self, min_area: float) -> Regions:
         """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
-        labels = _numbered(_without_specks(self.parts, self.sure, min_area))
+        labels = _without_specks(self.parts, self.sure, min_area)
+        numbers = np.cumsum(np.bincount(labels.ravel()) > 0, dtype=np.int32) - 1  # without gaps between them
+        labels = np.asarray(numbers[labels], dtype=np.int32)
         fill_of = _majority(labels, self.fills)
         return Regions(labels, self.palette[fill_of], fill_of)
 
@@ -163,13 +159,9 @@ def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, go
     settled = np.where(good, pure, -1)
     y, x = np.nonzero(doubtful)
     out = np.full(pure.shape, -1, dtype=np.int32)
-    if len(y) == 0:
-        return out
     near = near_fills(settled, y, x, REACH)
-    residual = best_blend(levels[y, x], palette, near)[1]
-    kept = residual > 12.0
-    y, x = y[kept], x[kept]
-    kept = ~_on_a_slope(levels, palette, y, x, near[kept])
+    kept = best_blend(levels[y, x], palette, near)[1] > 12.0
+    kept[kept] = ~_on_a_slope(levels, palette, y[kept], x[kept], near[kept])
     out[y[kept], x[kept]] = pure[y[kept], x[kept]]
     return out
 
@@ -188,18 +180,13 @@ def _on_a_slope(levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.nd
 def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
     """(H, W) int32 a fill for every pixel: blends go to the fill with the greater share."""
     y, x = np.nonzero(pure < 0)
-    out = pure.copy()
-    if len(y) == 0:
-        return out
-    near = near_fills(pure, y, x, REACH)
+    out, near = pure.copy(), near_fills(pure, y, x, REACH)
     winner, residual = best_blend(levels[y, x], palette, near)
     nearest, gap = nearest_fills(levels[y, x], palette)
     # Far from every fill, or not explained by those near: the nearest fill of all if that is closer.
     lost = (winner < 0) | ((residual > 40.0) & (gap < residual))
     out[y, x] = np.where(lost, nearest, winner)
     strange = _strange(levels, palette, y, x, near, residual)
-    if not strange.any():
-        return out
     y, x, near = y[strange], x[strange], near[strange]
     fill, own = nearest_line_fills(levels[y, x], (y, x), pure.shape, palette, near)
     out[y, x] = np.where(own, fill, np.where(fill >= 0, winner[strange], out[y, x]))
@@ -257,15 +244,8 @@ def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.nda
         doomed[sizes == 0] = False
         if not doomed.any() or doomed.all():
             break
-        target, _ = _most_touched(labels, count, doomed)
-        labels = target[labels]
+        labels = _most_touched(labels, count, doomed)[0][labels]
     return labels
-
-
-def _numbered(labels: np.ndarray) -> np.ndarray:
-    """(H, W) int32 the labels without gaps between them, in their order."""
-    number = np.cumsum(np.bincount(labels.ravel()) > 0, dtype=np.int32) - 1
-    return np.asarray(number[labels], dtype=np.int32)
 
 
 def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,12 +14,14 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
+from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.residual.areas import MARGIN, Area, ErrorModel, TargetPicture, areas
-from cubicsplat_cli.artwork.residual.proposals import Canvas, Outlined, Placed, proposals
+from cubicsplat_cli.artwork.residual.proposals import Canvas, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 
 FILL_PARAMETERS = 3.0  # of a new fill
@@ -116,7 +118,9 @@ class _Trials:
             new = [each for each, change in zip(new, changes, strict=True) if self._net(change, change.floor) > 0.0]
         if not new:
             return self.drawing
-        return replace(self.drawing, shapes=_stacked(self.drawing.shapes, new))
+        # Each new one lies right above the one that it lies on.
+        every = [*enumerate(self.drawing.shapes), *((each.beneath, each.shape) for each in new)]
+        return replace(self.drawing, shapes=tuple(shape for _, shape in sorted(every, key=lambda pair: pair[0])))
 
     def _explanations(self, found: list[Area]) -> list[list[_Explanation]]:
         """The ways to explain each area, the first ones of all areas tried together, and so on."""
@@ -167,7 +171,10 @@ class _Trials:
             free = replace(self.drawing, shapes=tuple(each.shape for each in new))
             layers = layers_of(free, self.goal)
         after = settle(self.before.beside(layers, [each.beneath for each in new]), rounds)
-        new = _outlined(new, after)
+        new = [
+            replace(each, shape=replace(each.shape, outlines=tuple(o.outline() for o in layer.outlines)))
+            for each, layer in zip(new, after.layers, strict=True)
+        ]
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
         changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]
         return new, [self._change(each.shape, falls, *where) for each, where in zip(new, changed, strict=True)], falls
@@ -233,36 +240,17 @@ def _floor_of(ways: list[_Explanation]) -> float:
     return max((_floor(way.changes) for way in ways), default=UNSEEN)
 
 
-def _outlined(new: list[Placed], state: State) -> list[Placed]:
-    """The new shapes with the outlines that they have in a state."""
-    return [
-        replace(each, shape=replace(each.shape, outlines=tuple(o.outline() for o in layer.outlines)))
-        for each, layer in zip(new, state.layers, strict=True)
-    ]
-
-
-def _stacked(shapes: tuple[Shape, ...], new: list[Placed]) -> tuple[Shape, ...]:
-    """The shapes with each new one, back to front, right above the one that it lies on."""
-    out, following = list[Shape](), 0
-    for number in range(-1, len(shapes)):
-        if number >= 0:
-            out.append(shapes[number])
-        while following < len(new) and new[following].beneath == number:
-            out.append(new[following].shape)
-            following += 1
-    return tuple(out)
-
-
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
     """The window on the canvas, of so many rows and columns, that a shape changes, and its pixels (h, w) bool. reach:
     px to which it is blurred.
     """
-    outlined = Outlined.of(shape)
-    x0, y0 = np.maximum(outlined.low - reach, 0).tolist()
-    x1, y1 = np.minimum(outlined.high + reach, size[::-1]).tolist()
+    cubics, lines = pieces_of_rings(shape.oriented())
+    points = cubics.reshape(-1, 2)
+    x0, y0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - reach, 0).tolist()
+    x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + reach, size[::-1]).tolist()
     x1, y1 = max(x1, x0), max(y1, y0)  # beyond the canvas it changes nothing
     window = slice(y0, y1), slice(x0, x1)
     if x1 == x0 or y1 == y0:
         return window, np.zeros((y1 - y0, x1 - x0), dtype=bool)
-    own = outlined.coverage(*window) > 0.0
+    own = coverage(cubics, lines, y0, x0, y1 - y0, x1 - x0) > 0.0
     return window, ndimage.binary_dilation(own, ndimage.SQUARE, reach) if reach else own

@@ -13,15 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import UNLIKE, ringing
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import unexplained
 
-# Levels of luma or chroma that people see in an area, about 3 to 4 in CIEDE2000.
-UNLIKE = 6.0
-# What a JPEG leaves of edges, as a share of the range of values in the block around, px: of luma, and of chroma of half
-# the size.
-RINGING, BLOCKS = 0.05, ((8, slice(0, 1)), (16, slice(1, 3)))
 SIDE = 5  # px, of the lines along which residuals are averaged
 OWN = 0.5  # of the mean around it that a pixel is off itself
 NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
@@ -67,13 +63,10 @@ class ErrorModel:
 
     @classmethod
     def of(cls, condition: Condition, min_area: float) -> ErrorModel:
-        least, smallest = (
-            (LEAST_CLEAN, SMALLEST_CLEAN) if condition.clean and not condition.aliased else (LEAST, SMALLEST)
-        )
-        seam = SEAM if condition.clean else 0.0
-        return cls(
-            condition.noise, condition.edge_error, condition.jpeg, condition.blur, least, max(smallest, min_area), seam
-        )
+        sharp, seam = condition.clean and not condition.aliased, SEAM if condition.clean else 0.0
+        least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if sharp else (LEAST, SMALLEST)
+        errors = condition.noise, condition.edge_error, condition.jpeg, condition.blur
+        return cls(*errors, least, max(smallest, min_area), seam)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +82,8 @@ class TargetPicture:
     @classmethod
     def of(cls, levels: np.ndarray, model: ErrorModel) -> TargetPicture:
         """A picture with such errors."""
-        return cls(levels, model, _ringing(levels, model))
+        seen = levels @ LUMA_CHROMA
+        return cls(levels, model, ringing(seen) if model.jpeg else np.zeros(seen.shape, np.float32))
 
 
 def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
@@ -112,13 +106,3 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
         if off.sum() >= model.least:
             found.append(Area(rows, columns, own, float((off**2).sum())))
     return sorted(found, key=lambda area: -area.weight)
-
-
-def _ringing(levels: np.ndarray, model: ErrorModel) -> np.ndarray:
-    """(H, W, 4) levels by which a JPEG's edges are off in luma and chroma, in a picture (H, W, 4) in RGBA; else 0."""
-    out = np.zeros(levels.shape, dtype=np.float32)
-    for block, channels in BLOCKS if model.jpeg else ():
-        window, values = (2 * block + 1, 2 * block + 1, 1), levels @ LUMA_CHROMA[:, channels]
-        spread = ndimage.maximum_filter(values, window) - ndimage.minimum_filter(values, window)
-        out[..., channels] = RINGING * spread
-    return out

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
 from cubicsplat_cli.artwork.input.palette import modes
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
@@ -20,7 +20,6 @@ from cubicsplat_cli.artwork.residual.areas import Area, TargetPicture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
 
@@ -47,7 +46,8 @@ class Canvas:
 
     def __init__(self, drawing: Drawing, stack: DrawnStack) -> None:
         self.size = drawing.height, drawing.width
-        self.fills = np.array([_premultiplied(shape.fill) for shape in drawing.shapes])
+        fills = np.array([shape.fill for shape in drawing.shapes], dtype=float)
+        self.fills = np.concatenate([fills[:, :3] * fills[:, 3:] / 255.0, fills[:, 3:]], axis=1)
         self.palette = np.unique(self.fills, axis=0)
         self._stack = stack
 
@@ -56,30 +56,6 @@ class Canvas:
         uppermost one that shows in it; -1 for none.
         """
         return self._stack.uppermost(rows, columns, HALF), self._stack.uppermost(rows, columns, SHOWS)
-
-
-@dataclass(frozen=True)
-class Outlined:
-    """The pieces (S, 4, 2) of a shape's outlines, of which some are lines (S,) bool, and the (2,) least and greatest x
-    and y of its box, whole px.
-    """
-
-    cubics: np.ndarray
-    lines: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-    @classmethod
-    def of(cls, shape: Shape) -> Outlined:
-        """Those of a shape."""
-        cubics, lines = pieces_of_rings(shape.oriented())
-        points = cubics.reshape(-1, 2)
-        return cls(cubics, lines, np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int))
-
-    def coverage(self, rows: slice, columns: slice) -> np.ndarray:
-        """(h, w) what the shape covers of the pixels of a window."""
-        size = rows.stop - rows.start, columns.stop - columns.start
-        return coverage(self.cubics, self.lines, rows.start, columns.start, *size)
 
 
 def proposals(
@@ -181,12 +157,11 @@ def _beneath(owners: np.ndarray, touching: np.ndarray) -> int:
     """The uppermost shape of the owners (n,) of more than a small part of a new one, and of those that are the
     uppermost to show (n,) in most of it, as hairlines do.
     """
-    return max(_uppermost(owners, CROSSED), _uppermost(touching, HALF))
-
-
-def _uppermost(numbers: np.ndarray, share: float) -> int:
-    found, counts = np.unique(numbers, return_counts=True)
-    return int(found[counts > share * len(numbers)].max(initial=-1))
+    found = []
+    for numbers, share in ((owners, CROSSED), (touching, HALF)):
+        names, counts = np.unique(numbers, return_counts=True)
+        found.append(int(names[counts > share * len(numbers)].max(initial=-1)))
+    return max(found)
 
 
 def _colours(
@@ -217,8 +192,3 @@ def _colours(
     if len(places):
         own = [np.abs(values[inner] - each).max(axis=1) <= SAME for each in places]
         yield np.array([np.median(values[inner][each], axis=0) for each in own])
-
-
-def _premultiplied(fill: tuple[int, int, int, int]) -> np.ndarray:
-    r, g, b, a = fill
-    return np.array([r * a / 255.0, g * a / 255.0, b * a / 255.0, a])

@@ -119,14 +119,6 @@ class BlurredBox:
         return Box(*shadow_box(box.numbers(), self.numbers()).tolist())
 
 
-def _layers_of(numbers: np.ndarray) -> tuple[BlurredBox, ...]:
-    """The layers that numbers (k, 6) stand for."""
-    return tuple(
-        BlurredBox(dx, dy, grown, rounder, float(np.exp(sigma)), float(1.0 / (1.0 + np.exp(-odds))))
-        for dx, dy, grown, rounder, sigma, odds in numbers.tolist()
-    )
-
-
 def _numbers_of(layers: Sequence[BlurredBox]) -> np.ndarray:
     return np.stack([layer.numbers() for layer in layers])
 
@@ -166,7 +158,11 @@ class ShadowSamples:
     def nearest(self, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
         """The layers that come nearest to what is seen, and the mean square in levels^2."""
         numbers, left = self.pixels.fitted(_numbers_of(layers), self.seen, self.through, self.scale)
-        return _layers_of(numbers), left
+        found = [
+            BlurredBox(dx, dy, grown, rounder, float(np.exp(sigma)), float(1.0 / (1.0 + np.exp(-odds))))
+            for dx, dy, grown, rounder, sigma, odds in numbers.tolist()
+        ]
+        return tuple(found), left
 
 
 def reached(box: Box, layers: Sequence[BlurredBox], shape: tuple[int, int]) -> tuple[slice, slice]:

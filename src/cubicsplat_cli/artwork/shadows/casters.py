@@ -25,7 +25,6 @@ LEAST_CASTER, MOST_CASTERS = 16, 60
 HIDDEN, MOST_COVERED = 4, 0.9  # px around what casts a shadow that may hide a ground; share of a picture that is one
 LEAST_EVEN = 0.4  # share of a silhouette that is even, to be taken for it
 CUT = np.ones((7, 7), dtype=bool)
-WHOLE = (slice(None), slice(None))
 
 
 @dataclass(frozen=True)
@@ -43,11 +42,11 @@ class Shaded:
     grounds: tuple[Ground, ...]
     colour: np.ndarray
 
-    def share(self, levels: np.ndarray, window: tuple[slice, slice] = WHOLE) -> np.ndarray:
-        """(h, w) how much each pixel of a window is shaded, 0 off the grounds. levels: (h, w, 4) of it."""
+    def share(self, levels: np.ndarray) -> np.ndarray:
+        """(H, W) how much each pixel of a picture (H, W, 4) in levels is shaded, 0 off the grounds."""
         out = np.zeros(levels.shape[:2])
         for ground in self.grounds:
-            line, own = self.colour - ground.fill, ground.mask[window]
+            line, own = self.colour - ground.fill, ground.mask
             out[own] = (levels[own] - ground.fill) @ line / float(line @ line)
         return out
 
@@ -123,12 +122,11 @@ def silhouettes_of(shaded: Shaded, share: np.ndarray) -> list[Patch]:
     """
     labels, _ = ndimage.label(_rest(shaded), ndimage.SQUARE)
     least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
-    found = [
-        Patch(box[0].start, box[1].start, labels[box] == k)
-        for k, box in enumerate(ndimage.find_objects(labels), start=1)
+    boxes = enumerate(ndimage.find_objects(labels), start=1)
+    found = [Patch(box[0].start, box[1].start, labels[box] == k) for k, box in boxes]
+    return [
+        own for own in found if own.size >= LEAST_CASTER and _shade_around(own, shaded.mask, np.abs(share)) >= least
     ]
-    found = [own for own in found if own.size >= LEAST_CASTER]
-    return [own for own in found if _shade_around(own, shaded.mask, np.abs(share)) >= least]
 
 
 def _rest(shaded: Shaded) -> np.ndarray:

@@ -104,7 +104,7 @@ def _like_ground(
     """The fills (4,) of what casts the shadow that a ground has too, and (H, W) bool where they are."""
     casters = np.logical_or.reduce([cast.mask for cast in shadow.casts])
     taken = shadow.shaded.mask
-    out: list[tuple[np.ndarray, np.ndarray]] = []
+    out: dict[tuple[float, ...], np.ndarray] = {}
     names, sizes = np.unique(parts[casters & ~taken & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)
     for name in names[sizes >= LEAST_PART]:
@@ -114,14 +114,8 @@ def _like_ground(
         fill = np.rint(np.median(values, axis=0)).astype(float)
         if np.abs(values - fill).max() > EVEN or min(np.abs(g.fill - fill).max() for g in grounds) > SAME:
             continue
-        mask = np.zeros(parts.shape, dtype=bool)
-        mask[box] = own
-        same = [i for i, (other, _) in enumerate(out) if np.array_equal(other, fill)]
-        if same:
-            out[same[0]] = (fill, out[same[0]][1] | mask)
-        else:
-            out.append((fill, mask))
-    return out
+        out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= own
+    return [(np.array(fill), mask) for fill, mask in out.items()]
 
 
 def _placeholders(levels: np.ndarray, fills: list[np.ndarray]) -> list[np.ndarray]:

@@ -68,20 +68,17 @@ class Shares:
 
     def __init__(self, shadow: Shadow, shape: tuple[int, int]) -> None:
         self._shape, self._casts = shape, shadow.casts
-        self._lights: list[tuple[slice, slice, np.ndarray]] = []
+        self._dark = [cast.darkening(shape) for cast in shadow.casts]
         self._known: dict[tuple[bool, ...], np.ndarray] = {}
-        for cast in shadow.casts:
-            rows, columns, share = cast.darkening(shape)
-            self._lights.append((rows, columns, 1.0 - share))
 
     def on(self, mask: np.ndarray) -> np.ndarray:
         """(H, W) the share by which each pixel of a ground would be darkened that is seen in a mask (H, W)."""
         key = tuple(falls_on(cast.mask, mask) for cast in self._casts)
         if key not in self._known:
             light = np.ones(self._shape)
-            for falls, (rows, columns, own) in zip(key, self._lights, strict=True):
+            for falls, (rows, columns, share) in zip(key, self._dark, strict=True):
                 if falls:
-                    light[rows, columns] *= own
+                    light[rows, columns] *= 1.0 - share
             self._known[key] = 1.0 - light
         return self._known[key]
 
@@ -137,7 +134,7 @@ class _ShadowSearch:
 
     def __init__(self, grounds: Shaded, seen: np.ndarray, scale: float, casters: list[Caster]) -> None:
         self.casters, self.scale = casters, scale
-        on = np.logical_or.reduce([ground.mask for ground in grounds.grounds])
+        on = grounds.mask
         dark = scale * seen > FAINT
         order = np.random.default_rng(0)
         at = [order.permutation(np.flatnonzero(own)) for own in (on & dark, on & ~dark)]
@@ -170,10 +167,8 @@ class _ShadowSearch:
         if len(everyone) == 1:
             return None
         found = self._each()
-        explained = self._explained(found).mean() if any(found) else 0.0
-        if explained < EXPLAINED or not self._faint(found):
-            return None
-        return found
+        explained = any(found) and self._explained(found).mean() >= EXPLAINED
+        return found if explained and self._faint(found) else None
 
     def _each(self) -> list[Layers | None]:
         """The layers of each caster by itself, what the others let through being known."""
@@ -199,9 +194,7 @@ class _ShadowSearch:
         """Samples of the shadows of some casters, next to them."""
         near = np.isin(self.nearest, own)
         at = np.concatenate([np.flatnonzero(near & self.dark)[:DARK], np.flatnonzero(near & ~self.dark)[:LIGHT]])
-        others = [k for k, layers in enumerate(found) if layers is not None and k not in own]
-        through = self._light(others, found, at)
-        return self._seen(own, at, through)
+        return self._seen(own, at, self._light(found, at, own))
 
     def _seen(self, own: list[int], at: np.ndarray, through: np.ndarray) -> ShadowSamples:
         boxes = np.stack([self.casters[k].box.numbers() for k in own])
@@ -209,33 +202,31 @@ class _ShadowSearch:
         pixels = ShadedPixels(boxes, self.rows[at], self.columns[at], open_)
         return ShadowSamples(pixels, self.seen[at], through, self.scale)
 
-    def _light(self, own: list[int], found: Sequence[Layers | None], at: np.ndarray) -> np.ndarray:
-        """(n,) what the shadows of some casters let through to pixels."""
+    def _light(self, found: Sequence[Layers | None], at: np.ndarray, without: Sequence[int] = ()) -> np.ndarray:
+        """(n,) what the shadows of casters, without some of these, let through to pixels."""
         out = np.ones(len(at))
-        for k in own:
-            layers = found[k]
-            out = out * self._seen([k], at, out).light(layers) if layers else out
+        for k, layers in enumerate(found):
+            if layers and k not in without:
+                out = out * self._seen([k], at, out).light(layers)
         return out
 
     def _layers(self, samples: ShadowSamples, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
         """The fewest layers that explain a samples, or those that come nearest; None where one is unlikely."""
-        begins = [begun] if begun else [(self._begin(samples, sigma),) for sigma in BEGIN]
+        alpha = min(1.5 * float(samples.seen.max()), 0.9)
+        begins = [begun] if begun else [(BlurredBox(0.0, 1.0, -1.0, 0.0, sigma, alpha),) for sigma in BEGIN]
         best = _nearest(samples, [*begins, *known])
         return _more(samples, best, most) if all(map(_plausible, best)) else None
-
-    def _begin(self, samples: ShadowSamples, sigma: float) -> BlurredBox:
-        return BlurredBox(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(samples.seen.max()), 0.9))
 
     def _explained(self, found: Sequence[Layers | None]) -> np.ndarray:
         """(n,) bool which of the shaded pixels the shadows explain."""
         at = np.flatnonzero(self.dark)[:CHECKED]
-        light = self._light([k for k, layers in enumerate(found) if layers], found, at)
+        light = self._light(found, at)
         return np.asarray(self.scale * np.abs(1.0 - light - self.seen[at]) <= CLOSE)
 
     def _faint(self, found: Sequence[Layers | None]) -> bool:
         """Whether the shadows leave alone what is not shaded."""
         at = np.flatnonzero(~self.dark)[: 4 * LIGHT]
-        light = self._light([k for k, layers in enumerate(found) if layers], found, at)
+        light = self._light(found, at)
         return len(at) == 0 or bool((self.scale * (1.0 - light) <= CLOSE).mean() >= EXPLAINED)
 
 

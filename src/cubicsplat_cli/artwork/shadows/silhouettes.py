@@ -58,9 +58,7 @@ class Blur:
         """The blur whose shadow is nearest to what is seen (H, W) where that is (H, W) bool known. far: px by which it
         is moved or blurred at most.
         """
-        best, left = self, np.inf
-        damping = DAMPING
-        trial = self
+        best, trial, left, damping = self, self, np.inf, DAMPING
         for _ in range(ROUNDS):
             fields = trial._fields(cover)
             off = trial.alpha * fields[0][where] - seen[where]
@@ -77,13 +75,8 @@ class Blur:
                 if damping > 1e3:
                     break
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-12 * np.eye(4), -force)
-            trial = Blur(
-                *np.clip(
-                    np.array([best.dx, best.dy, best.sigma, best.alpha]) + step,
-                    [-far, -far, 0.5, 0.01],
-                    [far, far, far, 1.0],
-                ).tolist()
-            )
+            moved = np.array([best.dx, best.dy, best.sigma, best.alpha]) + step
+            trial = Blur(*np.clip(moved, [-far, -far, 0.5, 0.01], [far, far, far, 1.0]).tolist())
         return best
 
 

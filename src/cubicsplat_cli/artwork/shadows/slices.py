@@ -59,12 +59,16 @@ def sliced(cut: Cut) -> list[Shape] | None:
     rows, columns = np.nonzero(255.0 * cut.share > FAINT)
     if len(rows) == 0:
         return []
-    frame = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
+    x0, y0, x1, y1 = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
     layers = cut.cast.layers
     strongest = max(layers, key=lambda layer: layer.alpha)
     box = strongest.of(cut.cast.caster.box).moved(-cut.corner[0], -cut.corner[1])
     sigma = sum(layer.alpha * layer.sigma for layer in layers) / sum(layer.alpha for layer in layers)
-    shapes = _whole(cut, frame) if box.round else _nine(cut, frame, box, CORNER * sigma)
+    if box.round:
+        x, y, rx, ry = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (x1 - x0) + 1.0, 0.5 * (y1 - y0) + 1.0
+        shapes = [_piece(cut, Ellipse(x + cut.corner[0], y + cut.corner[1], rx, ry))]
+    else:
+        shapes = _nine(cut, (x0, y0, x1, y1), box, CORNER * sigma)
     return shapes if _worst(cut, shapes) <= WORST else None
 
 
@@ -72,8 +76,9 @@ def _nine(cut: Cut, frame: tuple[int, int, int, int], box: Box, reach: float) ->
     """Nine pieces, or fewer where there is no room for all. reach: px beyond its radius that a corner takes."""
     xs = _cuts(frame[0], frame[2], box.left, box.right, reach + box.rx)
     ys = _cuts(frame[1], frame[3], box.top, box.bottom, reach + box.ry)
+    dx, dy = cut.corner
     return [
-        _piece(cut, Rectangle(float(x0), float(y0), float(x1 - x0), float(y1 - y0)))
+        _piece(cut, Rectangle(float(x0 + dx), float(y0 + dy), float(x1 - x0), float(y1 - y0)))
         for y0, y1 in pairwise(ys)
         for x0, x1 in pairwise(xs)
         if x1 > x0 and y1 > y0
@@ -95,10 +100,11 @@ def _whole(cut: Cut, frame: tuple[int, int, int, int]) -> list[Shape]:
 
 
 def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
-    """One piece, in px of the window, as a shape in px of the picture."""
-    rows, columns = np.nonzero(_covered(outline, cut.share.shape) & cut.shown)
+    """One piece as a shape."""
+    covered = _covered(outline, cut)
+    rows, columns = np.nonzero(covered & cut.shown)
     if len(rows) < SHOWN:
-        rows, columns = np.nonzero(_covered(outline, cut.share.shape))
+        rows, columns = np.nonzero(covered)
     alpha = cut.share[rows, columns]
     values = np.column_stack([alpha[:, None] * cut.colour, 255.0 * alpha])
     dx, dy = cut.corner
@@ -109,17 +115,13 @@ def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
     else:
         red, green, blue = (round(float(v)) for v in cut.colour)
         fill = (red, green, blue, round(255.0 * float(alpha.mean())))
-    moved: Outline
-    if isinstance(outline, Rectangle):
-        moved = Rectangle(outline.x + dx, outline.y + dy, outline.width, outline.height)
-    else:
-        moved = Ellipse(outline.cx + dx, outline.cy + dy, outline.rx, outline.ry)
-    return Shape(fill, (moved,), NAME, gradient)
+    return Shape(fill, (outline,), NAME, gradient)
 
 
-def _covered(outline: Outline, shape: tuple[int, ...]) -> np.ndarray:
-    """(h, w) bool the pixels whose middles an outline holds."""
-    y, x = np.arange(shape[0])[:, None] + 0.5, np.arange(shape[1])[None] + 0.5
+def _covered(outline: Outline, cut: Cut) -> np.ndarray:
+    """(h, w) bool the pixels of the window whose middles an outline holds."""
+    y, x = (np.arange(side.start, side.stop) + 0.5 for side in cut.window)
+    y = y[:, None]
     if isinstance(outline, Rectangle):
         inside_x = (x > outline.x) & (x < outline.x + outline.width)
         return inside_x & (y > outline.y) & (y < outline.y + outline.height)
@@ -133,12 +135,7 @@ def _worst(cut: Cut, shapes: list[Shape]) -> float:
     dx, dy = cut.corner
     alpha = np.zeros(cut.share.shape)
     for shape in shapes:
-        (outline,) = shape.outlines
-        if isinstance(outline, Rectangle):
-            own = _covered(Rectangle(outline.x - dx, outline.y - dy, outline.width, outline.height), alpha.shape)
-        else:
-            assert isinstance(outline, Ellipse)
-            own = _covered(Ellipse(outline.cx - dx, outline.cy - dy, outline.rx, outline.ry), alpha.shape)
+        own = _covered(shape.outlines[0], cut)
         y, x = np.nonzero(own)
         if shape.gradient is None:
             alpha[own] = shape.fill[3] / 255.0

@@ -90,23 +90,22 @@ def _stroke(
     for branch, entered in row:
         own = centres[branch]
         good = own.even(float(widths[branch]))
-        run, values = own.points[good], own.widths[good]
-        points.append(run if entered == 0 else run[::-1])
-        own_widths.append(values)
+        points.append(own.points[good][:: -1 if entered else 1])
+        own_widths.append(own.widths[good])
     line = np.concatenate(points)
     if len(line) < 3:
         return None
     width = float(np.median(np.concatenate(own_widths)))
     hidden = [_beside(row, graph, widths, end) for end in (0, 1)]
     gaps = np.hypot(*(np.roll(line, -1, axis=0) - line).T) > max(GAP, 0.4 * width)
+    cap = BUTT
     if not closed:
         line, gaps, cap = with_ends(line, gaps, width, sides, hidden)
-        line, corners = with_corners(line, gaps, closed=False)
-        return Stroke(open_line(line, corners, detail, slack), width, cap, _join(line, corners, width, sides))
-    line, corners = with_corners(line, gaps, closed=True)
-    if len(line) < 8:
+    line, corners = with_corners(line, gaps, closed)
+    if closed and len(line) < 8:
         return None
-    return Stroke(closed_line(line, detail, slack), width, BUTT, _join(line, corners, width, sides))
+    path = closed_line(line, detail, slack) if closed else open_line(line, corners, detail, slack)
+    return Stroke(path, width, cap, _join(line, corners, width, sides))
 
 
 def _node(row: list[Link], graph: Graph, end: int) -> int:
@@ -182,25 +181,23 @@ def _partners(links: list[Link], graph: Graph, centres: list[Centres], widths: n
             if alike and one is not None and other is not None:
                 bend = math.pi - math.acos(float(np.clip(one @ other, -1.0, 1.0)))
                 pairs.append((bend, i, j))
-    found: dict[Link, Link] = {}
+    found: list[tuple[int, int]] = []
     free = set(range(len(links)))
     for bend, i, j in sorted(pairs):
         if bend <= THROUGH and i in free and j in free:
             free -= {i, j}
-            found |= {links[i]: links[j], links[j]: links[i]}
+            found.append((i, j))
     rest = [pair for pair in pairs if pair[1] in free and pair[2] in free]
     if len(free) == 2 and rest and not found:
-        _, i, j = rest[0]
-        found |= {links[i]: links[j], links[j]: links[i]}
+        found.append(rest[0][1:])
     if len(free) == 3 and len(rest) == 3:
         # Three that meet: the two that lie alike on either side of the third, as in the head of an arrow.
         def lopsided(pair: tuple[float, int, int]) -> float:
             (third,) = free - {pair[1], pair[2]}
             return abs(float(ways[pair[1]] @ ways[third] - ways[pair[2]] @ ways[third]))  # type: ignore[operator]
 
-        _, i, j = min(rest, key=lopsided)
-        found |= {links[i]: links[j], links[j]: links[i]}
-    return found
+        found.append(min(rest, key=lopsided)[1:])
+    return {links[a]: links[b] for i, j in found for a, b in ((i, j), (j, i))}
 
 
 def _direction(link: Link, graph: Graph, centres: list[Centres], widths: np.ndarray) -> np.ndarray | None:
@@ -210,14 +207,11 @@ def _direction(link: Link, graph: Graph, centres: list[Centres], widths: np.ndar
     good = own.points[own.even(width)]
     if len(good) < 3:
         return None
-    if end == 1:
-        good = good[::-1]
+    good = good[::-1] if end else good
     near = good[np.hypot(*(good - good[0]).T) <= REACH * width]
     if len(near) < 3:
         return None
-    middle = near.mean(axis=0)
-    along = np.linalg.svd(near - middle)[2][0]
     # A bent branch leaves as its nearer end does.
-    half = near[: max(3, len(near) // 2)]
-    along = np.linalg.svd(half - half.mean(axis=0))[2][0] if len(half) >= 5 else along
+    half = near[: len(near) // 2] if len(near) >= 10 else near
+    along = np.linalg.svd(half - half.mean(axis=0))[2][0]
     return along if along @ (near[-1] - near[0]) > 0.0 else -along

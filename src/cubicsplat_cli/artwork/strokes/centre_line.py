@@ -129,10 +129,7 @@ def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: 
             break
         i = following
         index.append(i)
-    own = points[index[::-1] if step < 0 else index]
-    if len(own) < 2:
-        return np.zeros(2)
-    return _end_tangent(own, at_end=step < 0)
+    return -step * end_of(points[index[::-1]])[0] if len(index) > 1 else np.zeros(2)
 
 
 def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,11 +143,6 @@ def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     way = way / max(float(np.hypot(*way)), 1e-9)
     bend = 2.0 * np.array([x[2], y[2]]) if degree == 2 else np.zeros(2)
     return way, bend - (bend @ way) * way
-
-
-def _end_tangent(points: np.ndarray, at_end: bool) -> np.ndarray:
-    """(2,) the unit tangent at an end of a run of points, by a parabola where they suffice."""
-    return end_of(points)[0] if at_end else -end_of(points[::-1])[0]
 
 
 def _bent(points: np.ndarray) -> bool:

@@ -37,11 +37,8 @@ def with_ends(
         for _ in range(2):
             tip = tip.on(float(_reaches(tip, width, sides).mean()) - (ROUND_MEAN * width if cap == ROUND else 0.0))
         places.append(tip.place)
-    return (
-        np.concatenate([places[0][None], line, places[1][None]]),
-        np.concatenate([[False], gaps[:-1], [False, False]]),
-        cap,
-    )
+    line = np.concatenate([places[0][None], line, places[1][None]])
+    return line, np.concatenate([[False], gaps[:-1], [False, False]]), cap
 
 
 @dataclass(frozen=True)

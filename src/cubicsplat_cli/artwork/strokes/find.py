@@ -74,9 +74,8 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
             angle = first.angle + (0.0 if first.width >= first.height else 0.5 * math.pi)
             half = 0.5 * (long - short if rounded else long) * np.array([math.cos(angle), math.sin(angle)])
             middle = np.array([first.x + 0.5 * first.width, first.y + 0.5 * first.height])
-            return Stroke(
-                line_chain(np.stack([middle - half, middle + half])), short, ROUND if rounded else BUTT, MITER
-            )
+            path = line_chain(np.stack([middle - half, middle + half]))
+            return Stroke(path, short, ROUND if rounded else BUTT, MITER)
     return None
 
 
@@ -121,15 +120,11 @@ def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) 
 
 def _common(strokes: list[Stroke]) -> dict[float, float]:
     """For each width the one that it and those like it become, their mean by length."""
-    order = sorted(strokes, key=lambda stroke: stroke.width)
     groups: list[list[Stroke]] = []
-    for stroke in order:
+    for stroke in sorted(strokes, key=lambda stroke: stroke.width):
         if groups and stroke.width - groups[-1][0].width <= ALIKE_PX + ALIKE_SHARE * stroke.width:
             groups[-1].append(stroke)
         else:
             groups.append([stroke])
-    common: dict[float, float] = {}
-    for group in groups:
-        width = float(np.mean([stroke.width for stroke in group]))
-        common |= {stroke.width: width for stroke in group}
-    return common
+    means = [float(np.mean([stroke.width for stroke in group])) for group in groups]
+    return {stroke.width: mean for group, mean in zip(groups, means, strict=True) for stroke in group}

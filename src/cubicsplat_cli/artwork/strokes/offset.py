@@ -30,8 +30,8 @@ class Piece(NamedTuple):
 
     points: np.ndarray
     line: bool
-    first: int
-    last: int
+    first: int = 0
+    last: int = 0
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,10 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     if abs(abs(_winding(cubics)) - 1.0) < 0.25:
         return tuple(sorted((_ring(ring) for ring in rings), key=lambda ring: -abs(signed_area(ring))))
     # It crosses itself: once around it on one side and back on the other, cut open where it begins.
-    left, back = ([(piece.points, piece.line) for piece in ring] for ring in rings)
-    across, home = _straight(left[-1][0][3], back[0][0][0]), _straight(back[-1][0][3], left[0][0][0])
-    return (_ring_of([*left, (across, True), *back, (home, True)]),)
+    left, back = rings
+    across = _straight(left[-1].points[3], back[0].points[0])
+    home = _straight(back[-1].points[3], left[0].points[0])
+    return (_ring([*left, Piece(across, True), *back, Piece(home, True)]),)
 
 
 def offset_ring(ring: Ring, reach: float) -> Ring:
@@ -118,13 +119,9 @@ def _lasting(cubics: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _ring(pieces: list[Piece]) -> Ring:
-    return _ring_of([(piece.points, piece.line) for piece in pieces])
-
-
-def _ring_of(pieces: list[tuple[np.ndarray, bool]]) -> Ring:
-    cubics = np.stack([points for points, _ in pieces])
+    cubics = np.stack([piece.points for piece in pieces])
     cubics[:, 3] = np.roll(cubics[:, 0], -1, axis=0)
-    lines = np.array([line for _, line in pieces])
+    lines = np.array([piece.line for piece in pieces])
     return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), lines, np.zeros(len(lines), dtype=bool))
 
 
@@ -244,6 +241,6 @@ def _dot(at: np.ndarray, half: float, cap: str) -> Ring:
     """A stroke of no length: a disc or, with square caps, a square."""
     if cap == ROUND:
         circle = _arc(at, at + np.array([half, 0.0]), 2.0 * math.pi, _eighths(2.0 * math.pi))
-        return _ring_of([(points, False) for points in circle])
+        return _ring([Piece(points, False) for points in circle])
     corners = at + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return _ring_of([(_straight(a, b), True) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
+    return _ring([Piece(_straight(a, b), True) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])

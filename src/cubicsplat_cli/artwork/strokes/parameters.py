@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.finish import State, layer_of, premultiplied, settle
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Outline
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, pieces_of
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
 from cubicsplat_cli.artwork.tracing.variables import Pieces
@@ -62,13 +62,6 @@ class ChainParameters:
         return Chain(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
 
 
-Line = ChainParameters | Parameters
-
-
-def _line_of(path: Path, constraints: Constraints) -> Line:
-    return ChainParameters.of(path) if isinstance(path, Chain) else parametrised(path, constraints)
-
-
 class StrokeParameters:
     """A stroke, as a parametrisation of the whole outline that it covers (`finish.Parameters`), holes run the other
     way.
@@ -76,7 +69,7 @@ class StrokeParameters:
     The last variable is its width, unless that is fixed.
     """
 
-    def __init__(self, stroke: Stroke, line: Line, fixed: bool = False) -> None:
+    def __init__(self, stroke: Stroke, line: ChainParameters | Parameters, fixed: bool = False) -> None:
         self.line, self.fixed, self._stroke = line, fixed, stroke
         self.plan = plan_of(line.cubics, line.lines)
         rings = rings_around(line.cubics, line.lines, stroke, self.plan)
@@ -89,7 +82,9 @@ class StrokeParameters:
     @classmethod
     def of(cls, stroke: Stroke, constraints: Constraints, fixed: bool = False) -> StrokeParameters:
         """That of a stroke; fixed: its width stays."""
-        return cls(stroke, _line_of(stroke.path, constraints), fixed)
+        path = stroke.path
+        line = ChainParameters.of(path) if isinstance(path, Chain) else parametrised(path, constraints)
+        return cls(stroke, line, fixed)
 
     @property
     def stroke(self) -> Stroke:

@@ -70,13 +70,9 @@ def _graph(skeleton: np.ndarray) -> Graph:
 
     def neighbours(pixel: _Pixel) -> list[_Pixel]:
         y, x = pixel
-        straight = [(y + dy, x + dx) for dy, dx in _AROUND[:4] if (y + dy, x + dx) in pixels]
-        out = list(straight)
-        for dy, dx in _AROUND[4:]:
-            # A diagonal step that two straight ones make as well is none.
-            if (y + dy, x + dx) in pixels and (y + dy, x) not in pixels and (y, x + dx) not in pixels:
-                out.append((y + dy, x + dx))
-        return out
+        near = [(y + dy, x + dx) for dy, dx in _AROUND if (y + dy, x + dx) in pixels]
+        # A diagonal step that two straight ones make as well is none.
+        return [(v, u) for v, u in near if v == y or u == x or ((v, x) not in pixels and (y, u) not in pixels)]
 
     around = {pixel: neighbours(pixel) for pixel in pixels}
     special = np.zeros(skeleton.shape, dtype=bool)
@@ -120,8 +116,7 @@ def _length(branch: Branch) -> float:
 
 def _tidied(graph: Graph, width: float) -> Graph:
     """The graph without spurs, with bridges between junctions contracted, and branches joined at nodes of two."""
-    places = graph.places.copy()
-    branches = list(graph.branches)
+    places, branches = graph.places.copy(), list(graph.branches)
 
     def degree(node: int) -> int:
         return sum(branch.nodes.count(node) for branch in branches)
@@ -135,10 +130,8 @@ def _tidied(graph: Graph, width: float) -> Graph:
             branches.remove(branch)
             places[a] = 0.5 * (places[a] + places[b])
             for other in branches:
-                other.nodes = (
-                    a if other.nodes[0] == b else other.nodes[0],
-                    a if other.nodes[1] == b else other.nodes[1],
-                )
+                start, end = (a if node == b else node for node in other.nodes)
+                other.nodes = start, end
     return Graph(_joined(branches, places), places)
 
 
@@ -174,11 +167,9 @@ class Sides:
     def of(cls, rings: tuple[Ring, ...]) -> Sides:
         """Points STEP px apart along the rings."""
         found = []
-        for ring in rings:
-            for cubic in ring.cubics:
-                length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
-                t = np.arange(max(1, int(np.ceil(length / STEP)))) / max(1, int(np.ceil(length / STEP)))
-                found.append(points_at(cubic[None], t[None])[0])
+        for cubic in pieces_of_rings(rings)[0]:
+            count = max(1, int(np.ceil(float(np.hypot(*np.diff(cubic, axis=0).T).sum()) / STEP)))
+            found.append(points_at(cubic[None], np.arange(count)[None] / count)[0])
         points = np.concatenate(found)
         return cls(points, PointTree(points))
 

@@ -232,8 +232,7 @@ def goes_on(
     """Whether the edge between one pair of regions goes straight on as that between another pair at a meeting; None
     where one of the two is too short or too rough to tell.
     """
-    arms = [_arm(labels, found, at, pair) for pair in edges]
-    one, other = arms
+    one, other = (_arm(labels, found, at, pair) for pair in edges)
     if one is None or other is None:
         return None
     turn = math.pi - math.acos(float(np.clip(one.tangent @ other.tangent, -1.0, 1.0)))
