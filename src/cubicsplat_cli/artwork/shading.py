@@ -216,7 +216,7 @@ def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, 
     pixels = Pixels(x + 0.5, y + 0.5, opaque)
     shades = [_along(math.pi * k / ANGLES, stops, pixels) for k in range(ANGLES) for stops in (2, STOPS)]
     flat = float(((values - middle) ** 2).mean())
-    off = [colours_off(shade.frame, False, shade.ramp.knots, shade.ramp.colours, pixels)[:, :3] for shade in shades]
+    off = (colours_off(shade.frame, False, shade.ramp.knots, shade.ramp.colours, pixels)[:, :3] for shade in shades)
     costs = [float((o**2).mean()) + LEAST_GAIN * len(shade.ramp.knots) for o, shade in zip(off, shades, strict=True)]
     best = int(np.argmin(costs))
     return fill, gradient_of(shades[best]) if costs[best] < flat else None

@@ -61,7 +61,10 @@ def _corners(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _thin(fills: np.ndarray, own: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(n,) bool: around the pixels y, x a fill is thin, and thinner than theirs."""
-    side = 2 * REACH + 1
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(fills, REACH, constant_values=-1), (side, side))[y, x]
-    mine, others = ((windows == fill[:, None, None]).sum(axis=(1, 2)) for fill in (own, fills[y, x]))
+    padded, side, theirs = np.pad(fills, REACH, constant_values=-1), 2 * REACH + 1, fills[y, x]
+    mine, others = np.zeros((2, len(y)), dtype=int)
+    for dy, dx in np.ndindex(side, side):  # a pass for each, since dither has as many corners as pixels
+        found = padded[y + dy, x + dx]
+        mine += found == own
+        others += found == theirs
     return (2 * mine <= side * side) & (mine < others)

@@ -187,6 +187,8 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     lost = (winner < 0) | ((residual > 40.0) & (gap < residual))
     out[y, x] = np.where(lost, nearest, winner)
     strange = _strange(levels, palette, y, x, near, residual)
+    if not strange.any():
+        return out
     y, x, near = y[strange], x[strange], near[strange]
     fill, own = nearest_line_fills(levels[y, x], (y, x), pure.shape, palette, near)
     out[y, x] = np.where(own, fill, np.where(fill >= 0, winner[strange], out[y, x]))

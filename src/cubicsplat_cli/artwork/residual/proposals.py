@@ -15,10 +15,9 @@ from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
-from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.residual.areas import Area, TargetPicture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
+from cubicsplat_cli.artwork.tracing.contours import COVERS, share_positions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
@@ -30,7 +29,6 @@ HALF, LESS = 0.5, 0.2  # shares from which a pixel is the new shape's, and from 
 CLOSE = 12.0  # levels by which pixels of a line may be off its blends with what is drawn
 SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
 CROSSED = 0.05  # share of a new shape that a shape shows in which it lies beneath the new one
-_EMPTY, _FULL = np.zeros(4), np.full(4, 255.0)
 
 
 @dataclass(frozen=True)
@@ -94,8 +92,8 @@ def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
     """
     most = ndimage.maximum_filter(share, 3 + 2 * math.ceil(blur))
     cover = (share >= HALF) | ((share >= np.maximum(LESS, HALF * most)) & where)
-    levels, palette = np.repeat(share[..., None], 4, axis=2), np.array([_EMPTY, _FULL]) / 255.0
-    return joined_at_corners(cover.astype(np.int32), levels, palette, whole=True) > 0
+    levels = np.repeat(share[..., None], 4, axis=2)
+    return joined_at_corners(cover.astype(np.int32), levels, COVERS / 255.0, whole=True) > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +113,7 @@ class _Drawn:
         """The outlines of each connected part of so many px and more, and the shape that it lies on. error: of the
         shares.
         """
-        regions = Regions(self.cover.astype(np.int32), np.array([_EMPTY, _FULL]), np.arange(2))
-        levels = np.repeat((255.0 * self.share)[..., None], 4, axis=2)
-        found = edge_positions(levels, regions, max(ROUNDING, 255.0 * error))
+        found = share_positions(self.share, self.cover, 255.0 * error)
         parts, _ = ndimage.label(self.cover)
         sizes = np.bincount(parts.ravel())
         for number in (1 + np.flatnonzero(sizes[1:] >= smallest)).tolist():

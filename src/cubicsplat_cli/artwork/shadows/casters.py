@@ -8,6 +8,7 @@ shadow of any grey.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -50,10 +51,17 @@ class Shaded:
             out[own] = (levels[own] - ground.fill) @ line / float(line @ line)
         return out
 
-    @property
+    @cached_property
     def mask(self) -> np.ndarray:
         """(H, W) bool where the grounds are."""
         return np.asarray(np.logical_or.reduce([ground.mask for ground in self.grounds]))
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """(H, W) bool what is no ground, nor lies along the line between two, which casts no shadow."""
+        if len(self.grounds) == 1:
+            return ~self.mask
+        return np.asarray(ndimage.binary_opening(np.pad(~self.mask, 4, mode="edge"), CUT)[4:-4, 4:-4])
 
 
 def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded | None:
@@ -120,20 +128,12 @@ def silhouettes_of(shaded: Shaded, share: np.ndarray) -> list[Patch]:
     """What is no shaded ground, and shaded around: what may cast the shadow, with its holes, up to 2 px larger than it
     is. share: (H, W) as of `Shaded.share`.
     """
-    labels, _ = ndimage.label(_rest(shaded), ndimage.SQUARE)
+    labels, _ = ndimage.label(shaded.rest, ndimage.SQUARE)
+    shade = np.abs(share)
     least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
     boxes = enumerate(ndimage.find_objects(labels), start=1)
     found = [Patch(box[0].start, box[1].start, labels[box] == k) for k, box in boxes]
-    return [
-        own for own in found if own.size >= LEAST_CASTER and _shade_around(own, shaded.mask, np.abs(share)) >= least
-    ]
-
-
-def _rest(shaded: Shaded) -> np.ndarray:
-    """(H, W) bool what is no ground, but for what lies along the line between two of them, which casts no shadow."""
-    if len(shaded.grounds) == 1:
-        return ~shaded.mask
-    return np.asarray(ndimage.binary_opening(np.pad(~shaded.mask, 4, mode="edge"), CUT)[4:-4, 4:-4])
+    return [own for own in found if own.size >= LEAST_CASTER and _shade_around(own, shaded.mask, shade) >= least]
 
 
 def casters_of(shaded: Shaded, silhouettes: list[Patch], even: np.ndarray) -> list[list[Caster]]:
@@ -144,7 +144,7 @@ def casters_of(shaded: Shaded, silhouettes: list[Patch], even: np.ndarray) -> li
     """
     if len(silhouettes) > MOST_CASTERS:
         return []
-    rest, whole = _rest(shaded), [_filled(own) for own in silhouettes]
+    rest, whole = shaded.rest, [_filled(own) for own in silhouettes]
     first = _boxes(whole, rest.shape)
     ways = [first, _boxes([_even(own, even & ~shaded.mask) for own in whole], rest.shape)]
     if len(shaded.grounds) > 1:

@@ -9,15 +9,13 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents_of
-from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
+from cubicsplat_cli.artwork.tracing.contours import share_positions
 
 # Levels of each step, of which half is the most by which a shadow is off. Renderers round after each translucent shape,
 # so more of them are no nearer; but steps that are farther apart than so many px are seen, if they are not small.
 STEPS, APART = (2, 6), 2.0
 OFF = 1.0  # level that an outline may be off
-_EMPTY, _FULL = np.zeros(4), np.full(4, 255.0)
 
 
 def contoured(
@@ -30,7 +28,7 @@ def contoured(
     levels = whole * share
     slope = np.maximum(np.hypot(*np.gradient(levels)), 1e-3)
     values, slopes = levels[shown], slope[shown]
-    most, error = float(values.max()), max(ROUNDING, 255.0 * OFF / float(slopes.max()))
+    most, error = float(values.max()), 255.0 * OFF / float(slopes.max())
     dark = 0.0
     while dark < most:
         near = np.abs(values - dark - STEPS[0]) < STEPS[0]
@@ -48,9 +46,7 @@ def _outlines(part: np.ndarray, error: float) -> Iterator[tuple[Outline, ...]]:
     levels.
     """
     cover = part >= 0.5
-    regions = Regions(cover.astype(np.int32), np.array([_EMPTY, _FULL]), np.arange(2))
-    levels = np.repeat(np.clip(255.0 * part, 0.0, 255.0)[..., None], 4, axis=2)
-    found = edge_positions(levels, regions, error)
+    found = share_positions(np.clip(part, 0.0, 1.0), cover, error)
     if cover.any():
         for extent in extents_of(cover, np.zeros_like(cover), found):
             yield outlines_of(extent, cover.shape, 1.0)

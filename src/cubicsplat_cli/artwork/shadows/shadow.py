@@ -11,11 +11,11 @@ from cubicsplat_cli.artwork.gradients.parts import joined
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds, silhouettes_of
-from cubicsplat_cli.artwork.shadows.silhouettes import EXPLAINED, FAINT, Outlined, shadow_of_outlines
+from cubicsplat_cli.artwork.shadows.silhouettes import EXPLAINED, FAINT, HALFWAY, Outlined, shadow_of_outlines
 from cubicsplat_cli.raster.shadows import ShadedPixels
 
 ROUGH = 0.75  # levels, the root of the mean square, beyond which another layer is tried
-MOST_LAYERS, MOST_SHARED, HALFWAY = 3, 2, 0.6  # share of the shaded pixels that first layers explain
+MOST_LAYERS, MOST_SHARED = 3, 2
 # Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.
 DARK, LIGHT, CHECKED, FEWEST = 2400, 800, 20_000, 60
 BEGIN, MORE = (3.0, 7.0, 16.0), (2.5, 20.0)  # px of blur to begin with, of the first layer and of others

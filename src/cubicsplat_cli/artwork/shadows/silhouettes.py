@@ -44,12 +44,18 @@ class Blur:
 
     def of(self, cover: np.ndarray) -> np.ndarray:
         """(H, W) how much the shadow of what covers so much of each pixel (H, W) darkens them."""
-        return self.alpha * self._fields(cover)[0]
+        wide, pad = self._wide(cover)
+        return self.alpha * _moved(wide, pad, self.dx, self.dy)
+
+    def _wide(self, cover: np.ndarray) -> tuple[np.ndarray, int]:
+        """The blurred silhouette, not moved yet, with room for that around it; and how much, px."""
+        pad = int(np.ceil(BEYOND * self.sigma + max(abs(self.dx), abs(self.dy)))) + 2
+        padded = np.pad(cover, pad, mode="edge")
+        return ndimage.gaussian_filter(padded, self.sigma, truncate=BEYOND, mode="nearest"), pad
 
     def _fields(self, cover: np.ndarray) -> tuple[np.ndarray, ...]:
         """The blurred silhouette (H, W), and how it changes with dx, dy and sigma."""
-        pad = int(np.ceil(BEYOND * self.sigma + max(abs(self.dx), abs(self.dy)))) + 2
-        wide = ndimage.gaussian_filter(np.pad(cover, pad, mode="edge"), self.sigma, truncate=BEYOND, mode="nearest")
+        wide, pad = self._wide(cover)
         down, across = np.gradient(wide)
         bend = np.gradient(down, axis=0) + np.gradient(across, axis=1)
         return tuple(_moved(each, pad, self.dx, self.dy) for each in (wide, -across, -down, self.sigma * bend))
@@ -138,7 +144,7 @@ def shadow_of_outlines(
         best = best.nearest(cover, seen, on)
     share = best.of(cover)
     near, dark = scale * np.abs(share - seen) <= off, scale * seen > FAINT
-    if near[on & dark].mean() < EXPLAINED or near[on & ~dark].mean() < EXPLAINED:
+    if any((near & part).sum() < EXPLAINED * part.sum() for part in (on & dark, on & ~dark)):
         return None
     return Outlined(own & (cover >= 0.5), share, off)
 

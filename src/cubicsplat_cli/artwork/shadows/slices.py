@@ -158,6 +158,11 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
         if share.size == 0:
             continue
         window, colour = (rows, columns), lifted.shadow.shaded.colour[:3]
+        dark = np.zeros(shown.shape, dtype=bool)
+        dark[window] = share > SHADE
+        place = _place(owners, len(drawing.shapes), dark & ~cast.mask, shown)
+        if place is None:
+            return None
         if isinstance(cast, Outlined):
             fills = {tuple(ground.fill.tolist()) for ground in lifted.shadow.shaded.grounds}
             (ground,) = fills if len(fills) == 1 else [(0.0,) * 4]
@@ -165,10 +170,7 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
             shapes: list[Shape] | None = list(contoured(share, shown, colour, opaque, NAME))
         else:
             shapes = sliced(Cut(cast, share, shown[window], colour, window))
-        dark = np.zeros(shown.shape, dtype=bool)
-        dark[window] = share > SHADE
-        place = _place(owners, len(drawing.shapes), dark & ~cast.mask, shown)
-        if shapes is None or place is None:
+        if shapes is None:
             return None
         layers.append((place, shapes))
     out: list[Shape] = []

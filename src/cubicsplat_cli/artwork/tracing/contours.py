@@ -19,6 +19,9 @@ ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
 
 
+COVERS = np.array([np.zeros(4), np.full(4, 255.0)])  # levels of nothing and of all, for shares as a picture
+
+
 def edge_positions(
     levels: np.ndarray, regions: Regions, error: float = ROUNDING, share_error: float = FEW_SAMPLES
 ) -> EdgePositions:
@@ -28,3 +31,11 @@ def edge_positions(
     """
     found = border_positions(levels, regions.labels, regions.fills, error, ROUNDING, share_error)
     return EdgePositions(*found, RIM if error > ROUNDING else 0.0)
+
+
+def share_positions(share: np.ndarray, cover: np.ndarray, error: float) -> EdgePositions:
+    """Positions around what covers a share (H, W) in 0..1 of each pixel, and has those of cover (H, W) bool; error in
+    levels of 255 for all.
+    """
+    regions = Regions(cover.astype(np.int32), COVERS, np.arange(2))
+    return edge_positions(np.repeat((255.0 * share)[..., None], 4, axis=2), regions, max(ROUNDING, error))
