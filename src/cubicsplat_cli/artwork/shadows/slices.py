@@ -94,11 +94,6 @@ def _cuts(first: int, last: int, low: float, high: float, reach: float) -> list[
     return [first, *inner, last]
 
 
-def _whole(cut: Cut, frame: tuple[int, int, int, int]) -> list[Shape]:
-    x0, y0, x1, y1 = frame
-    return [_piece(cut, Ellipse(0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (x1 - x0) + 1.0, 0.5 * (y1 - y0) + 1.0))]
-
-
 def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
     """One piece as a shape."""
     covered = _covered(outline, cut)
