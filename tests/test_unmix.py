@@ -9,8 +9,6 @@ import pytest
 
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import (
-    LineBlends,
-    are_lines,
     best_blend,
     blend_with,
     components,
@@ -136,17 +134,6 @@ def test_fills_join_the_nearest_before_them() -> None:
     fills = np.array([[0.0] * 4, [10.0] * 4, [7.0] * 4, [90.0] * 4, [200.0] * 4])
     kept, weights = joined_fills(fills, np.arange(1.0, 6.0), 3.5, 3)
     assert kept[:, 0].tolist() == [0.0, 10.0, 90.0] and weights.tolist() == [1.0, 5.0, 4.0]
-
-
-@pytest.mark.parametrize("more", [1.0, 100.0])
-def test_two_rows_that_a_line_fills_in_part_are_that_line(more: float) -> None:
-    levels = np.full((8, 20, 4), 255.0, np.float32)
-    levels[3:5] = 0.75 * BLACK + 0.25 * WHITE  # a line of 1.5 px in the middle of two rows
-    levels[7, :2] = BLACK
-    small = (levels[3, :1].astype(float), np.array([1.0]))
-    rule = LineBlends(1.0, 3.5, 0.5, 3.0, (0.2, 0.95), more)
-    found = are_lines(levels, np.ones((8, 20), bool), small, np.concatenate([FILLS, small[0]]), rule)
-    assert found.tolist() == [more == 1.0]
 
 
 def test_components_are_numbered_by_value_and_first_pixel() -> None:

@@ -7,12 +7,11 @@ EngineError where the library or the memory is missing.
 from __future__ import annotations
 
 from ctypes import c_int64
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import bools, doubles, floats, int32s, int64s, native
+from cubicsplat_cli.raster.cpu import doubles, floats, int32s, int64s, native
 
 _native = partial(native, "regions")
 SLOTS, REACH = 4, 3  # colours that are looked at near a pixel, and px up to which they lie away
@@ -156,37 +155,6 @@ def joined_fills(fills: np.ndarray, weights: np.ndarray, same: float, most: int)
     kept = np.empty(min(len(fills), most), np.int64)
     count = _native("cs_join_fills", len(fills), fills, weights, same, most, kept, result=c_int64)
     return fills[kept[:count]], weights[kept[:count]]
-
-
-@dataclass(frozen=True)
-class LineBlends:
-    """The pixels that a line blends. one: levels that are one colour; ground: and of a ground. between: share of the
-    squares that lie amid the ground. off: levels by which a blend is off the line between two fills; shares: the least
-    and the most of the line's fill. more: times as many px as the blend has, that the line's fill has in thin lines.
-    """
-
-    one: float
-    ground: float
-    between: float
-    off: float
-    shares: tuple[float, float]
-    more: float
-
-
-def are_lines(
-    levels: np.ndarray, thin: np.ndarray, small: tuple[np.ndarray, np.ndarray], fills: np.ndarray, rule: LineBlends
-) -> np.ndarray:
-    """(k,) bool: which colours of squares of 2 x 2 px of a picture (H, W, 4) are blends of the fill of a line with a
-    ground on both sides. thin: (H, W) bool, where lines are. small: the colours (k, 4), and how many px (k,) have them.
-    fills: (P, 4) those of lines and grounds.
-    """
-    levels, thin = floats(levels), bools(thin)
-    (colours, sizes), fills = (doubles(each) for each in small), doubles(fills)
-    lines = np.zeros(len(colours), bool)
-    numbers = (rule.one, rule.ground, rule.between, rule.off, *rule.shares, rule.more)
-    sizes_of = (len(colours), colours, sizes, len(fills), fills, *(float(number) for number in numbers))
-    _native("cs_are_lines", levels, *thin.shape, thin, *sizes_of, lines)
-    return lines
 
 
 def components(values: np.ndarray) -> tuple[np.ndarray, int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import LineBlends, are_lines, joined_fills, part_fills, spread
+from cubicsplat_cli.raster.unmix import joined_fills, part_fills, spread
 
 # Levels: a pixel is flat where its 3x3 neighbourhood spans at most so much; fills nearer than `SAME` are one.
 FLAT_RANGE = 3.0
@@ -21,8 +21,6 @@ LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
 # Squares of 2 x 2 px that span at most so many levels show a fill, if enough have its colour; so many such fills.
 SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
 MOST_FILLS = 256
-# A small fill is a line's where that lies in the middle of two rows of pixels, and fills 1.5 px of them, say.
-LINE = LineBlends(one=SQUARE_RANGE, ground=SAME, between=0.5, off=3.0, shares=(0.2, 0.95), more=4.0)
 PURE = 2.5  # levels: a pixel within so many of a fill is that fill
 # Levels of opacity below which nothing is drawn, and from which a fill hides what is beneath it.
 CLEAR, OPAQUE = 2.0, 254.0
@@ -55,11 +53,7 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
     fills, weights = part_fills(levels, ndimage.label(flat)[0], GRADIENT_RANGE, 2.0 * BAND)
     near = ndimage.binary_dilation(flat, ndimage.SQUARE)
     colours, sizes = _small_fills(levels, near)
-    if len(colours):
-        # Every part has a fill of its own, so that most of them are there many times.
-        others = np.unique(np.concatenate([fills, colours]), axis=0)
-        own = ~are_lines(levels, ~near, (colours, sizes), others, LINE)
-        fills, weights = np.concatenate([fills, colours[own]]), np.concatenate([weights, sizes[own]])
+    fills, weights = np.concatenate([fills, colours]), np.concatenate([weights, sizes])
     clear = np.count_nonzero(levels[..., 3] < CLEAR)
     if clear and not (fills[:, 3] < CLEAR).any():
         # No blend has no opacity: one such pixel in a corner shows that the ground is clear.

@@ -1,5 +1,5 @@
-// The fill colours that the even parts of a picture show, and which of those of its small squares are lines. What is
-// computed is said in artwork/regions/fills.py. Pictures are premultiplied RGBA in levels of 0..255.
+// The fill colours that the even parts of a picture show. What is computed is said in artwork/regions/fills.py. Pictures
+// are premultiplied RGBA in levels of 0..255.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -73,23 +73,6 @@ int64_t banded(const float* levels, const std::vector<int64_t>& pixels, double s
   return count;
 }
 
-template <class A, class B>
-bool within(const A* a, const B* b, double levels) {
-  for (int c = 0; c < 4; c++)
-    if (!(std::fabs(double(a[c]) - double(b[c])) <= levels)) return false;
-  return true;
-}
-
-// A picture (height x width), its places clamped to it.
-struct Picture {
-  const float* levels;
-  int64_t height, width;
-  const float* at(int64_t y, int64_t x) const {
-    const int64_t row = std::clamp<int64_t>(y, 0, height - 1), column = std::clamp<int64_t>(x, 0, width - 1);
-    return levels + 4 * (row * width + column);
-  }
-};
-
 }  // namespace
 }  // namespace cs
 
@@ -155,65 +138,5 @@ CS_EXPORT int64_t cs_join_fills(int64_t count, const double* fills, double* weig
       kept[found++] = i;
   }
   return found;
-}
-
-// Whether each of `colours` colours (x 4) that fill squares of 2 x 2 px of a picture is what lines of one of the fills
-// (x 4) make of two rows of pixels: a blend of it with a ground that lies on both sides of `between` of the squares,
-// shares from `lowest` to `highest`, within `off` levels, where more than `more` times its `sizes` px have that fill in
-// what is thin (height x width). one: levels that are one colour; same: and of a ground. Returns 1 where there is no
-// memory.
-CS_EXPORT int32_t cs_are_lines(const float* levels, int64_t height, int64_t width, const uint8_t* thin, int64_t colours,
-                               const double* colour, const double* sizes, int64_t fills, const double* fill, double one,
-                               double same, double between, double off, double lowest, double highest, double more,
-                               uint8_t* lines) {
-  using namespace cs;
-  const Picture picture{levels, height, width};
-  try {
-    std::vector<double> thins(fills, -1.0);
-    const auto thin_pixels = [&](int64_t k) {
-      if (thins[k] < 0.0) {
-        thins[k] = 0.0;
-        for (int64_t i = 0; i < height * width; i++) thins[k] += thin[i] && within(levels + 4 * i, fill + 4 * k, one);
-      }
-      return thins[k];
-    };
-    std::vector<uint8_t> here(height * width);
-    std::vector<std::array<const float*, 4>> sides;
-    for (int64_t n = 0; n < colours; n++) {
-      const double* own = colour + 4 * n;
-      for (int64_t i = 0; i < height * width; i++) here[i] = within(levels + 4 * i, own, one);
-      sides.clear();
-      for (int64_t y = 0; y + 1 < height; y++)
-        for (int64_t x = 0; x + 1 < width; x++) {
-          const uint8_t* at = &here[y * width + x];
-          if (at[0] && at[1] && at[width] && at[width + 1])
-            sides.push_back({picture.at(y - 1, x), picture.at(y + 2, x), picture.at(y, x - 1), picture.at(y, x + 2)});
-        }
-      lines[n] = 0;
-      for (int64_t g = 0; g < fills && !sides.empty() && !lines[n]; g++) {
-        const double* ground = fill + 4 * g;
-        int64_t amid = 0;
-        for (const auto& s : sides)
-          amid += (within(s[0], ground, same) && within(s[1], ground, same)) ||
-                  (within(s[2], ground, same) && within(s[3], ground, same));
-        if (double(amid) < between * double(sides.size())) continue;
-        for (int64_t k = 0; k < fills && !lines[n]; k++) {
-          double length = 0.0, along = 0.0, rest = 0.0;
-          for (int c = 0; c < 4; c++) {
-            const double span = fill[4 * k + c] - ground[c];
-            length += span * span, along += span * (own[c] - ground[c]);
-          }
-          const double share = along / std::max(length, 1e-9);
-          if (!(share > lowest && share < highest)) continue;
-          for (int c = 0; c < 4; c++)
-            rest = std::max(rest, std::fabs(own[c] - ground[c] - share * (fill[4 * k + c] - ground[c])));
-          lines[n] = rest <= off && thin_pixels(k) > more * sizes[n];
-        }
-      }
-    }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
 }
 }
