@@ -121,10 +121,8 @@ def test_an_edge_pixel_is_a_blend_of_the_paints_beside_it():
         assert flat[i] == pytest.approx(others[i, b] + own * (others[i, a] - others[i, b]) + rest)
 
 
-def test_patches_meet_and_join():
+def test_patches_join_and_grow():
     one, other = Patch(2, 3, np.ones((4, 5), bool)), Patch(4, 6, np.ones((6, 2), bool))
-    assert sorted(map(tuple, one.meets(other).tolist())) == [(4, 6), (4, 7), (5, 6), (5, 7)]
-    assert len(one.meets(Patch(20, 20, np.ones((2, 2), bool)))) == 0
     both = joined([one, other])
     assert (both.top, both.left, both.mask.shape, both.size) == (2, 3, (8, 5), 28)
     assert one.grown(2, (30, 30)).window == (slice(0, 8), slice(1, 10)) and one.grown(2, (30, 30)).size == 72

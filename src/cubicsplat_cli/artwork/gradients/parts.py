@@ -86,14 +86,6 @@ class Patch:
         wide = self.padded(by, shape)
         return Patch(wide.top, wide.left, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=by))
 
-    def meets(self, other: Patch) -> np.ndarray:
-        """(n, 2) rows and columns of the pixels of both."""
-        top, left = max(self.top, other.top), max(self.left, other.left)
-        views = [patch.mask[max(top - patch.top, 0) :, max(left - patch.left, 0) :] for patch in (self, other)]
-        height, width = (min(view.shape[k] for view in views) for k in (0, 1))
-        both = views[0][:height, :width] & views[1][:height, :width]
-        return np.argwhere(both) + np.array([top, left])
-
 
 def joined(patches: Sequence[Patch]) -> Patch:
     """The pixels of all patches, one or more."""

@@ -51,12 +51,9 @@ class _Group:
     near: Patch
 
     def __post_init__(self) -> None:
-        """extended: the gradient, carried on; low, high: (4,) levels between which its colours are; box: (4,) the rows
-        and columns of what is near, from the first one to before the last."""
+        """extended: the gradient, carried on; low, high: (4,) levels between which its colours are."""
         self.extended = self.shade.extended()
         self.low, self.high = (end(self.extended.ramp.colours, axis=0) for end in (np.min, np.max))
-        rows, columns = self.near.window
-        self.box = rows.start, rows.stop, columns.start, columns.stop
 
 
 def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
@@ -83,25 +80,12 @@ def _promising(groups: list[_Group], own: _Group) -> list[int]:
     shares = np.zeros(len(groups))
     for k in np.flatnonzero(within.all(axis=2).mean(axis=1) >= ALIKE):
         shares[k] = groups[k].extended.explains(some).mean()
-    top, bottom, left, right = np.array([g.box for g in groups]).T
-    touching = (top < own.box[1]) & (bottom > own.box[0]) & (left < own.box[3]) & (right > own.box[2])
     coloured = ((low <= own.high + CLOSE) & (high >= own.low - CLOSE)).all(axis=1)
     return [
         k
         for k in np.argsort(-shares, kind="stable").tolist()
-        if shares[k] >= ALIKE
-        or (coloured[k] and alike(own.shade.ramp, groups[k].shade.ramp) <= SAME_RAMP)
-        or (touching[k] and _meets(groups[k], own))
+        if shares[k] >= ALIKE or (coloured[k] and alike(own.shade.ramp, groups[k].shade.ramp) <= SAME_RAMP)
     ]
-
-
-def _meets(group: _Group, other: _Group) -> bool:
-    """Whether the ramps of two groups, carried on, have about the same colours between the two."""
-    between = group.near.meets(other.near)
-    if len(between) < CONTACT:
-        return False
-    y, x = between.T + 0.5
-    return bool(np.median(other.extended.off(Pixels(x, y, group.extended.at(x, y)))) <= SHARP)
 
 
 def _continues(group: _Group, part: Part) -> bool:
