@@ -387,8 +387,16 @@ ROUNDED = [
     Rectangle(10, 20, 120, 60, 25),
     Rectangle(10, 20, 120, 60, 30),
     Rectangle(40, 10, 50, 80, 25),
+    Rectangle(40, 10, 50.01, 80, 25.005),
+    Rectangle(10.01, 20.01, 120, 60.01, 30),
     Rectangle(40.5, 10.25, 90, 70, 8.13, 0.4),
 ]
+
+
+@pytest.mark.parametrize("box", ROUNDED)
+def test_ends_that_are_half_circles_are_one_arc(box):
+    sides = sum(side > 2.0 * box.radius + 0.02 for side in (box.width, box.height))
+    assert len(re.findall("[Aa]", path_of(box))) == 2 * sides
 
 
 @pytest.mark.parametrize("box", ROUNDED)
@@ -401,7 +409,7 @@ def test_viewers_agree_about_round_corners(box):
 
 
 @pytest.mark.parametrize(
-    "outlines", [*((box,) for box in ROUNDED), *((Rectangle(2, 2, 196, 96, 9), b) for b in ROUNDED[:3])]
+    "outlines", [*((box,) for box in ROUNDED), *((Rectangle(2, 2, 196, 96, 9), b) for b in ROUNDED[:-1])]
 )
 def test_rounded_rectangles_are_read_back(outlines):
     text = write_drawing(Drawing(200, 100, (shape(*outlines),)), title="t", comment="c")
@@ -411,7 +419,7 @@ def test_rounded_rectangles_are_read_back(outlines):
 
 
 def test_only_rounded_rectangles_among_paths_are_turned():
-    text = write_drawing(Drawing(200, 100, (shape(ROUNDED[3]),)), title="t", comment="c")
+    text = write_drawing(Drawing(200, 100, (shape(ROUNDED[-1]),)), title="t", comment="c")
     with pytest.raises(InputError, match="transform of a path other than a rounded rectangle"):
         read_drawing(re.sub(' d="[^"]*"', ' d="M9 9h9v9z"', text))
 

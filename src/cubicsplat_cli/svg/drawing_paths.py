@@ -66,9 +66,10 @@ class PathText:
         """A cubic; mirrored: its first handle is the one before it, turned round."""
         self._add("S" if mirrored else "C", (*(() if mirrored else first), *second, *to), to)
 
-    def arc(self, radii: Step, angle: str, flags: tuple[int, int], to: Step) -> None:
-        """An elliptical arc; angle: degrees as text. flags: whether it is the larger one, whether clockwise as seen."""
-        head = [*(format_number(radius, self.precision) for radius in radii), angle, *map(str, flags)]
+    def arc(self, radii: tuple[float, float], angle: str, flags: tuple[int, int], to: Step) -> None:
+        """An elliptical arc. radii: in steps, to a tenth; angle: degrees as text; flags: whether it is the larger one,
+        whether clockwise as seen."""
+        head = [*(format_number(round(10 * radius), self.precision + 1) for radius in radii), angle, *map(str, flags)]
         self._add("A", to, to, head)
 
     def close(self) -> None:
@@ -184,13 +185,20 @@ def rounded_of(subpath: Sequence[PathSegment]) -> tuple[Rectangle, bool] | None:
     return Rectangle(left, top, right - left, bottom - top, radius), sweep == 1.0
 
 
-def _steps(box: Rectangle, precision: int) -> tuple[int, int, int, int, int]:
-    """Left, top, right, bottom and radius in steps, the radius at most half of the shorter side."""
-    left, right, top, bottom = (
-        int(to_steps(v, precision)) for v in (box.x, box.x + box.width, box.y, box.y + box.height)
-    )
-    radius = min(int(to_steps(box.radius, precision)), (right - left) // 2, (bottom - top) // 2)
-    return left, top, right, bottom, radius
+def _steps(box: Rectangle, precision: int) -> tuple[float, float, float, float, float]:
+    """Left, top, right, bottom and radius in steps, the radius half of the shorter side where it is about that: then
+    the middles of the round ends are on the grid, and the lines and arcs meet there.
+    """
+    low = np.array([box.x, box.y])
+    high = low + np.array([box.width, box.height])
+    sides = to_steps(high, precision) - to_steps(low, precision)
+    radius, most = float(to_steps(box.radius, precision)), sides.min() / 2.0
+    radius = radius if radius < most - 0.5 else most
+    inset = np.where((radius == most) & (sides > 2.0 * most), radius, 0.0)
+    ends = [
+        to_steps(end + sign * inset / 10.0**precision, precision) - sign * inset for end, sign in ((low, 1), (high, -1))
+    ]
+    return (*ends[0].tolist(), *ends[1].tolist(), float(radius))
 
 
 def _ends(left: float, top: float, right: float, bottom: float, radius: float) -> Iterator[Point]:
