@@ -44,38 +44,36 @@ class Blur:
 
     def of(self, cover: np.ndarray) -> np.ndarray:
         """(H, W) how much the shadow of what covers so much of each pixel (H, W) darkens them."""
-        wide, pad = self._wide(cover)
-        return self.alpha * _moved(wide, pad, self.dx, self.dy)
+        return self.alpha * self._blurred(cover, 0)
 
-    def _wide(self, cover: np.ndarray) -> tuple[np.ndarray, int]:
-        """The blurred silhouette, not moved yet, with room for that around it; and how much, px."""
-        pad = int(np.ceil(BEYOND * self.sigma + max(abs(self.dx), abs(self.dy)))) + 2
+    def _blurred(self, cover: np.ndarray, around: int) -> np.ndarray:
+        """The blurred silhouette (H + 2 around, W + 2 around), moved."""
+        pad = int(np.ceil(BEYOND * self.sigma + max(abs(self.dx), abs(self.dy)))) + around + 2
         padded = np.pad(cover, pad, mode="edge")
-        return ndimage.gaussian_filter(padded, self.sigma, truncate=BEYOND, mode="nearest"), pad
-
-    def _fields(self, cover: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The blurred silhouette (H, W), and how it changes with dx, dy and sigma."""
-        wide, pad = self._wide(cover)
-        down, across = np.gradient(wide)
-        bend = np.gradient(down, axis=0) + np.gradient(across, axis=1)
-        return tuple(_moved(each, pad, self.dx, self.dy) for each in (wide, -across, -down, self.sigma * bend))
+        wide = ndimage.gaussian_filter(padded, self.sigma, truncate=BEYOND, mode="nearest")
+        return _moved(wide, pad - around, self.dx, self.dy)
 
     def nearest(self, cover: np.ndarray, seen: np.ndarray, where: np.ndarray, far: float = FAR_OFF) -> Blur:
         """The blur whose shadow is nearest to what is seen (H, W) where that is (H, W) bool known. far: px by which it
         is moved or blurred at most.
         """
-        best, trial, left, damping = self, self, np.inf, DAMPING
+        best, trial, left, damping, known = self, self, np.inf, DAMPING, seen[where]
         for _ in range(ROUNDS):
-            fields = trial._fields(cover)
-            off = trial.alpha * fields[0][where] - seen[where]
+            wide = trial._blurred(cover, 2)
+            field = wide[2:-2, 2:-2][where]
+            off = trial.alpha * field - known
             error = float(off @ off)
             if error < left:
                 done = left - error < SETTLED * error
                 best, left, damping = trial, error, max(0.3 * damping, 1e-6)
-                slopes = np.stack([trial.alpha * each[where] for each in fields[1:]] + [fields[0][where]])
-                normal, force = slopes @ slopes.T, slopes @ off
                 if done:
                     break
+                # How it changes with dx, dy and sigma, as heat spreads, and with alpha.
+                down, across = np.gradient(wide)
+                bend = trial.sigma * (np.gradient(down, axis=0) + np.gradient(across, axis=1))
+                fields = (trial.alpha * each[2:-2, 2:-2][where] for each in (-across, -down, bend))
+                slopes = np.stack([*fields, field])
+                normal, force = slopes @ slopes.T, slopes @ off
             else:
                 damping *= 10.0
                 if damping > 1e3:
