@@ -80,13 +80,14 @@ extern "C" {
 constexpr int64_t kLeastPieces = 512;  // whose pixels are compared in about a millisecond, which a thread is worth
 
 void cs_stack_picture(const CsPicture* picture, double* image, double* misfit) {
+  const int width = picture->goal.width;
   for (int y = 0; y < picture->goal.height; y++)
-    for (int x = 0; x < picture->goal.width; x++) {
-      const int64_t pixel = int64_t(y) * picture->goal.width + x;
+    for (int x = 0; x < width; x += cs::stack::kTile) {
+      const int64_t pixel = int64_t(y) * width + x, count = std::min(cs::stack::kTile, width - x);
       const cs::stack::Address at = picture->at(x, y);
-      const double* colour = picture->tiles[at.tile]->seen->data() + 4 * at.place;
-      std::copy(colour, colour + 4, image + 4 * pixel);
-      misfit[pixel] = picture->tiles[at.tile]->misfit[at.place];
+      const cs::stack::Tile& tile = *picture->tiles[at.tile];
+      std::copy_n(tile.seen->data() + 4 * at.place, 4 * count, image + 4 * pixel);
+      std::copy_n(tile.misfit.data() + at.place, count, misfit + pixel);
     }
 }
 

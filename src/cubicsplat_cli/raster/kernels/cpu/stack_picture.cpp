@@ -54,7 +54,7 @@ std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const
   for (size_t n = 2; n < trace->cubics.size(); n++)
     if (n % 8 > 1) length += std::fabs(trace->cubics[n] - trace->cubics[n - 2]);
   const size_t room = size_t(std::min(length, 1e6)) + 2 * trace->lines.size();
-  trace->pixel.reserve(room), trace->t.reserve(room), trace->change.reserve(8 * room), w.steps.reserve(4 * room);
+  trace->pixel.reserve(room), trace->t.reserve(room), trace->change.reserve(8 * room), w.edges.reserve(2 * room);
   Crossings crossings(*trace, picture.goal.width, picture.goal.height);
   Tracer tracer(w, crossings, picture.goal.grid);
   for (int64_t n = 0; n < trace->pieces(); n++)

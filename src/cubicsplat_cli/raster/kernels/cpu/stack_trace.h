@@ -75,11 +75,11 @@ struct Cubic {
 // Pixels from (left, top) on, and what outlines add to the sums along their rows that become coverages.
 struct Window {
   int left, top, width, height;
-  struct Step {
-    int column;
-    double change;
+  struct Edge {
+    int row, column;
+    double here, beyond;  // what it adds in its column, and in the next one
   };
-  std::vector<std::pair<int, Step>> steps;  // by row, in the order of the pieces
+  std::vector<Edge> edges;  // in the order of the pieces
 
   // What bounds the area from `x` on along `height` px of a row.
   void add(int row, double x, double height) {
@@ -87,8 +87,7 @@ struct Window {
     const double along = std::clamp(x - left, 0.0, double(width));
     const int column = int(along);
     const double share = x - left < 0.0 ? 0.0 : along - column;
-    steps.push_back({row - top, {column, height * (1.0 - share)}});
-    steps.push_back({row - top, {column + 1, height * share}});
+    edges.push_back({row - top, column, height * (1.0 - share), height * share});
   }
 
   // Adds the coverages to `out`, row by row from left to right. Sums are taken in the order of the pieces, so that they
@@ -96,10 +95,14 @@ struct Window {
   void finish(std::vector<Span>& out, std::vector<int64_t>& rows) const {
     rows.assign(1, 0);
     std::vector<int64_t> ends(height + 1, 0);
-    for (const auto& [row, step] : steps) ends[row + 1]++;
+    for (const Edge& edge : edges) ends[edge.row + 1] += 2;
     for (int j = 0; j < height; j++) ends[j + 1] += ends[j];
-    std::vector<Step> sorted(steps.size());
-    for (size_t n = steps.size(); n-- > 0;) sorted[--ends[steps[n].first + 1]] = steps[n].second;
+    std::vector<Step> sorted(2 * edges.size());
+    for (size_t n = edges.size(); n-- > 0;) {
+      const Edge& edge = edges[n];
+      Step* const step = &sorted[ends[edge.row + 1] -= 2];
+      step[0] = {edge.column, edge.here}, step[1] = {edge.column + 1, edge.beyond};
+    }
     for (int j = 0; j < height; j++) {
       Step* const begin = sorted.data() + ends[j + 1];
       Step* const end = j + 1 < height ? sorted.data() + ends[j + 2] : sorted.data() + sorted.size();
@@ -118,6 +121,11 @@ struct Window {
     }
   }
 
+  struct Step {
+    int column;
+    double change;
+  };
+
   // By columns; those in one column stay in their order. A row mostly has few, for which the library would ask for memory.
   static void sort(Step* begin, Step* end) {
     constexpr int64_t kFew = 64;
@@ -134,7 +142,10 @@ struct Window {
   // The same of every pixel, height x width, where less than nothing counts as well.
   void finish(double* out) const {
     std::vector<double> sums(size_t(width + 2) * height, 0.0);
-    for (const auto& [row, step] : steps) sums[size_t(row) * (width + 2) + step.column] += step.change;
+    for (const Edge& edge : edges) {
+      double* const sum = &sums[size_t(edge.row) * (width + 2) + edge.column];
+      sum[0] += edge.here, sum[1] += edge.beyond;
+    }
     for (int j = 0; j < height; j++) {
       double sum = 0.0;
       for (int i = 0; i < width; i++) {
