@@ -37,7 +37,7 @@ def drawn_artwork(task: Task) -> Made:
     from cubicsplat_cli.artwork.input.cells import cells_of
 
     # Small regions are joined to their neighbours by outlines only.
-    cells = None if task.request.artwork.min_area else cells_of(task.target.target())
+    cells = None if task.request.artwork.min_area else cells_of(task.pixels)
     return drawn_outlines(task) if cells is None else drawn_cells(task, cells)
 
 
@@ -45,10 +45,10 @@ def drawn_pixels(task: Task) -> Made:
     """The cells that a picture is made of, single pixels where it has none; InputError where these are too many."""
     from cubicsplat_cli.artwork.input.cells import cells_of, forced_cells
 
-    cells = cells_of(task.target.target())
+    cells = cells_of(task.pixels)
     if cells is not None:
         return drawn_cells(task, cells)
-    made = drawn_cells(task, cells := forced_cells(task.target.target()))
+    made = drawn_cells(task, cells := forced_cells(task.pixels))
     if cells.side > 1:
         return made
     return replace(made, notes=["drawn pixel by pixel: it is not made of larger cells", *made.notes])
@@ -99,7 +99,7 @@ def drawn_outlines(
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
     deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
-        target = task.target.target()
+        target = task.pixels
         prepared = prepare(target)
         noise = prepared.condition.noise
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)

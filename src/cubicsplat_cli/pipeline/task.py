@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,11 @@ class Task:
     title: str
     logged: list[str] = field(default_factory=list)
     quick_photos: dict[int, Any] = field(default_factory=dict)
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        """What is fitted; see `Picture.target`."""
+        return self.target.target()
 
     @property
     def bounded(self) -> bool:

@@ -69,10 +69,9 @@ def _trial_rounds(pieces: int) -> int:
 def _repeated(change: Callable[[State], State], state: State, passes: int) -> State:
     """The state after some passes, until one changes nothing."""
     for _ in range(passes):
-        following = change(state)
-        if following is state:
+        before, state = state, change(state)
+        if state is before:
             break
-        state = following
     return state
 
 

@@ -115,7 +115,7 @@ def without_repeats(target: np.ndarray) -> np.ndarray:
     each way; others as they are.
     """
     grid = exact_grid(target)
-    return target if grid.side == 1.0 or min(len(grid.x), len(grid.y)) <= MANY else _sampled(target, grid)
+    return target if min(len(grid.x), len(grid.y)) <= MANY else _sampled(target, grid)
 
 
 def _exact_cells(target: np.ndarray) -> Cells | None:
@@ -159,8 +159,8 @@ def _cells_on(target: np.ndarray, grid: Grid) -> Cells:
 
 
 def _sampled(target: np.ndarray, grid: Grid) -> np.ndarray:
-    """(R, C, ...) the first pixel of every cell."""
-    return target[grid.y[:-1]][:, grid.x[:-1]]
+    """(R, C, ...) the first pixel of every cell; the same array where that is each."""
+    return target if grid.side == 1.0 else target[grid.y[:-1]][:, grid.x[:-1]]
 
 
 def _levels(target: np.ndarray) -> np.ndarray:

@@ -97,18 +97,18 @@ def nearest_line_fills(
     fill = np.where(gap <= search.close, fill, -1)
     shares = np.zeros(size)
     shares[place] = np.where(fill >= 0, share, 0.0)
-    return fill, (fill >= 0) & ((share >= SHARE) | ((share >= search.less) & _ridge(shares)[place]))
+    return fill, (fill >= 0) & ((share >= SHARE) | ((share >= search.less) & _ridge(shares, place)))
 
 
-def _ridge(shares: np.ndarray) -> np.ndarray:
-    """(H, W) bool: no neighbour to either side has more, and of those up to two px away one has less than half."""
-    out = np.zeros(shares.shape, dtype=bool)
-    padded = np.pad(shares, 2)
-    height, width = shares.shape
+def _ridge(shares: np.ndarray, place: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """(n,) bool, of pixels at rows and columns (n,) of shares (H, W): no neighbour to either side has more, and of
+    those up to two px away one has less than half.
+    """
+    padded, own, out = np.pad(shares, 2), shares[place], np.zeros(len(place[0]), dtype=bool)
     for dy, dx in ((0, 1), (1, 0)):
-        beside = [padded[2 + k * dy : 2 + k * dy + height, 2 + k * dx : 2 + k * dx + width] for k in (-2, -1, 1, 2)]
+        beside = [padded[place[0] + 2 + k * dy, place[1] + 2 + k * dx] for k in (-2, -1, 1, 2)]
         least = np.maximum(np.minimum(beside[0], beside[1]), np.minimum(beside[2], beside[3]))
-        out |= (np.maximum(beside[1], beside[2]) <= shares + 0.05) & (least < 0.5 * shares)
+        out |= (np.maximum(beside[1], beside[2]) <= own + 0.05) & (least < 0.5 * own)
     return out
 
 

@@ -71,8 +71,7 @@ class Blur:
                 # How it changes with dx, dy and sigma, as heat spreads, and with alpha.
                 down, across = np.gradient(wide)
                 bend = trial.sigma * (np.gradient(down, axis=0) + np.gradient(across, axis=1))
-                fields = (trial.alpha * each[2:-2, 2:-2][where] for each in (-across, -down, bend))
-                slopes = np.stack([*fields, field])
+                slopes = np.stack([*(trial.alpha * each[2:-2, 2:-2][where] for each in (-across, -down, bend)), field])
                 normal, force = slopes @ slopes.T, slopes @ off
             else:
                 damping *= 10.0
