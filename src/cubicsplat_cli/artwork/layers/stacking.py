@@ -77,6 +77,7 @@ class _Facts:
         self.areas = regions.areas()
         self.labels = np.ascontiguousarray(regions.labels, np.int32)
         self.around = regions.borders.around.tolist()
+        self.ground = self._ground()
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
@@ -91,10 +92,23 @@ class _Facts:
             if self.vote(above, below) > 0.0:
                 self.beneath.setdefault(above, set()).add(below)
 
+    def _ground(self) -> list[int]:
+        """The regions on the canvas's border of the fill that all its corners show: pieces of one that goes on beyond
+        and encloses the rest, as it does where the canvas is larger; none where the corners differ or are clear.
+        """
+        fill_of, labels = self.regions.fill_of, self.labels
+        corners = labels[[0, 0, -1, -1], [0, -1, 0, -1]]
+        if self.clear[corners[0]] or (fill_of[corners] != fill_of[corners[0]]).any():
+            return []
+        rim = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+        return [int(r) for r in rim if fill_of[r] == fill_of[corners[0]]]
+
     def enclosing(self, region: int) -> Iterator[int]:
-        """The regions that enclose one, the innermost first."""
-        while (region := self.around[region]) >= 0:
-            yield region
+        """The regions that enclose one, the innermost first, and of the ground each piece."""
+        if region not in self.ground:
+            while (region := self.around[region]) >= 0 and region not in self.ground:
+                yield region
+            yield from self.ground
 
     def held(self) -> Iterator[tuple[int, int]]:
         """Every region with each that encloses it."""
@@ -118,6 +132,7 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
     the hulls that are tried."""
     regions = facts.regions
     group = np.where(facts.clear, -1, np.arange(regions.count))
+    group[facts.ground] = min(facts.ground, default=-1)
     of = _members(group)
     for a, b in _candidates(facts):
         p, q = group[a], group[b]
@@ -177,8 +192,8 @@ def _shows_through(facts: _Facts, a: int, b: int) -> bool:
         around = [inner, *facts.enclosing(inner)]
         if outer in around:
             # The only one of those between the two that may touch the outer one.
-            between = around[around.index(outer) - 1]
-            if between != inner and outer in facts.regions.borders.beside[between]:
+            between = [r for r in around[: around.index(outer)] if r not in facts.ground][-1]
+            if between != inner and (outer in facts.ground or outer in facts.regions.borders.beside[between]):
                 return True
     return False
 
