@@ -131,7 +131,7 @@ def test_pieces_join_across_what_hides_them_and_no_farther():
     assert found.layers[-1].members == (8,)
 
 
-def test_a_page_that_shows_in_all_corners_goes_on_beyond_the_canvas():
+def test_a_page_that_shows_in_three_corners_goes_on_beyond_the_canvas():
     # A rounded box as large as the canvas, with a hole, and what runs out of the canvas on a page: as with a margin.
     y, x = np.mgrid[:120, :120] - 59.5
     box = np.maximum(np.abs(x), np.abs(y)) + np.minimum(np.abs(x), np.abs(y)) < 90.0
@@ -143,7 +143,7 @@ def test_a_page_that_shows_in_all_corners_goes_on_beyond_the_canvas():
     assert [layer.members for layer in layers] == [(0, 1, 2, 3, 5), (4,)]
 
     labels = np.zeros((120, 120), dtype=int)
-    labels[:80, 20:40], labels[:80, 80:100] = 1, 2
+    labels[:80, :20], labels[:80, 80:100] = 1, 2
     regions = Regions(labels, FILLS[[0, 1, 1]], np.array([0, 1, 1]))
     layers = stack(regions, edge_positions(regions.fills[labels], regions)).layers
     assert [layer.members for layer in layers] == [(0,), (1,), (2,)]

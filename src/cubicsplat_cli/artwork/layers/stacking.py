@@ -77,7 +77,7 @@ class _Facts:
         self.areas = regions.areas()
         self.labels = np.ascontiguousarray(regions.labels, np.int32)
         self.around = regions.borders.around.tolist()
-        self.ground = self._ground()
+        self.ground = regions.ground()
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
@@ -91,17 +91,6 @@ class _Facts:
         for above, below in self.votes:
             if self.vote(above, below) > 0.0:
                 self.beneath.setdefault(above, set()).add(below)
-
-    def _ground(self) -> list[int]:
-        """The regions on the canvas's border of the fill that all its corners show: pieces of one that goes on beyond
-        and encloses the rest, as it does where the canvas is larger; none where the corners differ or are clear.
-        """
-        fill_of, labels = self.regions.fill_of, self.labels
-        corners = labels[[0, 0, -1, -1], [0, -1, 0, -1]]
-        if self.clear[corners[0]] or (fill_of[corners] != fill_of[corners[0]]).any():
-            return []
-        rim = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-        return [int(r) for r in rim if fill_of[r] == fill_of[corners[0]]]
 
     def enclosing(self, region: int) -> Iterator[int]:
         """The regions that enclose one, the innermost first, and of the ground each piece."""
@@ -145,7 +134,7 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
             budget -= _area(window)
             between = _between(facts, members, window)
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
-            above = None if between is None else _all_of([of[g] for g in np.unique(group[between]).tolist()])
+            above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             if above is not None and not _held(facts, above, members):
                 # What the joined shape runs beneath cannot be joined beneath it any more.
                 facts.assume(above, members)
@@ -161,11 +150,6 @@ def _members(group: np.ndarray) -> dict[int, np.ndarray]:
     order = np.argsort(group, kind="stable")
     names, first = np.unique(group[order], return_index=True)
     return dict(zip(names.tolist(), np.split(order, first[1:]), strict=True))
-
-
-def _all_of(some: list[np.ndarray]) -> np.ndarray:
-    """The regions of several groups, ascending."""
-    return np.sort(np.concatenate(some)) if some else np.zeros(0, dtype=int)
 
 
 def _candidates(facts: _Facts) -> list[tuple[int, int]]:
