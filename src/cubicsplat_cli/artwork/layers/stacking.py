@@ -209,11 +209,9 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     sure, likely = (set().union(*(of.get(int(m), set()) for m in members)) for of in (facts.beneath, facts.assumed))
     shut = np.array([bool(facts.clear[n]) or int(n) in sure for n in names], dtype=bool)
     doubtful = np.array([int(n) in likely for n in names], dtype=bool) & ~shut
-    # Outlines are only known to a pixel here, so a rim of the hull may be exposed; all of it of what is but assumed.
+    # Outlines are only known to a pixel here, so what lies along the hull's rim may be exposed, and a little within.
     rim = EXPOSED * _area(window) + 0.02 * sizes.sum()
-    exposed = sizes[shut].sum()
-    if doubtful.any() and exposed <= rim:
-        exposed += inner[names[doubtful]].sum()
+    exposed = inner[names[shut | doubtful]].sum()
     return names[~(shut | doubtful) & (sizes > rim)] if exposed <= rim else None
 
 
