@@ -110,11 +110,13 @@ class Pair:
 
 
 def scored(document: Document, variation: Variation) -> tuple[int, float]:
-    """Shapes of the vectorized drawing, and its mean CIEDE2000 to the truth."""
+    """Shapes of the vectorized drawing, and CIEDE2000 to the truth, over the pixels of the drawing without a margin."""
     pixels = np.ascontiguousarray(variation.change(variation.draw(document), 1))
     truth = np.ascontiguousarray(variation.change(document.draw(2), 2))
     made = Document(TOOLS["ours"](pixels), "the result", max(truth.shape[:2]) // 2)
-    return count(made).shapes, mean_delta_e(truth, made.draw(2))
+    # A margin, where nothing is drawn, makes the mean as much smaller as it makes the picture larger.
+    share = truth.shape[0] * truth.shape[1] / (4 * document.width * document.height)
+    return count(made).shapes, share * mean_delta_e(truth, made.draw(2))
 
 
 def pairs_of(path: Path, ways: Sequence[str], size: int, failed: list[tuple[str, str, str]]) -> Iterator[Pair]:

@@ -156,6 +156,23 @@ def test_an_edge_that_is_slightly_off_gets_no_shape() -> None:
     assert explained(off, picture(truth(""))) is off
 
 
+def test_what_an_edge_along_the_border_has_beyond_it_is_no_detail() -> None:
+    # Where a disc touches the border there is no pixel beside its edge that shows the ground.
+    ground = Shape(WHITE, (Rectangle(0.0, 0.0, 200.0, 200.0),), "ground")
+    less, more = (Drawing(200, 200, (ground, Shape(BLUE, (Circle(100.0, 100.0, r),), "disc"))) for r in (99.5, 99.75))
+    for one, other in ((less, more), (more, less)):
+        assert explained(one, painted(other)) is one
+
+
+def test_a_row_of_dots_is_no_drawing_of_a_line() -> None:
+    # A hairline beside an edge shows only where it hardly leaves a pixel; two dots may be those of an umlaut.
+    for count, new in ((2, 2), (6, 0)):
+        target = painted(plain())
+        for k in range(count):
+            target[8 + 3 * k, 36 + k] = np.append(np.array(RED[:3]) / 255.0, 1.0)
+        assert len(new_shapes(explained(plain(), target))) == new
+
+
 def test_what_is_left_is_said(caplog: pytest.LogCaptureFixture) -> None:
     box = '<rect x="36" y="12" width="20" height="26" fill="#e6f5d8"/>'
     explained(plain(), picture(truth(box)))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +13,8 @@ from scipy import ndimage
 from skimage.data import astronaut
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.gradients.areas import gradient_areas
-from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.artwork.gradients.areas import _largest, gradient_areas
+from cubicsplat_cli.artwork.gradients.parts import Part, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.prepare import as_levels
@@ -209,6 +211,20 @@ def test_a_search_ends_where_nothing_is_a_gradient():
     levels = as_levels(np.stack([*smooth, smooth[0]], axis=-1) / np.abs(smooth).max())
     parts, count = smooth_parts(levels)
     assert len(gradient_areas(levels, parts, count, tries=1)) <= 1
+
+
+def test_of_two_gradients_of_a_place_the_one_that_explains_more_is_kept():
+    # The second search, among more pixels, may come upon another geometry.
+    x = np.tile(np.arange(40.0), (40, 1))
+    levels = np.stack([20.0 + 4.0 * x, 200.0 - 3.0 * x, 0.0 * x, 0.0 * x + 255.0], axis=2).astype(np.float32)
+    part = Part(levels, Patch(0, 0, np.ones((40, 40), dtype=bool)))
+    good, bad = (shade_of(Pixels(*part.pixels[:2], part.pixels[2] + off)) for off in (0.0, 40.0))
+
+    shades = [good, good, good, bad]
+    search: Any = SimpleNamespace(found=[], shade=lambda _: shades.pop(0))
+    _largest(part, search, 0)
+    assert [area.shade for area in search.found] == [good]
+    assert search.found[0].patch.mask.all()
 
 
 def test_stops_are_found_where_they_are():

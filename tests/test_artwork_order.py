@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
@@ -129,6 +130,35 @@ def test_pieces_join_across_what_hides_them_and_no_farther():
     assert [layer.members for layer in found.layers[:1]] == [(0, 1, 2, 3)]
     assert {layer.members for layer in found.layers[1:]} == {(4, 5), (6, 7), (8,)}
     assert found.layers[-1].members == (8,)
+
+
+@pytest.mark.parametrize("radius", [20.0, 45.0])
+def test_a_disc_beneath_a_bar_is_in_one_piece_at_any_size(radius):
+    # What its hull holds of the ground are pixels of its rim, of which a small one has more for its area.
+    regions, found = drawn(lambda x, y: np.where(np.abs(y - 0.4 * x) < 5.0, 2, np.hypot(x, y) < radius))
+    labels = ndimage.label(regions.labels == 1)[0] + 10 * regions.labels
+    _, labels = np.unique(labels, return_inverse=True)
+    fill_of = np.array([0, 1, 1, 2])
+    regions = Regions(labels.reshape(SIZE, SIZE), FILLS[fill_of], fill_of)
+    assert (1, 2) in [layer.members for layer in stack(regions, found).layers]
+
+
+def test_a_page_that_shows_in_three_corners_goes_on_beyond_the_canvas():
+    # A rounded box as large as the canvas, with a hole, and what runs out of the canvas on a page: as with a margin.
+    y, x = np.mgrid[:120, :120] - 59.5
+    box = np.maximum(np.abs(x), np.abs(y)) + np.minimum(np.abs(x), np.abs(y)) < 90.0
+    labels = np.where(box, 4, np.where(y < 0.0, 0, 2) + (x > 0.0))
+    labels[50:70, 50:70] = 5
+    fills = FILLS[[0, 0, 0, 0, 1, 0]]
+    regions = Regions(labels, fills, np.array([0, 0, 0, 0, 1, 0]))
+    layers = stack(regions, edge_positions(fills[labels], regions)).layers
+    assert [layer.members for layer in layers] == [(0, 1, 2, 3, 5), (4,)]
+
+    labels = np.zeros((120, 120), dtype=int)
+    labels[:80, :20], labels[:80, 80:100] = 1, 2
+    regions = Regions(labels, FILLS[[0, 1, 1]], np.array([0, 1, 1]))
+    layers = stack(regions, edge_positions(regions.fills[labels], regions)).layers
+    assert [layer.members for layer in layers] == [(0,), (1,), (2,)]
 
 
 def test_pieces_do_not_join_beneath_a_shape_that_lies_around_one_of_them():

@@ -51,6 +51,13 @@ def test_light_skin_on_a_light_grey_ground_keeps_its_colour(quality):
         assert np.abs(picture.levels[place][:3] - colour).max() <= 3.0
 
 
+@pytest.mark.parametrize("width", [6, 12])
+def test_a_colour_between_two_that_only_borders_both_is_none(width):
+    rings = (f'<circle cx="100" cy="100" r="{10 + 22.5 * k}" stroke-width="{width}"/>' for k in range(4))
+    body = f'<g fill="none" stroke="#236bff">{"".join(rings)}</g>'
+    assert len(flat_picture(body, 95, (255, 255, 255)).palette) == 2
+
+
 def test_what_a_jpeg_leaves_beside_edges_is_no_colour():
     bars = "".join(
         f'<path d="M{x} 20H{x + 18}V180H{x}z" fill="{fill}"/>'

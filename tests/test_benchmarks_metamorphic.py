@@ -57,6 +57,14 @@ def test_an_exact_tool_agrees_in_every_way(run_benchmark, folder, monkeypatch):
     assert all(pair["plain_delta_e"] == 0.0 and pair["shapes"] == 2 for pair in pairs)
 
 
+def test_a_margin_hides_no_difference(run_benchmark, folder, monkeypatch):
+    monkeypatch.setitem(tools.TOOLS, "ours", lambda pixels: box_of(pixels).replace(b"rgb(32", b"rgb(40"))
+    done = run_benchmark("metamorphic", folder, "--size", 64, "--ways", "margin", "--json")
+    (pair,) = json.loads(done.stdout)["pairs"]
+    assert pair["delta_e"] == pytest.approx(pair["plain_delta_e"], rel=1e-3)
+    assert pair["plain_delta_e"] > 0.1
+
+
 def test_a_tool_that_is_misled_differs_where_it_is(run_benchmark, folder, monkeypatch):
     monkeypatch.setitem(tools.TOOLS, "ours", misled)
     done = run_benchmark("metamorphic", folder, "--size", 64, "--ways", "crop,flip,turn,inverted", "--markdown", "-q")

@@ -149,6 +149,19 @@ def test_what_lies_between_shapes_keeps_them_apart():
     assert np.array_equal(*drawn)
 
 
+def test_nests_beside_each_other_are_written_together():
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    fills = (BLACK, RED, BLACK)
+    one, other = (
+        [shape(polygon(square * (40 - 16 * k) + [x + 8 * k, 8 * k]), fill=fill) for k, fill in enumerate(fills)]
+        for x in (0, 50)
+    )
+    both = [*one, *other]
+    assert len(written(*both)) == 3
+    drawn = [rerender(svg_of(*each).encode(), 800, 400, renderer="resvg").pixels for each in (both, one, other)]
+    assert np.array_equal(drawn[0], np.where(np.arange(800)[:, None] < 180, drawn[1], drawn[2]))
+
+
 def test_what_is_smaller_than_a_step_is_left_out():
     tiny = [Circle(5, 5, 0.004), Rectangle(5, 5, 0.004, 9), Ellipse(5, 5, 9, 0.001), polygon(np.full((3, 2), 5.001))]
     assert written(*(shape(outline) for outline in tiny)) == []

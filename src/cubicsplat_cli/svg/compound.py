@@ -9,7 +9,6 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 # Two shapes of one colour may be a pair of eyes; this many are lettering or a pattern.
 LEAST_SHAPES = 3
@@ -28,40 +27,45 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
 
     The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
     every hole the other way. A shape joins an earlier one where nothing of another fill that is drawn between them
-    touches it, so the picture stays the same. Shapes of different groups, and those with shading, stay apart.
+    by then touches it, so the picture stays the same. Shapes of different groups, and those with shading, stay apart.
     """
     boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
     paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
     sign = len(number_of) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
-    leaders = np.arange(len(shapes))
-    last: dict[tuple[Rgba | Gradient, Pen | None, str, int], int] = {}
-    for index, shape in enumerate(shapes):
-        if not _opaque(shape) or (_primitive(shape) and not sign):
-            continue
-        leader = last.get(paints[index])
-        if leader is not None and not _meets_another(boxes, numbers, leader, index):
-            leaders[index] = leader
-        else:
-            last[paints[index]] = index
-    return _groups(shapes, leaders, sign)
+    paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
+    free = np.array([_opaque(shape) and (sign or not _primitive(shape)) for shape in shapes], dtype=bool)
+    while True:
+        leaders = _leaders(boxes, numbers, free)
+        # Groups of too few, and of primitives alone, are none.
+        few = np.bincount(leaders, paths, len(shapes)) < (1 if sign else LEAST_SHAPES)
+        loose = few[leaders] & (leaders != np.arange(len(shapes)))
+        if not loose.any():
+            return [[shapes[k] for k in np.flatnonzero(leaders == leader).tolist()] for leader in np.unique(leaders)]
+        free &= ~loose
+
+
+def _leaders(boxes: np.ndarray, numbers: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(n,) the first of the shapes with which each is drawn, by their boxes (n, 4), the numbers of their paints (n,),
+    and whether they may be drawn with others (n,): the first that nothing is drawn after which it has to lie above.
+    """
+    leaders = np.arange(len(boxes))
+    known: dict[int, list[int]] = {}
+    for index in np.flatnonzero(free).tolist():
+        same = known.setdefault(int(numbers[index]), [])
+        if same:
+            beneath = _near(boxes[:index], boxes[index]) & (numbers[:index] != numbers[index])
+            lowest = leaders[:index][beneath].max(initial=-1)
+            leaders[index] = next((other for other in same if other > lowest), index)
+        if leaders[index] == index:
+            same.append(index)
+    return leaders
 
 
 def _pen(stroke: Stroke | None) -> Pen | None:
     """The properties that strokes of one path share: width, cap, join, and whether they are closed."""
     return None if stroke is None else (stroke.width, stroke.cap, stroke.join, stroke.closed)
-
-
-def _groups(shapes: Sequence[Shape], leaders: np.ndarray, sign: bool) -> list[list[Shape]]:
-    """Each group where its leader stands; groups of too few, and of primitives alone, are taken apart again."""
-    paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
-    joined = np.bincount(leaders, paths, len(shapes)) >= (1 if sign else LEAST_SHAPES)
-    groups: dict[int, list[Shape]] = {}
-    for index, shape in enumerate(shapes):
-        leader = int(leaders[index])
-        groups.setdefault(leader if joined[leader] else index, []).append(shape)
-    return list(groups.values())
 
 
 def _primitive(shape: Shape) -> bool:
@@ -77,13 +81,10 @@ def _opaque(shape: Shape) -> bool:
     return all(fill[3] == _OPAQUE for fill in fills)
 
 
-def _meets_another(boxes: np.ndarray, numbers: np.ndarray, leader: int, index: int) -> bool:
-    """Whether a shape of another fill that is drawn after the leader and before this one is near this one."""
-    between = slice(leader + 1, index)
-    left, top, right, bottom = boxes[index]
-    others = boxes[between][numbers[between] != numbers[index]]
-    apart = (others[:, 0] > right) | (others[:, 2] < left) | (others[:, 1] > bottom) | (others[:, 3] < top)
-    return not bool(apart.all())
+def _near(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """(n,) bool: which boxes (n, 4) overlap a box (4,)."""
+    left, top, right, bottom = boxes.T
+    return np.asarray((left <= box[2]) & (right >= box[0]) & (top <= box[3]) & (bottom >= box[1]))
 
 
 def _box(shape: Shape) -> tuple[float, float, float, float]:

@@ -142,7 +142,8 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
     """Adds the gradient that explains most of a part, of those of SEEDS places in it, and those of the rest."""
     reach = 0.5 * np.sqrt(len(part) / 3.0)
     picks = np.linspace(0, len(part) - 1, SEEDS + 2).astype(int)[1:-1]
-    best, most = None, LEAST_SHARE * len(part)
+    best: tuple[Shade, np.ndarray] | None = None
+    most = LEAST_SHARE * len(part)
     x, y, _ = part.pixels
     for pick in picks:
         near = np.flatnonzero(np.maximum(np.abs(x - x[pick]), np.abs(y - y[pick])) <= reach)
@@ -153,13 +154,16 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
             break
         known = shade.explains(part.pixels)
         if known.sum() > most:
-            best, most = known, float(known.sum())
+            best, most = (shade, known), float(known.sum())
     if best is None:
         return
-    shade = search.shade(part.pixels.some(best))
-    if shade is None:
+    shade, known = best
+    again = search.shade(part.pixels.some(known))
+    if again is None:
         return
-    known = shade.explains(part.pixels)
+    # That of all these pixels may have found another geometry, which explains fewer.
+    if (explained := again.explains(part.pixels)).sum() >= most:
+        shade, known = again, explained
     search.found.append(ShadedArea(shade, part.within(known)))
     for piece in part.pieces(~known):
         _explain(piece, search, depth + 1)

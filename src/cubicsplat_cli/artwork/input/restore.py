@@ -108,7 +108,8 @@ def _of_small_parts(
     levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, labels: np.ndarray, sigma: float, thick: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them, and
-    with those that are missing; and the labels. Fills with which the picture is no better explained are not added.
+    with those that are missing; and the labels. Fills are added only if the picture is explained better, by more than
+    further borders between labels cost.
     """
     space, colours = seen_as(Condition(jpeg=True)), (levels @ LUMA_CHROMA).astype(np.float32)
     kept, best = (palette, labels), np.inf
@@ -116,16 +117,24 @@ def _of_small_parts(
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
         found = explained(colours, mixture, palette @ LUMA_CHROMA, ~_deep(labels, len(palette)), sigma)
-        if found.cost >= best:
+        cost = found.cost + NEIGHBOUR * _borders(lined)
+        if cost >= best:
             break
         palette = np.clip(found.fills @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0)
-        kept, best = (palette, labels), found.cost
+        kept, best = (palette, labels), cost
         new = missing_fills(found.missing @ np.linalg.inv(LUMA_CHROMA), palette)
         if not len(new) or len(palette) > MOST_THICK:
             break
         palette = np.vstack([palette, new])
         labels = _labels(seen, palette @ space, sigma, thick)
     return kept
+
+
+def _borders(labels: np.ndarray) -> int:
+    """How many neighbours among the pixels of a map (H, W), also across corners, differ."""
+    ahead = (labels[1:], labels[:, 1:], labels[1:, 1:], labels[1:, :-1])
+    behind = (labels[:-1], labels[:, :-1], labels[:-1, :-1], labels[:-1, 1:])
+    return sum(int((one != other).sum()) for one, other in zip(ahead, behind, strict=True))
 
 
 def _deep(labels: np.ndarray, count: int) -> np.ndarray:

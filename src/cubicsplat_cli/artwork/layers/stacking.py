@@ -77,6 +77,7 @@ class _Facts:
         self.areas = regions.areas()
         self.labels = np.ascontiguousarray(regions.labels, np.int32)
         self.around = regions.borders.around.tolist()
+        self.ground = regions.ground()
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
@@ -92,9 +93,11 @@ class _Facts:
                 self.beneath.setdefault(above, set()).add(below)
 
     def enclosing(self, region: int) -> Iterator[int]:
-        """The regions that enclose one, the innermost first."""
-        while (region := self.around[region]) >= 0:
-            yield region
+        """The regions that enclose one, the innermost first, and of the ground each piece."""
+        if region not in self.ground:
+            while (region := self.around[region]) >= 0 and region not in self.ground:
+                yield region
+            yield from self.ground
 
     def held(self) -> Iterator[tuple[int, int]]:
         """Every region with each that encloses it."""
@@ -118,6 +121,7 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
     the hulls that are tried."""
     regions = facts.regions
     group = np.where(facts.clear, -1, np.arange(regions.count))
+    group[facts.ground] = min(facts.ground, default=-1)
     of = _members(group)
     for a, b in _candidates(facts):
         p, q = group[a], group[b]
@@ -130,7 +134,7 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
             budget -= _area(window)
             between = _between(facts, members, window)
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
-            above = None if between is None else _all_of([of[g] for g in np.unique(group[between]).tolist()])
+            above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             if above is not None and not _held(facts, above, members):
                 # What the joined shape runs beneath cannot be joined beneath it any more.
                 facts.assume(above, members)
@@ -146,11 +150,6 @@ def _members(group: np.ndarray) -> dict[int, np.ndarray]:
     order = np.argsort(group, kind="stable")
     names, first = np.unique(group[order], return_index=True)
     return dict(zip(names.tolist(), np.split(order, first[1:]), strict=True))
-
-
-def _all_of(some: list[np.ndarray]) -> np.ndarray:
-    """The regions of several groups, ascending."""
-    return np.sort(np.concatenate(some)) if some else np.zeros(0, dtype=int)
 
 
 def _candidates(facts: _Facts) -> list[tuple[int, int]]:
@@ -177,8 +176,8 @@ def _shows_through(facts: _Facts, a: int, b: int) -> bool:
         around = [inner, *facts.enclosing(inner)]
         if outer in around:
             # The only one of those between the two that may touch the outer one.
-            between = around[around.index(outer) - 1]
-            if between != inner and outer in facts.regions.borders.beside[between]:
+            between = [r for r in around[: around.index(outer)] if r not in facts.ground][-1]
+            if between != inner and (outer in facts.ground or outer in facts.regions.borders.beside[between]):
                 return True
     return False
 
@@ -210,11 +209,9 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     sure, likely = (set().union(*(of.get(int(m), set()) for m in members)) for of in (facts.beneath, facts.assumed))
     shut = np.array([bool(facts.clear[n]) or int(n) in sure for n in names], dtype=bool)
     doubtful = np.array([int(n) in likely for n in names], dtype=bool) & ~shut
-    # Outlines are only known to a pixel here, so a rim of the hull may be exposed; all of it of what is but assumed.
+    # Outlines are only known to a pixel here, so what lies along the hull's rim may be exposed, and a little within.
     rim = EXPOSED * _area(window) + 0.02 * sizes.sum()
-    exposed = sizes[shut].sum()
-    if doubtful.any() and exposed <= rim:
-        exposed += inner[names[doubtful]].sum()
+    exposed = inner[names[shut | doubtful]].sum()
     return names[~(shut | doubtful) & (sizes > rim)] if exposed <= rim else None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.fills import PURE, SAME, flat_pixels, has_square
+from cubicsplat_cli.artwork.regions.fills import CLEAR, PURE, SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import LESS, missing_fills, nearest_line_fills, unexplained, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
@@ -56,6 +57,15 @@ class Regions:
     def areas(self) -> np.ndarray:
         """(R,) px of every region."""
         return np.bincount(self.labels.ravel(), minlength=self.count)
+
+    def ground(self) -> list[int]:
+        """The regions on the canvas's border of the fill that three or all of its corners show: pieces of one that goes
+        on beyond and encloses the rest, as it does where the canvas is larger; none where that is clear.
+        """
+        labels, fill_of = self.labels, self.fill_of
+        fill, count = Counter(fill_of[labels[[0, 0, -1, -1], [0, -1, 0, -1]]].tolist()).most_common(1)[0]
+        rim = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])).tolist()
+        return [k for k in rim if count >= 3 and fill_of[k] == fill and self.fills[k, 3] > CLEAR]
 
     @cached_property
     def borders(self) -> BorderMap:

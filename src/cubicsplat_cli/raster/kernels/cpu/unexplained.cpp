@@ -76,6 +76,16 @@ class Unexplained {
       for (int64_t i = std::max<int64_t>(x - reach, 0); i <= std::min(x + reach, width_ - 1); i++) call(j * width_ + i);
   }
 
+  // The pixel further in beside one on the border, where an edge has one of its two colours beyond the picture.
+  template <class Call>
+  void outwards(int64_t pixel, Call call) const {
+    const int64_t y = pixel / width_, x = pixel % width_;
+    if (y == 0 && height_ > 1) call(pixel + width_);
+    if (y == height_ - 1 && height_ > 1) call(pixel - width_);
+    if (x == 0 && width_ > 1) call(pixel + 1);
+    if (x == width_ - 1 && width_ > 1) call(pixel - 1);
+  }
+
   template <class Value>
   Colour in_space(const Value* rgba) const {
     Colour out{};
@@ -104,6 +114,13 @@ class Unexplained {
     low.fill(std::numeric_limits<double>::infinity()), high.fill(-std::numeric_limits<double>::infinity());
     around(pixel, reach, [&](int64_t at) {
       for (int c = 0; c < 4; c++) low[c] = std::min(low[c], other[at][c]), high[c] = std::max(high[c], other[at][c]);
+    });
+    outwards(pixel, [&](int64_t inner) {
+      for (int c = 0; c < 4; c++) {
+        const double rise = other[pixel][c] - other[inner][c];
+        if (rise > unlike) high[c] = std::numeric_limits<double>::infinity();
+        if (rise < -unlike) low[c] = -std::numeric_limits<double>::infinity();
+      }
     });
     double range = 0.0;
     for (int c = 0; c < 4; c++) range = std::max(range, high[c] - low[c]);
