@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.regions import Regions, pixel_fills
+from cubicsplat_cli.artwork.regions.regions import PixelFills, Regions, pixel_fills
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
 # A screen of 1920 x 1200 px is drawn whole: half as large its text could not be read. Pages of text that large take up
@@ -54,9 +54,9 @@ def bounded_regions(
     most: int | None = None,
     known: np.ndarray | None = None,
     limit: int = MOST_REGIONS,
-) -> Regions:
-    """The regions of a picture, by its `pixel_fills`; where there are more than `limit`, the smallest join their
-    neighbours, which is logged.
+) -> tuple[PixelFills, Regions]:
+    """The fills of a picture's pixels (`pixel_fills`), and its regions; where there are more than `limit`, the smallest
+    join their neighbours, which is logged.
     """
     fills = pixel_fills(levels, palette, most, known)
     regions = fills.regions(min_area)
@@ -71,7 +71,7 @@ def bounded_regions(
             found,
             min_area,
         )
-    return regions
+    return fills, regions
 
 
 def few_enough(drawing: Drawing) -> bool:

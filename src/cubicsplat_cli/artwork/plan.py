@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
-from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
@@ -30,9 +30,12 @@ _log = logging.getLogger("cubicsplat")
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """levels: (H, W, 4) the picture that is drawn. regions: of it. found: where they end. parts: back to front."""
+    """levels: (H, W, 4) the picture that is drawn. fills: of its pixels. regions: of it. found: where they end. parts:
+    back to front.
+    """
 
     levels: np.ndarray
+    fills: PixelFills
     regions: Regions
     found: EdgePositions
     parts: list[TranslucentPart]
@@ -55,7 +58,7 @@ def planned(
     min_area = settings.min_area / factor**2
     while True:
         work().at("finding regions", 0.15)
-        soft, regions = _regions(picture, min_area)
+        soft, fills, regions = _regions(picture, min_area)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
         found = edge_positions(soft, regions, ROUNDING + error, share_error)
@@ -69,15 +72,15 @@ def planned(
             )
         parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
-            return Plan(soft, regions, found, parts)
+            return Plan(soft, fills, regions, found, parts)
         # The regions beyond as many as may be drawn join their neighbours.
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)
 
 
-def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, Regions]:
-    """The regions of a picture, and the picture they are of: blurred where there would be as many as px."""
-    levels, fills = picture.levels, picture.palette
+def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, PixelFills, Regions]:
+    """The picture, blurred where there would be as many regions as px, its fills, and its regions."""
+    levels, colours = picture.levels, picture.palette
     many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
     for blur in BLURS:
@@ -86,9 +89,9 @@ def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, Regions
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > SMALL and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        palette = picture_fills(soft) if fills is None else fills
-        most, known = None if fills is None else len(fills), None if blur else picture.labels
-        regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else MOST_REGIONS)
+        palette = picture_fills(soft) if colours is None else colours
+        most, known = None if colours is None else len(colours), None if blur else picture.labels
+        fills, regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else MOST_REGIONS)
         if regions.count <= many:
             break
-    return soft, regions
+    return soft, fills, regions

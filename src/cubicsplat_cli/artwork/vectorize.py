@@ -10,23 +10,20 @@ from itertools import chain
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import goal_of
-from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.finish.pixels import with_pixels
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
-from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
-from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
-from cubicsplat_cli.artwork.limits import MOST_COMPLETED, blocks_of, enlarged, few_enough
+from cubicsplat_cli.artwork.limits import blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
-from cubicsplat_cli.artwork.regions.fills import eight_bit, picture_fills
+from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
@@ -34,8 +31,9 @@ from cubicsplat_cli.artwork.residual.added import with_added
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.slices import with_shadow
-from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
-from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
+from cubicsplat_cli.artwork.shapes import Drawing, shape_name
+from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced
+from cubicsplat_cli.artwork.translucent.parts import parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import mean_fill
@@ -111,7 +109,7 @@ def _sketch(prepared: PreparedInput, settings: ArtworkSettings) -> Drawing:
         plan = planned(_even(prepared.levels, prepared, settings), settings, prepared.scale, 0.0, None)
     height, width = plan.levels.shape[:2]
     flat = Flattened(prepared.levels, np.zeros((0, 4)), ())
-    return Drawing(width, height, _polygons(plan.parts, (height, width), flat))
+    return Drawing(width, height, polygons(plan.parts, (height, width), flat))
 
 
 def _with_its_shadow(
@@ -146,16 +144,16 @@ def _versions(
     plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders, condition.share_error)
     height, width = plan.levels.shape[:2]
     if len(plan.parts) > MANY:
-        sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
+        sketch = Drawing(width, height, polygons(plan.parts, (height, width), flat))
         with work().stoppable():
             on_sketch(enlarged(_painted(sketch), prepared.scale, prepared.width, prepared.height))
     finer = TRACED / min(max(height, width, SMALLEST), TRACED) if condition.clean else 1.0
-    shapes = _traced(plan.parts, (height, width), settings, flat, finer)
+    shapes = traced(plan.parts, (height, width), settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
         opaque = parts_of(plan.regions, plan.found, settings.completion == ON, None)
         if settings.curves is None or len(opaque) <= settings.curves:
-            without = _traced(opaque, (height, width), settings, flat, finer)
-            if _length(without) < _length(shapes):
+            without = traced(opaque, (height, width), settings, flat, finer)
+            if length(without) < length(shapes):
                 plan, shapes = replace(plan, parts=opaque), without
     drawing, goal = Drawing(width, height, shapes), None
     with work().stoppable():
@@ -163,6 +161,10 @@ def _versions(
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error, error)
+        if not (condition.aliased or condition.blur or prepared.pens):
+            seen = replace(plan, levels=came) if settings.free_fills else plan
+            closely = replace(settings, min_area=settings.min_area / prepared.scale**2)
+            drawing = or_finer(drawing, goal, seen, closely, flat, placeholders, condition.restored_error)
         drawing = polish(drawing, goal, settings.detail)
         if few_enough(drawing):
             work().at("regularising", 0.8)
@@ -198,7 +200,7 @@ def draw_flat(picture: FlatPicture, settings: ArtworkSettings) -> Drawing:
     work().at("finding regions", 0.1)
     plan = planned(picture, settings, 1, 0.0, None)
     flat = Flattened(plan.levels, np.zeros((0, 4)), ())
-    drawing = Drawing(width, height, _traced(plan.parts, (height, width), settings, flat))
+    drawing = Drawing(width, height, traced(plan.parts, (height, width), settings, flat))
     with work().stoppable():
         goal = goal_of(plan.levels.astype(float) / 255.0)
         drawing = polish(drawing, goal, settings.detail)
@@ -236,41 +238,6 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
         colours, becomes = nearest_colours(colours, settings.palette, settings.palette_tolerance)
         owner = becomes[owner]
     return FlatPicture(in_colours(levels, labels, own, colours[owner]), colours)
-
-
-def _traced(
-    parts: list[TranslucentPart],
-    canvas: tuple[int, int],
-    settings: ArtworkSettings,
-    flat: Flattened,
-    finer: float = 1.0,
-) -> tuple[Shape, ...]:
-    """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px;
-    finer: times the detail.
-    """
-    detail, completed, sought = finer * settings.detail, settings.completion == ON, len(parts) <= MOST_COMPLETED
-    fitted: list[tuple[Outline, ...]] = []
-    with work().stoppable():
-        work().at("fitting outlines", 0.25)
-        for outlines in outlines_of_all([part.extent for part in parts], canvas, detail, completed, sought):
-            fitted.append(outlines)
-            work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
-    shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]
-    return (*shapes, *_polygons(parts[len(fitted) :], canvas, flat))
-
-
-def _polygons(parts: list[TranslucentPart], canvas: tuple[int, int], flat: Flattened) -> tuple[Shape, ...]:
-    return tuple(_shape(part, polygons_of(part.extent), canvas, flat) for part in parts)
-
-
-def _shape(part: TranslucentPart, outlines: tuple[Outline, ...], canvas: tuple[int, int], flat: Flattened) -> Shape:
-    fill = eight_bit(part.fill)
-    return Shape(fill, outlines, shape_name(fill, outlines, canvas[1], canvas[0]), flat.gradient(part.fill))
-
-
-def _length(shapes: tuple[Shape, ...]) -> float:
-    """Of the description of shapes, in parameters."""
-    return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
 
 
 def without_gradients(prepared: PreparedInput, settings: ArtworkSettings) -> Flattened:

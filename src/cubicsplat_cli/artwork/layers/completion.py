@@ -24,7 +24,9 @@ from cubicsplat_cli.raster.outlines import fewer_points
 SEVERAL = 8
 FEWEST_SEEN = 4  # points of a contour, below which it becomes a polygon
 TRIALS = 24
-ASTRAY = 20  # px so covered or left, beyond which a way that certainly is hidden is worth its many pieces
+ASTRAY = (
+    20  # px so covered or left, of the picture, beyond which a way that certainly is hidden is worth its many pieces
+)
 HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ
@@ -40,13 +42,18 @@ def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple
 
 
 def outlines_of_all(
-    extents: Sequence[Extent], canvas: tuple[int, int], detail: float, whole: bool = True, sought: bool = True
+    extents: Sequence[Extent],
+    canvas: tuple[int, int],
+    detail: float,
+    whole: bool = True,
+    sought: bool = True,
+    steps: int = 1,
 ) -> Iterator[tuple[Outline, ...]]:
     """The fitted outlines of each of some parts of layers, the outer one first.
 
     canvas: its height and width, px. Contours of fewer than FEWEST points become polygons. whole: hidden parts go on as
     what shows suggests, rather than end as shortly as they may. sought: they do either, rather than run along their
-    contour, a few px beneath what hides them.
+    contour, a few px beneath what hides them. steps: px a pixel of the picture each way.
     """
     for some in _batches(extents):
         plain = [
@@ -68,8 +75,8 @@ def outlines_of_all(
                 elif len(contour.points) < FEWEST:
                     outlines.append(few_lines(contour.points if sought else _thinned(contour)))
                 else:
-                    outlines.append(_completed(contour, surroundings, detail, whole))
-            yield without_stray_holes(tuple(outlines), extent) if sought else tuple(outlines)
+                    outlines.append(_completed(contour, surroundings, detail, whole, ASTRAY * steps**2))
+            yield without_stray_holes(tuple(outlines), extent, steps) if sought else tuple(outlines)
 
 
 def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
@@ -112,7 +119,7 @@ class _Surroundings:
         return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
 
 
-def _completed(contour: Contour, surroundings: _Surroundings, detail: float, whole: bool) -> Outline:
+def _completed(contour: Contour, surroundings: _Surroundings, detail: float, whole: bool, astray: int) -> Outline:
     runs = hidden_runs(contour.sigma)
     window, room = surroundings.window, surroundings.room
     window = window.hole(contour, surroundings.extent) if contour.hole else window
@@ -144,7 +151,7 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
         if not open_runs.any():
             break
     assert best is not None
-    if least > ASTRAY:
+    if least > astray:
         # No way is hidden all along, or the fit has gone far astray: what is hidden ends where it does for certain.
         for outline in (fit_outline(contour.points, _known(contour.sigma), detail), few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:

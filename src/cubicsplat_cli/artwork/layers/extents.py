@@ -22,7 +22,7 @@ from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage,
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
 OVERLAY = -1  # in place of the layer of what is of none
-MOST_WRONG = 20  # px of holes that an outer outline may cut off or enclose
+MOST_WRONG = 20  # px of the picture, of holes that an outer outline may cut off or enclose
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class Window:
         return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
 
 
-def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent) -> tuple[Outline, ...]:
+def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent, steps: int) -> tuple[Outline, ...]:
     """The outlines fitted to an extent's contours, the outer one first, less the holes that it no longer goes around.
 
     Where the outer one is hidden it may go another way than its contour; holes outside of it would be filled. Where it
@@ -177,4 +177,4 @@ def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent) -> tuple[Ou
         wrong += int((own & ~extent.allowed[box] & (inside[box] != around)).sum())
         if around:
             kept.append(outline)
-    return (few_lines(extent.contours[0].points), *fitted[1:]) if wrong > MOST_WRONG else tuple(kept)
+    return (few_lines(extent.contours[0].points), *fitted[1:]) if wrong > MOST_WRONG * steps**2 else tuple(kept)

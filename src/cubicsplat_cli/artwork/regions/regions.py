@@ -76,13 +76,15 @@ class Regions:
 @dataclass(frozen=True, eq=False)
 class PixelFills:
     """The fill of every pixel: fills (H, W) int32, indices into a palette (P, 4). parts: (H, W) int32 the connected
-    pixels of one fill, numbered from 0 on; sure: (H, W) bool, pixels that are their fill, or for the most part.
+    pixels of one fill, numbered from 0 on; sure: (H, W) bool, pixels that are their fill, or for the most part; pure:
+    (H, W) int32 the fill of pixels that are one, -1 for blends.
     """
 
     palette: np.ndarray
     fills: np.ndarray
     parts: np.ndarray
     sure: np.ndarray
+    pure: np.ndarray
 
     def regions(self, min_area: float) -> Regions:
         """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
@@ -115,7 +117,7 @@ def pixel_fills(
     fills = joined_at_corners(fills, levels, palette)
     parts, _ = components(fills)
     # What a damaged picture was restored to has crumbs of its noise.
-    return PixelFills(palette, fills, parts, _sure(levels, palette, parts, fills, pure, dots=known is None))
+    return PixelFills(palette, fills, parts, _sure(levels, palette, parts, fills, pure, dots=known is None), pure)
 
 
 def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:

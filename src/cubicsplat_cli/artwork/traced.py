@@ -1,0 +1,102 @@
+"""From the parts of a plan to shapes with outlines, traced in the pixels or in several steps a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.finish import begin
+from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
+from cubicsplat_cli.artwork.geometry.outlines import Outline
+from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED
+from cubicsplat_cli.artwork.plan import Plan, planned
+from cubicsplat_cli.artwork.regions.fills import eight_bit
+from cubicsplat_cli.artwork.regions.finer import in_steps, steps_of
+from cubicsplat_cli.artwork.regions.sampling import ONE_SAMPLE
+from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_outline, shape_name
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING
+from cubicsplat_cli.artwork.translucent.parts import TranslucentPart
+from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster.stack import Goal
+
+# Misfit of a pixel that no outline leaves which is where it should be; share of the blends with it in letters and thin
+# lines, not in larger shapes; times as many regions, beyond which a picture falls to pieces. Share of the error that is
+# left where a finer drawing is worth its pieces; px^2 of its least region, half a pixel.
+FAR_OFF, LETTERS, MORE, LEFT, LEAST_AREA = 0.3**2, 0.1, 4, 0.25, 0.5
+
+
+def traced(
+    parts: list[TranslucentPart],
+    canvas: tuple[int, int],
+    settings: ArtworkSettings,
+    flat: Flattened,
+    finer: float = 1.0,
+    steps: int = 1,
+) -> tuple[Shape, ...]:
+    """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px;
+    finer: times the detail; steps: a pixel each way, in which the parts are.
+    """
+    detail, completed, sought = finer * settings.detail, settings.completion == ON, len(parts) <= MOST_COMPLETED
+    extents, canvas_in_steps = [part.extent for part in parts], (canvas[0] * steps, canvas[1] * steps)
+    fitted: list[tuple[Outline, ...]] = []
+    with work().stoppable():
+        work().at("fitting outlines", 0.25)
+        for outlines in outlines_of_all(extents, canvas_in_steps, detail, completed, sought, steps):
+            fitted.append(outlines)
+            work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
+    shapes = [_shape(part, outlines, canvas, flat, steps) for part, outlines in zip(parts, fitted, strict=False)]
+    return (*shapes, *polygons(parts[len(fitted) :], canvas, flat, steps))
+
+
+def polygons(
+    parts: list[TranslucentPart], canvas: tuple[int, int], flat: Flattened, steps: int = 1
+) -> tuple[Shape, ...]:
+    """The parts as polygons; arguments as of `traced`."""
+    return tuple(_shape(part, polygons_of(part.extent), canvas, flat, steps) for part in parts)
+
+
+def _shape(
+    part: TranslucentPart, outlines: tuple[Outline, ...], canvas: tuple[int, int], flat: Flattened, steps: int
+) -> Shape:
+    if steps > 1:
+        outlines = tuple(scaled_outline(outline, 1.0 / steps, 1.0 / steps) for outline in outlines)
+    fill = eight_bit(part.fill)
+    return Shape(fill, outlines, shape_name(fill, outlines, canvas[1], canvas[0]), flat.gradient(part.fill))
+
+
+def length(shapes: tuple[Shape, ...]) -> float:
+    """Of the description of shapes, in parameters."""
+    return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
+
+
+def or_finer(
+    drawing: Drawing,
+    goal: Goal,
+    plan: Plan,
+    settings: ArtworkSettings,
+    flat: Flattened,
+    placeholders: np.ndarray | None,
+    error: float,
+) -> Drawing:
+    """A drawing as it was traced; or, where it is far off in many of the blends of its fills, as small letters and thin
+    lines are, the one that is traced in several steps a pixel, if that is much nearer.
+
+    plan: of the drawing, with the picture in which to look closer. settings: with areas in its px. placeholders: as of
+    `planned`. error: in levels, of the picture's pixels beyond their rounding.
+    """
+    height, width = drawing.height, drawing.width
+    steps, state = steps_of(height, width), begin(drawing, goal)
+    if steps == 1 or (state.misfit > FAR_OFF).sum() < LETTERS * (plan.fills.pure < 0).sum():
+        return drawing
+    work().at("tracing finer")
+    finer = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, MORE * plan.regions.count)
+    if finer is None:
+        return drawing
+    closer = replace(settings, min_area=max(settings.min_area, LEAST_AREA) * steps**2)
+    parts = planned(finer, closer, 1, 0.0, placeholders, ONE_SAMPLE).parts
+    other = Drawing(width, height, traced(parts, (height, width), settings, flat, float(steps), steps))
+    return other if begin(other, goal).value < LEFT * state.value else drawing
