@@ -209,7 +209,8 @@ def test_what_was_given_up_on_request_is_no_detail(asked: dict[str, Any]) -> Non
     assert len(vectorize.draw(target, ArtworkSettings(**asked)).shapes) < len(vectorize.draw(target).shapes)
 
 
-def test_a_small_picture_gains_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_picture_that_is_traced_by_pixels_gains_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vectorize, "or_finer", lambda drawing, *_: drawing)
     document = truth(DOTS + HATCH)
     target = picture(document).astype(np.float32)
     drawn = vectorize.draw(target)

@@ -49,7 +49,7 @@ def test_too_many_regions_join_their_neighbours(monkeypatch, caplog):
 def test_what_must_be_blurred_keeps_very_many_regions(caplog):
     noise = np.random.default_rng(0).integers(0, 256, (160, 160, 4)).astype(np.float32)
     noise[..., 3] = 255.0
-    soft, regions = plan._regions(FlatPicture(noise), 4.0)
+    soft, _, regions = plan._regions(FlatPicture(noise), 4.0)
     assert np.ptp(soft) < np.ptp(noise) and regions.count > 1000
     assert not caplog.text
 

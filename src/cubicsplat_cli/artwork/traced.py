@@ -89,8 +89,11 @@ def or_finer(
     `planned`. error: in levels, of the picture's pixels beyond their rounding.
     """
     height, width = drawing.height, drawing.width
-    steps, state = steps_of(height, width), begin(drawing, goal)
-    if steps == 1 or (state.misfit > FAR_OFF).sum() < LETTERS * (plan.fills.pure < 0).sum():
+    steps = steps_of(height, width)
+    if steps == 1 or not drawing.shapes:
+        return drawing
+    state = begin(drawing, goal)
+    if (state.misfit > FAR_OFF).sum() <= LETTERS * (plan.fills.pure < 0).sum():
         return drawing
     work().at("tracing finer")
     finer = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, MORE * plan.regions.count)

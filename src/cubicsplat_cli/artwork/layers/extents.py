@@ -160,7 +160,7 @@ class Window:
         return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
 
 
-def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent, steps: int) -> tuple[Outline, ...]:
+def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent, steps: int = 1) -> tuple[Outline, ...]:
     """The outlines fitted to an extent's contours, the outer one first, less the holes that it no longer goes around.
 
     Where the outer one is hidden it may go another way than its contour; holes outside of it would be filled. Where it

@@ -15,9 +15,9 @@ namespace cs {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr float kStep = 0.5f, kKept = 0.8f;  // of a step downhill, and of the step before it
-constexpr double kSharpened = 0.7;           // share of the rounds until which the double well grows
-constexpr int64_t kAtOnce = 1024;            // pixels that a thread takes
+constexpr float kStep = 0.5f, kKept = 0.8f;       // of a step downhill, and of the step before it
+constexpr double kSharpened = 0.7;                // share of the rounds until which the double well grows
+constexpr int64_t kAtOnce = 1024;                 // pixels that a thread takes
 constexpr int64_t kLetter = 4096, kFewFills = 4;  // pixels of a part whose fills are few, and how many these are
 
 // Pixels with two fills each, and the share of the second in each of their steps.
@@ -55,8 +55,8 @@ class Field {
         const int64_t at = (p / width_ * steps_ + k / steps_) * width_ * steps_ + p % width_ * steps_ + k % steps_;
         labels[at] = part > 0.5f ? second_[p] : first_[p];
         for (int c = 0; c < 4; c++)
-          levels[4 * at + c] =
-              float((1.0 - part) * palette[4 * first_[p] + c] + double(part) * palette[4 * second_[p] + c]);
+          levels[4 * at + c] = float((1.0 - part) * palette[4 * first_[p] + c] +
+                                     double(part) * palette[4 * second_[p] + c]);
       }
   }
 
@@ -79,9 +79,9 @@ class Field {
       const double right = (double(k % steps_) + 0.5) / double(steps_) - 0.5;
       const int64_t beside = x + (right < 0.0 ? -1 : 1), below = y + (down < 0.0 ? -1 : 1);
       const double across = std::fabs(right), along = std::fabs(down);
-      now_[n * area() + k] =
-          float((1.0 - along) * ((1.0 - across) * share(y, x, fill) + across * share(y, beside, fill)) +
-                along * ((1.0 - across) * share(below, x, fill) + across * share(below, beside, fill)));
+      now_[n * area() + k] = float(
+          (1.0 - along) * ((1.0 - across) * share(y, x, fill) + across * share(y, beside, fill)) +
+          along * ((1.0 - across) * share(below, x, fill) + across * share(below, beside, fill)));
     }
   }
 

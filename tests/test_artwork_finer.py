@@ -1,0 +1,113 @@
+"""Letters and thin lines, traced in several steps a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw, ImageFont
+
+from cubicsplat_cli.api import vectorize
+from cubicsplat_cli.artwork.regions.finer import MOST, STEPS, in_steps, steps_of
+from cubicsplat_cli.artwork.regions.regions import pixel_fills
+from cubicsplat_cli.progress import Work, under_way
+from cubicsplat_cli.raster.phase_field import blend_pairs, finer_labels
+
+PAPER, INK, PALE = (255.0, 255.0, 255.0, 255.0), (20.0, 30.0, 40.0, 255.0), (137.5, 142.5, 147.5, 255.0)
+
+
+def page(paper: int, ink: int) -> np.ndarray:
+    """(34, 150, 3) uint8 two lines of small text."""
+    image = Image.new("L", (150, 34), paper)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(11)
+    pen.text((4, 3), "the quick brown fox", ink, font=font)
+    pen.text((5, 18), "jumps over seven dogs", ink, font=font)
+    return np.repeat(np.asarray(image)[..., None], 3, axis=2)
+
+
+@pytest.mark.parametrize(("paper", "ink"), [(255, 20), (30, 220)])
+def test_small_text_stays_text(paper: int, ink: int) -> None:
+    """Traced by pixels, its counters close and its thin strokes break: 28 dB."""
+    made = vectorize(page(paper, ink), style="artwork", threads=1)
+    assert made.report.quality.svg.psnr_db > 33.0
+
+
+def field(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The labels and levels in steps of a picture of ink on paper, of which the ink has shares (H, W)."""
+    first = np.zeros(share.shape, np.int32)
+    second = ((share > 0.0) & (share < 1.0)).astype(np.int32)
+    first[share == 1.0] = second[share == 1.0] = 1
+    return finer_labels(first, second, share.astype(np.float32), np.array([PAPER, INK]), STEPS)
+
+
+def in_pixels(values: np.ndarray) -> np.ndarray:
+    """The mean over each pixel of values (H steps, W steps)."""
+    return values.reshape(values.shape[0] // STEPS, STEPS, -1, STEPS).mean(axis=(1, 3))
+
+
+def line_shares(angle: float, wide: float) -> np.ndarray:
+    """(24, 24) the shares of a line through the middle."""
+    y, x = (np.mgrid[0 : 24 * 16, 0 : 24 * 16] + 0.5) / 16.0 - 12.0
+    off = np.abs(np.cos(angle) * y - np.sin(angle) * x) < 0.5 * wide
+    return off.reshape(24, 16, 24, 16).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.7, 1.2])
+@pytest.mark.parametrize("wide", [0.75, 0.9, 1.7])
+def test_a_line_under_a_pixel_wide_stays_one_line(angle: float, wide: float) -> None:
+    share = line_shares(angle, wide)
+    labels, levels = field(share)
+    assert np.sqrt(np.mean((in_pixels(labels) - share) ** 2)) < 0.06
+    rows = [np.flatnonzero(row) for row in (labels if abs(np.sin(angle)) > 0.7 else labels.T)[8:-8]]
+    assert all(len(row) and row[-1] - row[0] == len(row) - 1 for row in rows)
+    assert levels.min() >= min(INK) - 1e-3 and levels.max() <= max(PAPER) + 1e-3
+
+
+def test_what_is_one_fill_stays_it() -> None:
+    share = np.zeros((6, 8))
+    share[2:4, 3:6] = 1.0
+    assert (field(share)[0] == np.repeat(np.repeat(share, STEPS, axis=0), STEPS, axis=1)).all()
+
+
+def test_the_field_turns_with_its_picture() -> None:
+    share = line_shares(0.4, 0.8)
+    assert (field(share[::-1])[0] == field(share)[0][::-1]).all()
+    assert (field(share.T)[0] == field(share)[0].T).all()
+
+
+def test_threads_do_not_matter() -> None:
+    share = np.tile(line_shares(0.4, 0.8), (4, 4))
+    found = []
+    for threads in (1, 3):
+        with under_way(Work(threads=threads)):
+            found.append(field(share)[1])
+    assert (found[0] == found[1]).all()
+
+
+def test_a_letter_is_of_one_ink_though_a_paler_one_would_explain_some_of_it() -> None:
+    palette = np.array([PAPER, INK, PALE])
+    share = np.array([0.1, 0.5, 0.5, 0.9, 0.2])
+    values = ((1.0 - share)[:, None] * palette[0] + share[:, None] * palette[1]).astype(np.float32)
+    near = np.full((5, 4), -1)
+    near[:, 0] = 0
+    near[1, 1] = 2
+    first, second, found = blend_pairs(values, np.zeros(5, int), palette, near, 3.0)
+    inks = np.where(first == 0, second, first)
+    assert (inks == 1).all() and np.allclose(np.where(first == 0, found, 1.0 - found), share, atol=0.01)
+    # Alone, the value that the pale ink is near to is taken for its.
+    alone = blend_pairs(values[1:2], np.zeros(1, int), palette[[0, 2]], near[1:2, [0, 0, 0, 0]], 3.0)
+    assert alone[0].tolist() == [0] and alone[1].tolist() == [1] and alone[2][0] == pytest.approx(1.0)
+
+
+def test_what_falls_to_pieces_is_not_traced_finer() -> None:
+    noise = np.random.default_rng(0).choice([20.0, 255.0], (20, 20))
+    soft = (noise + np.roll(noise, 1, 0) + np.roll(noise, 1, 1)) / 3.0
+    levels = np.dstack([soft] * 3 + [np.full_like(soft, 255.0)]).astype(np.float32)
+    fills = pixel_fills(levels, np.array([PAPER, (20.0, 20.0, 20.0, 255.0)]))
+    assert in_steps(levels, fills, STEPS, 1.0, 1) is None
+    assert in_steps(levels, fills, STEPS, 1.0, 10_000).labels.shape == (20 * STEPS, 20 * STEPS)
+
+
+def test_large_pictures_have_fewer_steps() -> None:
+    sides = [(300, 400), (1000, 1000), (1500, 1500), (2000, 3000)]
+    assert [steps_of(*each) for each in sides] == [4, 3, 2, 1]
+    assert all(height * width * steps_of(height, width) ** 2 <= MOST for height, width in sides)
