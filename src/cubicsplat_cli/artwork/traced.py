@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import begin
+from cubicsplat_cli.artwork.finish.finish import State, begin
 from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
+from cubicsplat_cli.artwork.finish.polish import MOST
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
@@ -81,25 +82,26 @@ def or_finer(
     flat: Flattened,
     placeholders: np.ndarray | None,
     error: float,
-) -> Drawing:
+) -> tuple[Drawing, State | None]:
     """A drawing as it was traced; or, where it is far off in many of the blends of its fills, as small letters and thin
-    lines are, the one that is traced in several steps a pixel, if that is much nearer.
+    lines are, the one that is traced in several steps a pixel, if that is much nearer. And its state, if it was drawn.
 
     plan: of the drawing, with the picture in which to look closer. settings: with areas in its px. placeholders: as of
     `planned`. error: in levels, of the picture's pixels beyond their rounding.
     """
     height, width = drawing.height, drawing.width
     steps = steps_of(height, width)
-    if steps == 1 or not drawing.shapes:
-        return drawing
+    if steps == 1 or not 0 < drawing.segments <= MOST:
+        return drawing, None
     state = begin(drawing, goal)
     if (state.misfit > FAR_OFF).sum() <= LETTERS * (plan.fills.pure < 0).sum():
-        return drawing
+        return drawing, state
     work().at("tracing finer")
     finer = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, MORE * plan.regions.count)
     if finer is None:
-        return drawing
+        return drawing, state
     closer = replace(settings, min_area=max(settings.min_area, LEAST_AREA) * steps**2)
     parts = planned(finer, closer, 1, 0.0, placeholders, ONE_SAMPLE).parts
     other = Drawing(width, height, traced(parts, (height, width), settings, flat, float(steps), steps))
-    return other if begin(other, goal).value < LEFT * state.value else drawing
+    nearer = begin(other, goal)
+    return (other, nearer) if nearer.value < LEFT * state.value else (drawing, state)

@@ -155,7 +155,7 @@ def _versions(
             without = traced(opaque, (height, width), settings, flat, finer)
             if length(without) < length(shapes):
                 plan, shapes = replace(plan, parts=opaque), without
-    drawing, goal = Drawing(width, height, shapes), None
+    drawing, goal, state = Drawing(width, height, shapes), None, None
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
@@ -164,8 +164,8 @@ def _versions(
         if not (condition.aliased or condition.blur or prepared.pens):
             seen = replace(plan, levels=came) if settings.free_fills else plan
             closely = replace(settings, min_area=settings.min_area / prepared.scale**2)
-            drawing = or_finer(drawing, goal, seen, closely, flat, placeholders, condition.restored_error)
-        drawing = polish(drawing, goal, settings.detail)
+            drawing, state = or_finer(drawing, goal, seen, closely, flat, placeholders, condition.restored_error)
+        drawing = polish(drawing, goal, settings.detail, state)
         if few_enough(drawing):
             work().at("regularising", 0.8)
             drawing = regularised(drawing, goal, settings.detail, grid)

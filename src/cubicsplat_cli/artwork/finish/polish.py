@@ -26,8 +26,8 @@ TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
 _log = logging.getLogger("cubicsplat")
 
 
-def polish(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
-    """The drawing fitted to its goal; detail as in ArtworkSettings."""
+def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, state: State | None = None) -> Drawing:
+    """The drawing fitted to its goal; detail as in ArtworkSettings. state: the drawing against its goal, if known."""
     pieces = drawing.segments
     if pieces > CHANGED:
         left = "fitted to the pixels" if pieces > MOST else "merged, cut and rounded as the pixels ask"
@@ -44,7 +44,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
         return _tried(state, *with_moves(state, constraints, detail), detail)
 
     at("fitting to the pixels", 0.5)
-    state = begin(drawing, goal)
+    state = state or begin(drawing, goal)
     with work().stoppable():
         state = settle(state, ROUNDS if pieces <= CROWDED else _trial_rounds(pieces))
         at("merging pieces", 0.6)
