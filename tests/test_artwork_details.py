@@ -164,15 +164,6 @@ def test_what_an_edge_along_the_border_has_beyond_it_is_no_detail() -> None:
         assert explained(one, painted(other)) is one
 
 
-def test_a_row_of_dots_is_no_drawing_of_a_line() -> None:
-    # A hairline beside an edge shows only where it hardly leaves a pixel; two dots may be those of an umlaut.
-    for count, new in ((2, 2), (6, 0)):
-        target = painted(plain())
-        for k in range(count):
-            target[8 + 3 * k, 36 + k] = np.append(np.array(RED[:3]) / 255.0, 1.0)
-        assert len(new_shapes(explained(plain(), target))) == new
-
-
 def test_what_is_left_is_said(caplog: pytest.LogCaptureFixture) -> None:
     box = '<rect x="36" y="12" width="20" height="26" fill="#e6f5d8"/>'
     explained(plain(), picture(truth(box)))

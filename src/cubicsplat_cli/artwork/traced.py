@@ -27,7 +27,7 @@ from cubicsplat_cli.raster.stack import Goal
 # Misfit of a pixel that no outline leaves which is where it should be; share of the blends with it in letters and thin
 # lines, not in larger shapes; times as many regions, beyond which a picture falls to pieces. Share of the error that is
 # left where a finer drawing is worth its pieces; px^2 of its least region, half a pixel.
-FAR_OFF, LETTERS, MORE, LEFT, LEAST_AREA = 0.3**2, 0.1, 4, 0.25, 0.5
+FAR_OFF, LETTERS, MORE, LEFT, LEAST_AREA = 0.3**2, 0.1, 4, 0.4, 0.5
 
 
 def traced(

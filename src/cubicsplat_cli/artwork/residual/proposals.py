@@ -22,7 +22,6 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
 
-MOST_DOTS = 2  # of one colour that touch or nearly do, more of which in an area are pieces of a line
 DOT, LINE = 4, 3  # px of a shape, up to which it becomes a circle, and from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
 SAME = 8.0  # levels of one colour
@@ -117,12 +116,11 @@ class _Drawn:
         found = share_positions(self.share, self.cover, 255.0 * error)
         parts, _ = ndimage.label(self.cover)
         sizes = np.bincount(parts.ravel())
-        dots = sizes <= DOT
         for number in (1 + np.flatnonzero(sizes[1:] >= smallest)).tolist():
             own = parts == number
             beneath = _beneath(self.owners[own], self.touching[own])
-            if dots[number]:
-                if dots.sum() > MOST_DOTS or (self.cover & ~own)[ndimage.binary_dilation(own, ndimage.SQUARE)].any():
+            if sizes[number] <= DOT:
+                if (self.cover & ~own)[ndimage.binary_dilation(own, ndimage.SQUARE)].any():
                     continue  # of a line between two shapes, of which dots here and there are none of the drawing
                 yield beneath, (self._dot(own),)
                 continue
