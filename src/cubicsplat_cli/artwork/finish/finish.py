@@ -199,10 +199,7 @@ def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
 def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]:
     """The layers of a drawing; what is pinned stays where it is."""
     constraints = Constraints(drawing.width, drawing.height, pins)
-    return [
-        layer_of(shape, premultiplied(shape.fill) @ goal.space, [parametrised(o, constraints) for o in shape.outlines])
-        for shape in drawing.shapes
-    ]
+    return [layer_of(shape, goal, [parametrised(o, constraints) for o in shape.outlines]) for shape in drawing.shapes]
 
 
 def settle(state: State, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None) -> State:
@@ -293,13 +290,13 @@ def premultiplied(fill: Rgba) -> np.ndarray:
     return np.array([r * a, g * a, b * a, a])
 
 
-def layer_of(shape: Shape, fill: np.ndarray, outlines: list[Parameters]) -> Layer:
-    """The layer of a shape with its outlines, the outer one first."""
+def layer_of(shape: Shape, goal: Goal, outlines: list[Parameters]) -> Layer:
+    """The layer of a shape with its outlines, the outer one first, in the coordinates of a goal."""
     signs = []
     for i, outline in enumerate(outlines):
         ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
         signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
-    return Layer(shape, fill, outlines, signs)
+    return Layer(shape, premultiplied(shape.fill) @ goal.space, outlines, signs)
 
 
 def _stepped(

@@ -141,8 +141,7 @@ def _widest(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition
 
 def _wider(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
     """The pixels of a patch, and those around it that a gradient explains and that hang together with them."""
-    wide = patch.padded(GROWN, levels.shape)
-    near = beside(wide, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=GROWN))
+    wide, near = _with_surroundings(patch, GROWN, levels.shape)
     mask = wide.mask.copy()
     off = off_extended(shade, levels, near)
     known = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
@@ -189,9 +188,10 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
     ]
 
 
-def beside(patch: Patch, mask: np.ndarray) -> Patch:
-    """The part of a mask of the same box that is not in a patch."""
-    return replace(patch, mask=mask & ~patch.mask)
+def _with_surroundings(patch: Patch, by: int, shape: tuple[int, ...]) -> tuple[Patch, Patch]:
+    """A patch of a picture (H, W), and what is within so many px around it, in one box."""
+    wide, grown = patch.padded(by, shape), patch.grown(by, shape)
+    return wide, replace(grown, mask=grown.mask & ~wide.mask)
 
 
 def off_extended(shade: Shade, levels: np.ndarray, patch: Patch) -> np.ndarray:
@@ -224,8 +224,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
 
 def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
     """The area with what hangs on it that its gradient explains too: pixels within `rim` px, and tips."""
-    wide = area.patch.padded(FARTHEST, levels.shape)
-    near = beside(wide, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=FARTHEST))
+    wide, near = _with_surroundings(area.patch, FARTHEST, levels.shape)
     explained = np.zeros_like(wide.mask)
     explained[near.mask] = off_extended(area.shade, levels, near) <= NEAR_LEVELS
     # A neighbour of about the colour in which the gradient ends is none of it, nor what goes on farther.

@@ -24,9 +24,8 @@ from cubicsplat_cli.raster.outlines import fewer_points
 SEVERAL = 8
 FEWEST_SEEN = 4  # points of a contour, below which it becomes a polygon
 TRIALS = 24
-ASTRAY = (
-    20  # px so covered or left, of the picture, beyond which a way that certainly is hidden is worth its many pieces
-)
+# Px so covered or left, of the picture, beyond which a way that certainly is hidden is worth its many pieces.
+ASTRAY = 20
 HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ

@@ -219,7 +219,7 @@ def _with(state: State, tied: Mapping[int, Parameters]) -> State:
     for layer in state.layers:
         numbers = range(number, number + len(layer.outlines))
         outlines = [tied.get(k, o) for k, o in zip(numbers, layer.outlines, strict=True)]
-        layers.append(layer_of(layer.shape, layer.fill, outlines))
+        layers.append(layer_of(layer.shape, state.goal, outlines))
         number += len(layer.outlines)
     return state.with_layers(layers)
 

@@ -212,8 +212,7 @@ class _Trials:
 
     def _still(self, shape: Shape) -> Layer:
         """The layer of a shape that stays as it is."""
-        fill = premultiplied(shape.fill) @ self.goal.space
-        return layer_of(shape, fill, [Still(outline) for outline in shape.outlines])
+        return layer_of(shape, self.goal, [Still(outline) for outline in shape.outlines])
 
 
 def _by_area(some: list[tuple[int, Placed]]) -> dict[int, list[int]]:

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State, layer_of, premultiplied, settle
+from cubicsplat_cli.artwork.finish.finish import State, layer_of, settle
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
@@ -182,7 +182,7 @@ def _state(drawing: Drawing, goal: Goal, fixed: bool) -> State:
         outlines: list[Parameters] = [Still(outline) for outline in shape.outlines]
         if shape.stroke is not None:
             outlines = [StrokeParameters.of(shape.stroke, constraints, fixed)]
-        layers.append(layer_of(shape, premultiplied(shape.fill) @ goal.space, outlines))
+        layers.append(layer_of(shape, goal, outlines))
     return State.of(layers, goal)
 
 
