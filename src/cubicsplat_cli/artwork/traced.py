@@ -63,8 +63,7 @@ def polygons(
 def _shape(
     part: TranslucentPart, outlines: tuple[Outline, ...], canvas: tuple[int, int], flat: Flattened, steps: int
 ) -> Shape:
-    if steps > 1:
-        outlines = tuple(scaled_outline(outline, 1.0 / steps, 1.0 / steps) for outline in outlines)
+    outlines = tuple(scaled_outline(outline, 1.0 / steps, 1.0 / steps) for outline in outlines)
     fill = eight_bit(part.fill)
     return Shape(fill, outlines, shape_name(fill, outlines, canvas[1], canvas[0]), flat.gradient(part.fill))
 

@@ -108,8 +108,7 @@ def _sketch(prepared: PreparedInput, settings: ArtworkSettings) -> Drawing:
     with under_way(Work()):
         plan = planned(_even(prepared.levels, prepared, settings), settings, prepared.scale, 0.0, None)
     height, width = plan.levels.shape[:2]
-    flat = Flattened(prepared.levels, np.zeros((0, 4)), ())
-    return Drawing(width, height, polygons(plan.parts, (height, width), flat))
+    return Drawing(width, height, polygons(plan.parts, (height, width), Flattened(prepared.levels)))
 
 
 def _with_its_shadow(
@@ -156,6 +155,7 @@ def _versions(
             if length(without) < length(shapes):
                 plan, shapes = replace(plan, parts=opaque), without
     drawing, goal, state = Drawing(width, height, shapes), None, None
+    scaled = replace(settings, min_area=settings.min_area / prepared.scale**2)
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
@@ -163,8 +163,7 @@ def _versions(
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error, error)
         if not (condition.aliased or condition.blur or prepared.pens):
             seen = replace(plan, levels=came) if settings.free_fills else plan
-            closely = replace(settings, min_area=settings.min_area / prepared.scale**2)
-            drawing, state = or_finer(drawing, goal, seen, closely, flat, placeholders, condition.restored_error)
+            drawing, state = or_finer(drawing, goal, seen, scaled, flat, placeholders, condition.restored_error)
         drawing = polish(drawing, goal, settings.detail, state)
         if few_enough(drawing):
             work().at("regularising", 0.8)
@@ -174,8 +173,7 @@ def _versions(
         # What was given up for fewer fills or shapes is no detail that was lost.
         if settings.free_fills:
             work().at("adding details", 0.93)
-            min_area = settings.min_area / prepared.scale**2
-            drawing = with_added(drawing, goal, condition, settings.detail, min_area, settings.curves)
+            drawing = with_added(drawing, goal, condition, settings.detail, scaled.min_area, settings.curves)
     further = iter(()) if goal is None else simpler(drawing, goal, settings.detail)
     for each in chain([drawing], further):
         yield _painted(_with_strokes(each, goal, settings.detail, error) if strokes else each)
@@ -199,8 +197,7 @@ def draw_flat(picture: FlatPicture, settings: ArtworkSettings) -> Drawing:
     height, width = picture.levels.shape[:2]
     work().at("finding regions", 0.1)
     plan = planned(picture, settings, 1, 0.0, None)
-    flat = Flattened(plan.levels, np.zeros((0, 4)), ())
-    drawing = Drawing(width, height, traced(plan.parts, (height, width), settings, flat))
+    drawing = Drawing(width, height, traced(plan.parts, (height, width), settings, Flattened(plan.levels)))
     with work().stoppable():
         goal = goal_of(plan.levels.astype(float) / 255.0)
         drawing = polish(drawing, goal, settings.detail)
@@ -246,7 +243,7 @@ def without_gradients(prepared: PreparedInput, settings: ArtworkSettings) -> Fla
     """
     levels, condition = prepared.levels, prepared.condition
     if not settings.free_fills or prepared.scanned:
-        return Flattened(levels, np.zeros((0, 4)), ())
+        return Flattened(levels)
     if condition.clean:
         return flattened(levels)
     if not condition.only_blurred:

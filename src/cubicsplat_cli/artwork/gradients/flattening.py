@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,8 +37,8 @@ class Flattened:
     gradients: what they stand for."""
 
     levels: np.ndarray
-    fills: np.ndarray
-    gradients: tuple[Gradient, ...]
+    fills: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    gradients: tuple[Gradient, ...] = ()
 
     def gradient(self, fill: np.ndarray) -> Gradient | None:
         """The gradient that a fill (4,) in levels stands for, or None."""
@@ -61,7 +61,7 @@ def without_areas(
     lines are off all blends of what lies beside them. blur: px, standard deviation of what edges are blurred by.
     """
     if not areas:
-        return Flattened(levels, np.zeros((0, 4)), ())
+        return Flattened(levels)
     shades = list({id(area.shade): area.shade for area in areas}.values())
     gradients = [gradient_of(shade) for shade in shades]
     paint = np.where(parts > 0, parts + len(gradients) - 1, -1).astype(np.int32)

@@ -204,7 +204,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, without its gradients. blur: px, standard deviation."""
     parts, count = smooth_parts(levels)
     if not count:
-        return Flattened(levels, np.zeros((0, 4)), ())
+        return Flattened(levels)
     # The rims of what is smooth are the last of blurred edges.
     rim = max(1, round(blur))
     inner = ndimage.binary_erosion(np.pad(parts > 0, rim, mode="edge"), ndimage.SQUARE, iterations=rim)[
