@@ -93,7 +93,8 @@ def or_finer(
     if steps == 1 or not 0 < drawing.segments <= MOST:
         return drawing, None
     state = begin(drawing, goal)
-    if (state.misfit > FAR_OFF).sum() <= LETTERS * (plan.fills.pure < 0).sum():
+    blends = plan.fills.pure.ravel() < 0
+    if (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
         return drawing, state
     work().at("tracing finer")
     finer = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, MORE * plan.regions.count)
