@@ -69,7 +69,7 @@ def _first(task: Task, style: Style | None) -> Made:
         page = _page(task)
         made = _made(task, asked) if page is None else replace(page, style=asked)
         return replace(made, may_be_photo=False)
-    style = style or choose_style(task.target.target())
+    style = style or choose_style(task.pixels)
     try:
         return (None if style.cells else _page(task)) or _suiting(task, style)
     except PhotoIsNearer as nearer:
@@ -226,7 +226,7 @@ def _or_shaded(task: Task, drawing: Made) -> Made:
         return drawing
     from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # which few pictures need
 
-    objects = shaded_objects(task.target.target())
+    objects = shaded_objects(task.pixels)
     if objects is None:
         return drawing
     shaded = drawn_shaded(task, objects)

@@ -40,7 +40,7 @@ def page_in(task: Task) -> Page | None:
     """The page that a picture shows; None where it is none, or the request is for something else."""
     if not task.request.may_hold_photos or task.recorder is not None or task.target.alpha is not None:
         return None
-    target = task.target.target()
+    target = task.pixels
     factor = reduction(*target.shape[:2])
     if factor > 1:
         target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., :3])

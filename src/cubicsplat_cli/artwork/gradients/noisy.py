@@ -190,8 +190,8 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
 
 def _with_surroundings(patch: Patch, by: int, shape: tuple[int, ...]) -> tuple[Patch, Patch]:
     """A patch of a picture (H, W), and what is within so many px around it, in one box."""
-    wide, grown = patch.padded(by, shape), patch.grown(by, shape)
-    return wide, replace(grown, mask=grown.mask & ~wide.mask)
+    wide = patch.padded(by, shape)
+    return wide, replace(wide, mask=ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=by) & ~wide.mask)
 
 
 def off_extended(shade: Shade, levels: np.ndarray, patch: Patch) -> np.ndarray:

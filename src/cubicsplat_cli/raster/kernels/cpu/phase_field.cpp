@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <exception>
 #include <vector>
 
@@ -63,11 +62,15 @@ class Field {
  private:
   int64_t area() const { return steps_ * steps_; }
 
+  // How much of a fill there is where so much is of a pixel's second one.
+  float of(int32_t fill, int64_t p, float part) const {
+    return own_[p] >= 0 && second_[p] == fill ? part : first_[p] == fill ? 1.0f - part : 0.0f;
+  }
+
   // The share of a fill in a pixel.
   float share(int64_t y, int64_t x, int32_t fill) const {
     const int64_t p = std::clamp<int64_t>(y, 0, height_ - 1) * width_ + std::clamp<int64_t>(x, 0, width_ - 1);
-    if (own_[p] < 0) return first_[p] == fill ? 1.0f : 0.0f;
-    return second_[p] == fill ? share_[p] : first_[p] == fill ? 1.0f - share_[p] : 0.0f;
+    return of(fill, p, own_[p] < 0 ? 0.0f : share_[p]);
   }
 
   // The steps of a pixel between its share and those of its neighbours.
@@ -90,8 +93,7 @@ class Field {
     y = std::clamp<int64_t>(y, 0, height_ * steps_ - 1), x = std::clamp<int64_t>(x, 0, width_ * steps_ - 1);
     const int64_t p = y / steps_ * width_ + x / steps_, own = own_[p];
     const float part = own < 0 ? 0.0f : now_[own * area() + y % steps_ * steps_ + x % steps_];
-    of_one = second_[p] == one && own >= 0 ? part : first_[p] == one ? 1.0f - part : 0.0f;
-    of_other = second_[p] == other && own >= 0 ? part : first_[p] == other ? 1.0f - part : 0.0f;
+    of_one = of(one, p, part), of_other = of(other, p, part);
   }
 
   void step(int64_t n, float smooth, float well) {
@@ -163,7 +165,7 @@ void with_few_fills(const std::vector<int64_t>& part, const float* values, int64
   for (const int64_t i : part)
     if (near[slots * i] >= 0) votes[near[slots * i]]++;
   std::vector<int32_t> chosen{int32_t(std::max_element(votes.begin(), votes.end()) - votes.begin())};
-  std::vector<Pair> found(part.size(), {chosen[0], chosen[0], 0.0, INFINITY}), best, trial(part.size());
+  std::vector<Pair> found(part.size(), {chosen[0], chosen[0], 0.0, INFINITY}), best(found), trial(found);
   while (int64_t(chosen.size()) < std::min(kFewFills, fills)) {
     double least = INFINITY;
     int32_t added = -1;
@@ -179,7 +181,7 @@ void with_few_fills(const std::vector<int64_t>& part, const float* values, int64
         const double worse = std::max(trial[n].off - pairs[part[n]].off, 0.0);
         excess += worse * worse;
       }
-      if (excess < least) least = excess, added = fill, best = trial;
+      if (excess < least) least = excess, added = fill, std::swap(best, trial);
     }
     if (added < 0) return;
     chosen.push_back(added), found = best;
