@@ -7,11 +7,10 @@ derivative by every parameter is as exact, so damped Gauss-Newton needs few step
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, islice
-from operator import is_
+from itertools import chain
 
 import numpy as np
 
@@ -63,12 +62,14 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A drawing against its picture. layers: back to front; goal: what they are fitted to; stack: they, as drawn.
-    over: where they lie among the layers of another state, which stay as they are; see `DrawnStack`.
+    """A drawing against its picture. layers: back to front; goal: what they are fitted to; drawn: their pieces, and
+    stack: they, as drawn. over: where they lie among the layers of another state, which stay as they are; see
+    `DrawnStack`.
     """
 
     layers: list[Layer]
     goal: Goal
+    drawn: StackPieces
     stack: DrawnStack
     over: tuple[DrawnStack, np.ndarray] | None = None
 
@@ -81,8 +82,12 @@ class State:
         over: tuple[DrawnStack, np.ndarray] | None = None,
     ) -> State:
         """That of some layers. previous: one of the same goal, of which what lies the same is not drawn again."""
-        stack = DrawnStack(_pieces_of(layers), goal, previous.stack if previous else None, over)
-        return cls(layers, goal, stack, over)
+        pieces = _pieces_of(layers)
+        return cls(layers, goal, pieces, DrawnStack(pieces, goal, previous.stack if previous else None, over), over)
+
+    def taken_back(self, before: State, worse: np.ndarray) -> State:
+        """The state with the outlines of an earlier one where these are worse (outlines,) bool."""
+        return self.with_outlines({k: before.outlines[k] for k in np.flatnonzero(worse).tolist()})
 
     def beside(self, layers: list[Layer], beneath: list[int]) -> State:
         """The state of further layers alone, each drawn right above that one of this state's, which stay as they are.
@@ -93,6 +98,38 @@ class State:
     def with_layers(self, layers: list[Layer]) -> State:
         """The state of other layers, of which only what differs is drawn."""
         return State.of(layers, self.goal, self, self.over)
+
+    def with_outlines(self, changed: Mapping[int, Parameters]) -> State:
+        """The state with other outlines by their numbers, which run as those did; itself where there are none."""
+        if not changed:
+            return self
+        layers = self.layers_with(changed)
+        if any(len(outline.lines) != len(self.outlines[k].lines) for k, outline in changed.items()):
+            return self.with_layers(layers)
+        cubics, lines = self.drawn.cubics.copy(), self.drawn.lines.copy()
+        starts = self.pieces.tolist()
+        for k, outline in changed.items():
+            own = slice(starts[k], starts[k + 1])
+            cubics[own], lines[own] = outline.cubics, outline.lines
+        pieces = replace(self.drawn, cubics=cubics, lines=lines)
+        after = State(layers, self.goal, pieces, DrawnStack(pieces, self.goal, self.stack, self.over), self.over)
+        vars(after).update(places=self.places, pieces=self.pieces, owners=self.owners)
+        return after
+
+    def layers_with(self, changed: Mapping[int, Parameters]) -> list[Layer]:
+        """The layers with other outlines by their numbers."""
+        layers = list(self.layers)
+        for k, outline in changed.items():
+            number, place = self.places[k]
+            if layers[number] is self.layers[number]:
+                layers[number] = replace(layers[number], outlines=list(layers[number].outlines))
+            layers[number].outlines[place] = outline
+        return layers
+
+    @cached_property
+    def places(self) -> list[tuple[int, int]]:
+        """(outlines,) the layer of each, and its number there."""
+        return [(n, place) for n, layer in enumerate(self.layers) for place in range(len(layer.outlines))]
 
     @cached_property
     def outlines(self) -> list[Parameters]:
@@ -236,20 +273,21 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     """
     # Of each outline the number of the one whose variables move it: its model's, or its own.
     families = np.array([o.source if isinstance(o, CopyParameters) else k for k, o in enumerate(state.outlines)])
-    layers, moving = _stepped(state, families, damping, awake)
-    if not moving.any():
+    following = _stepped(state, families, damping, awake)
+    moving = np.isin(np.arange(len(damping)), [*following])
+    if not following:
         return state, moving
     refused = np.zeros(len(damping), dtype=bool)
-    trial = state
+    trial = state.with_outlines(following)
     for left in reversed(range(TAKEN_BACK + 1)):
-        trial = trial.with_layers(kept(state.layers, layers, refused))
         loss = np.bincount(families, state.growth(trial, moving, leaks=True), len(families))[families]
         loss = np.where(refused | ~moving, 0.0, loss)
         if left == 0 or not (loss > SAME).any():
             break
-        refused |= loss > (SAME if left == 1 else 0.2 * loss.max())
-    following = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
-    damping[moving] = following[moving]
+        worse = loss > (SAME if left == 1 else 0.2 * loss.max())
+        trial, refused = trial.taken_back(state, worse), refused | worse
+    changed = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
+    damping[moving] = changed[moving]
     if trial.value >= state.value:
         damping[moving] *= 10.0
         return state, moving
@@ -259,29 +297,8 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
 
 def trimmed(state: State, moved: np.ndarray) -> State:
     """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
-    may = zip(state.outlines, moved.tolist(), strict=True)
-    outlines = [o.trimmed() if moves and isinstance(o, RingParameters) else o for o, moves in may]
-    if all(map(is_, state.outlines, outlines)):
-        return state
-    return state.with_layers(with_outlines(state.layers, iter(outlines)))
-
-
-def with_outlines(layers: list[Layer], outlines: Iterator[Parameters]) -> list[Layer]:
-    """The layers with other outlines; those that have the same stay the same objects."""
-    out = []
-    for layer in layers:
-        own = list(islice(outlines, len(layer.outlines)))
-        same = all(map(is_, own, layer.outlines))
-        out.append(layer if same else Layer(layer.shape, layer.fill, own, layer.signs))
-    return out
-
-
-def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
-    """The new layers, with the old outlines where the new ones are worse."""
-    if not worse.any():
-        return new
-    before, after = (chain.from_iterable(layer.outlines for layer in layers) for layers in (old, new))
-    return with_outlines(new, (x if w else y for x, y, w in zip(before, after, worse.tolist(), strict=True)))
+    may = {k: o for k in np.flatnonzero(moved).tolist() if isinstance(o := state.outlines[k], RingParameters)}
+    return state.with_outlines({k: fewer for k, o in may.items() if (fewer := o.trimmed()) is not o})
 
 
 def premultiplied(fill: Rgba) -> np.ndarray:
@@ -299,16 +316,13 @@ def layer_of(shape: Shape, goal: Goal, outlines: list[Parameters]) -> Layer:
     return Layer(shape, premultiplied(shape.fill) @ goal.space, outlines, signs)
 
 
-def _stepped(
-    state: State, families: np.ndarray, damping: np.ndarray, awake: np.ndarray
-) -> tuple[list[Layer], np.ndarray]:
-    """The layers after a step of some outlines (outlines,) bool and of their copies, and which have moved."""
+def _stepped(state: State, families: np.ndarray, damping: np.ndarray, awake: np.ndarray) -> dict[int, Parameters]:
+    """The outlines that have moved, by number, after a step of some (outlines,) bool and of their copies."""
     outlines = state.outlines
     awake = (np.bincount(families, awake, len(outlines)) > 0.0)[families]
     jacobians = {k: own for k in np.flatnonzero(awake).tolist() if (own := outlines[k].jacobian).count}
-    moving = np.zeros(len(outlines), dtype=bool)
     if not jacobians:
-        return state.layers, moving
+        return {}
     free, starts = np.array([*jacobians]), np.zeros(len(outlines), int)
     models = free[families[free] == free]
     sizes = np.array([jacobians[k].count for k in models.tolist()])
@@ -327,14 +341,9 @@ def _stepped(
     moves = np.zeros(len(outlines))
     np.maximum.at(moves, families[free], found.moves)
     gained = np.add.reduceat(-found.values * found.gradient, starts[models])
-    moving[models] = gained > RESTS * np.bincount(families[free], found.misfits, len(outlines))[models]
+    moving = gained > RESTS * np.bincount(families[free], found.misfits, len(outlines))[models]
     steps = found.values * np.repeat(LONGEST / np.maximum(moves[models], LONGEST), sizes)
-    following = list(outlines)
-    for k, step in zip(models.tolist(), np.split(steps, starts[models[1:]]), strict=True):
-        if moving[k]:
-            following[k] = outlines[k].moved(step)
-    for k in jacobians:
-        copy = outlines[k]
-        if isinstance(copy, CopyParameters) and moving[copy.source]:
-            following[k], moving[k] = copy.following(following[copy.source]), True
-    return with_outlines(state.layers, iter(following)), moving
+    parts = zip(models.tolist(), np.split(steps, starts[models[1:]]), moving.tolist(), strict=True)
+    following = {k: outlines[k].moved(step) for k, step, moves in parts if moves}
+    copies = {k: copy for k in jacobians if isinstance(copy := outlines[k], CopyParameters)}
+    return following | {k: c.following(following[c.source]) for k, c in copies.items() if c.source in following}

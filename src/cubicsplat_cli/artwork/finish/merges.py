@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, trimmed, with_outlines
+from cubicsplat_cli.artwork.finish.finish import WHITE, State, settle, trimmed
 from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein
@@ -61,13 +61,13 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
         return state
     differ = np.array([len(fewer) < len(plan) for fewer, plan in zip(paying, plans, strict=True)])
     if differ.any():
-        fewer = kept(trial.layers, _with(state, paying, constraints).layers, ~differ)
-        trial = settle(trial.with_layers(fewer), ROUNDS, changed=differ)
+        fewer = trial.taken_back(_with(state, paying, constraints), differ)
+        trial = settle(fewer, ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
     trial = trimmed(trial, changed)
     refused = shorter(state, trial, changed, detail)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), 2, changed=refused)
+        trial = settle(trial.taken_back(state, refused), 2, changed=refused)
     return trial
 
 
@@ -163,12 +163,8 @@ def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: 
 
 
 def _with(state: State, plans: list[list[Merge]], constraints: Constraints) -> State:
-    outlines = list(state.outlines)
-    for k, plan in enumerate(plans):
-        ring = outlines[k].outline()
-        if plan and isinstance(ring, Ring):
-            outlines[k] = parametrised(merged(ring, plan), constraints)
-    return state.with_layers(with_outlines(state.layers, iter(outlines)))
+    rings = {k: ring for k, plan in enumerate(plans) if plan and isinstance(ring := state.outlines[k].outline(), Ring)}
+    return state.with_outlines({k: parametrised(merged(ring, plans[k]), constraints) for k, ring in rings.items()})
 
 
 def _paying(before: State, after: State, plans: list[list[Merge]], detail: float) -> list[list[Merge]]:

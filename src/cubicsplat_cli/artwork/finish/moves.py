@@ -7,12 +7,12 @@ chi^2 over the pixels that the outline crosses, plus a price for every parameter
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
+from cubicsplat_cli.artwork.finish.finish import WHITE, State
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
 
@@ -40,22 +40,16 @@ class Complaint:
     end: float
 
 
-def with_moves(state: State, constraints: Constraints, detail: float) -> tuple[list[Layer], np.ndarray]:
-    """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool."""
-    layers, changed = [], np.zeros(len(state.marks) - 1, dtype=bool)
-    found = complaints(state)
-    first = number = 0
-    for layer in state.layers:
-        outlines: list[Parameters] = []
-        for outline in layer.outlines:
-            own = {i: found[first + i] for i in range(len(outline.lines)) if first + i in found}
-            first += len(outline.lines)
-            better = _edited(outline, own, constraints, detail, int(state.marks[number + 1] - state.marks[number]))
-            outlines.append(better or outline)
-            changed[number] = better is not None
-            number += 1
-        layers.append(replace(layer, outlines=outlines))
-    return layers, changed
+def with_moves(state: State, constraints: Constraints, detail: float) -> dict[int, Parameters]:
+    """The outlines that have a piece more, by number, wherever the pixels ask for one."""
+    found, better = complaints(state), {}
+    starts, marks = state.pieces.tolist(), state.marks.tolist()
+    for k, outline in enumerate(state.outlines):
+        own = {i - starts[k]: found[i] for i in range(starts[k], starts[k + 1]) if i in found}
+        edited = _edited(outline, own, constraints, detail, marks[k + 1] - marks[k])
+        if edited is not None:
+            better[k] = edited
+    return better
 
 
 def complaints(state: State) -> dict[int, Complaint]:

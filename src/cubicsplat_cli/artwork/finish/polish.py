@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import ROUNDS, Layer, State, begin, drawn, kept, settle, with_outlines
+from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, settle
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
-from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
@@ -41,7 +41,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, state: State | Non
         return with_merges(state, constraints, detail)
 
     def moved(state: State) -> State:
-        return _tried(state, *with_moves(state, constraints, detail), detail)
+        return _tried(state, with_moves(state, constraints, detail), detail)
 
     at("fitting to the pixels", 0.5)
     state = state or begin(drawing, goal)
@@ -53,7 +53,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, state: State | Non
             state = _repeated(merged, state, MERGES if goal.reach and pieces <= CROWDED else 1)
         at("fitting to the pixels", 0.7)
         state = _repeated(moved, state, PASSES if pieces <= CROWDED else 1 if pieces <= CHANGED else 0)
-        state = _tried(state, *_otherwise(drawing, state, constraints), detail)
+        state = _tried(state, _otherwise(drawing, constraints), detail)
         if pieces <= MANY:
             state = settle(state, TRIAL_ROUNDS)
         # What moves and better neighbours have made even.
@@ -75,22 +75,19 @@ def _repeated(change: Callable[[State], State], state: State, passes: int) -> St
     return state
 
 
-def _otherwise(drawing: Drawing, state: State, constraints: Constraints) -> tuple[list[Layer], np.ndarray]:
-    """The layers with the closer rings of a drawing's outlines, and which have one (outlines,) bool."""
+def _otherwise(drawing: Drawing, constraints: Constraints) -> dict[int, Parameters]:
+    """The closer rings of a drawing's outlines, by the number of the outline."""
     rings = [outline.otherwise if isinstance(outline, Ring) else None for s in drawing.shapes for outline in s.outlines]
-    found = [
-        own if ring is None else parametrised(ring, constraints)
-        for ring, own in zip(rings, state.outlines, strict=True)
-    ]
-    return with_outlines(state.layers, iter(found)), np.array([ring is not None for ring in rings])
+    return {k: parametrised(ring, constraints) for k, ring in enumerate(rings) if ring is not None}
 
 
-def _tried(state: State, layers: list[Layer], changed: np.ndarray, detail: float) -> State:
-    """The state with those of the changed outlines (outlines,) bool of some layers that pay once they are settled."""
-    if not changed.any():
+def _tried(state: State, others: Mapping[int, Parameters], detail: float) -> State:
+    """The state with those of other outlines, by number, that pay once they are settled."""
+    if not others:
         return state
-    trial = settle(state.with_layers(layers), _trial_rounds(int(state.pieces[-1])), changed=changed)
+    changed = np.isin(np.arange(len(state.outlines)), [*others])
+    trial = settle(state.with_outlines(others), _trial_rounds(int(state.pieces[-1])), changed=changed)
     refused = shorter(state, trial, changed, detail)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), 2, changed=refused)
+        trial = settle(trial.taken_back(state, refused), 2, changed=refused)
     return trial if not refused[changed].all() else state

@@ -12,7 +12,7 @@ from itertools import compress
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, State, begin, drawn, kept
+from cubicsplat_cli.artwork.finish.finish import WHITE, State, begin, drawn
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
@@ -73,7 +73,7 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
             box = np.concatenate([f(boxes[number, own], others[number, own]) for f, own in _ENDS])
             grown = _squares(after, box) - _squares(state, box)
             refused[number] = 0.5 * detail * grown > saved * floor_of(state, number)
-    return after.with_layers(kept(state.layers, after.layers, refused)) if refused.any() else after
+    return after.taken_back(state, refused)
 
 
 def _without_shapes(state: State, detail: float, worth: dict[int, float]) -> State:

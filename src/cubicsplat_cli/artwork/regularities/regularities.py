@@ -215,12 +215,9 @@ def _on_steps(state: State, step: float) -> State:
 
 def _with(state: State, tied: Mapping[int, Parameters]) -> State:
     """The state with other freedoms for the outlines of some numbers."""
-    number, layers = 0, []
-    for layer in state.layers:
-        numbers = range(number, number + len(layer.outlines))
-        outlines = [tied.get(k, o) for k, o in zip(numbers, layer.outlines, strict=True)]
-        layers.append(layer_of(layer.shape, state.goal, outlines))
-        number += len(layer.outlines)
+    layers = state.layers_with(tied)
+    for n in {state.places[k][0] for k in tied}:
+        layers[n] = layer_of(layers[n].shape, state.goal, layers[n].outlines)
     return state.with_layers(layers)
 
 
