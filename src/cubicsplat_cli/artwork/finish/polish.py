@@ -16,11 +16,10 @@ from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
-PASSES, CROWDED = 3, 400  # of moves; one where there are more than CROWDED pieces, and fewer rounds
-MERGES, SEVERAL = 3, 1500  # passes at most; one where there are more than SEVERAL pieces
-# Pieces beyond which there are merges only after the moves; neither of the two, which take some ms a piece; fewer
-# rounds still; and nothing is fitted, for its memory.
-FULL, CHANGED, MANY, MOST = 4000, 16_000, 40_000, 100_000
+PASSES = 3  # of moves, and of merges, at most
+# Pieces beyond which there are fewer rounds; merges only after the moves, and these once; neither of the two, which
+# take some ms a piece; fewer rounds still; and nothing is fitted, for its memory.
+CROWDED, FULL, CHANGED, MANY, MOST = 400, 4000, 16_000, 40_000, 100_000
 TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
 
 _log = logging.getLogger("cubicsplat")
@@ -50,15 +49,15 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, state: State | Non
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
         if pieces <= FULL:
-            state = _repeated(merged, state, MERGES if goal.reach and pieces <= CROWDED else 1)
+            state = _repeated(merged, state, PASSES if goal.reach else 1)
         at("fitting to the pixels", 0.7)
-        state = _repeated(moved, state, PASSES if pieces <= CROWDED else 1 if pieces <= CHANGED else 0)
+        state = _repeated(moved, state, PASSES if pieces <= FULL else 1 if pieces <= CHANGED else 0)
         state = _tried(state, _otherwise(drawing, constraints), detail)
         if pieces <= MANY:
             state = settle(state, TRIAL_ROUNDS)
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:
-            state = _repeated(merged, state, MERGES if pieces <= SEVERAL else 1)
+            state = _repeated(merged, state, PASSES)
     return drawn(drawing, state)
 
 
