@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene.moving import OPACITY_DECIMALS
+from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.markup import comment_text, format_number, joined, short_colour, xml_text
 from cubicsplat_cli.svg.moving import (
