@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.export.shapes import Paint, PaintedShape, PaintedShapes
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient
 from cubicsplat_cli.svg.drawing_paths import PathText
 from cubicsplat_cli.svg.markup import comment_text
+from cubicsplat_cli.svg.painted import Paint, PaintedShape, PaintedShapes
 from cubicsplat_cli.svg.paths import Subpath, apart
 
 MOST_CHARACTERS = 32_767  # of one attribute: Android's resource compiler takes no more
