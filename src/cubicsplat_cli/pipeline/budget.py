@@ -105,15 +105,7 @@ class Photo:
         return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
 
 
-@dataclass(frozen=True)
-class Within:
-    """A fit that keeps to a budget, and what the user should know."""
-
-    fitted: FitResult
-    notes: list[str]
-
-
-def within_bytes(most: int, settings: FitSettings, photo: Photo) -> Within:
+def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:
     """The best picture in at most so many bytes. settings: with about as many curves as they are for.
 
     Raises InputError where not even one curve fits.
@@ -131,10 +123,10 @@ def within_bytes(most: int, settings: FitSettings, photo: Photo) -> Within:
     fitted = fitting.finish()
     scene = fitted.scene
     if photo.size(scene) <= most:
-        return Within(fitted, [])
+        return fitted
     order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, photo)
     count = most_within(scene.curves, most, lambda n: photo.size(_kept(scene, order, n)))
-    return Within(_trimmed(fitted, order, count), [])
+    return _trimmed(fitted, order, count)
 
 
 def file_precision(request: Request) -> int:
@@ -156,7 +148,7 @@ def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Phot
     return order, 1 + (most - head) / each
 
 
-def within_level(least: float, settings: FitSettings, photo: Photo) -> Within:
+def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult:
     """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was."""
     limit = max(1, min(1_000_000, photo.fine.width * photo.fine.height // LEAST_PIXELS_PER_CURVE))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
@@ -180,9 +172,10 @@ def within_level(least: float, settings: FitSettings, photo: Photo) -> Within:
         level = photo.level(fitted.scene)
     if level < least:
         hint = "more --steps" if settings.time_limit is None else "a longer --time-limit"
-        return Within(fitted, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"])
+        note = f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"
+        return replace(fitted, notes=[*fitted.notes, note])
     order, spare = _to_spare(fitted.scene, least, level, photo)
-    return Within(_trimmed(fitted, order, fitted.scene.curves - spare), [])
+    return _trimmed(fitted, order, fitted.scene.curves - spare)
 
 
 def _grown(curves: int, missing: float, limit: int) -> int:
