@@ -199,12 +199,8 @@ def load_job(job: Job, request: Request) -> Picture:
     """The picture of a job; raises InputError where there is none."""
     from cubicsplat_cli.files.load import load_picture
 
-    if job.path is not None and job.data is None:
-        source: Path | bytes = job.path
-    else:
-        source = job.data or b""
     return load_picture(
-        source,
+        job.source(),
         name="stdin" if job.path is None else job.name,
         max_pixels=request.max_pixels,
         max_size=request.max_size,
