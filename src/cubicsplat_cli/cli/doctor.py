@@ -43,15 +43,15 @@ def examine() -> dict[str, Any]:
 
     problems: list[str] = []
     renderers = available_renderers()
-    if all(info.version is None for info in renderers):
-        problems.append("no SVG renderer works: " + "; ".join(info.problem or info.name for info in renderers))
+    if all(version is None for version, _ in renderers.values()):
+        problems.append("no SVG renderer works: " + "; ".join(problem or "" for _, problem in renderers.values()))
     return {
         "version": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "executable": sys.executable,
         "packages": {name: _version_of(name, problems) for name in _PACKAGES},
-        "renderers": {info.name: info.version or info.problem for info in renderers},
+        "renderers": {name: version or problem for name, (version, problem) in renderers.items()},
         "engine": _engine(problems),
         "problems": problems,
     }

@@ -47,19 +47,14 @@ class Rendered:
     note: str | None
 
 
-@dataclass(frozen=True)
-class RendererInfo:
-    """Whether a renderer can be used here: `version` when it can, else `problem` with what to do."""
-
-    name: str
-    version: str | None
-    problem: str | None
-
-
-def available_renderers() -> tuple[RendererInfo, ...]:
-    """Every known renderer in the order of preference, tried by importing it."""
-    loaded = ((name, *_load(name)) for name in RENDERERS)
-    return tuple(RendererInfo(name, None if m is None else m.__version__, problem) for name, m, problem in loaded)
+def available_renderers() -> dict[str, tuple[str | None, str | None]]:
+    """Of every known renderer, in the order of preference, the version; where it cannot be imported None, and the
+    problem with what to do.
+    """
+    loaded = {name: _load(name) for name in RENDERERS}
+    return {
+        name: (None if module is None else module.__version__, problem) for name, (module, problem) in loaded.items()
+    }
 
 
 def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None, source: str = "the SVG") -> Rendered:
