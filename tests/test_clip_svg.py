@@ -22,7 +22,7 @@ from cubicsplat_cli.export.lottie import lottie
 from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.marks import svg_is_ours
 from cubicsplat_cli.html_report.player import player_page
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import OFFSET, SHAPE, shown_at, to_grid_clip

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.photo import Fitting, fit
+from cubicsplat_cli.photo.fitting import Fitting, fit
 from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
 from cubicsplat_cli.photo.inputs import NO_INPUTS
 from cubicsplat_cli.photo.schedule import gini
@@ -24,7 +24,7 @@ from cubicsplat_cli.photo.seeding import (
     random_centres,
 )
 from cubicsplat_cli.photo.state import FitState
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 
 MODES = pytest.mark.parametrize("mode", ["closed", "open"])

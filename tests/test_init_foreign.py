@@ -9,7 +9,7 @@ from PIL import Image
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.initial import load_initial_drawing

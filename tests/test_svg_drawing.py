@@ -25,15 +25,15 @@ from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import read_svg
 from cubicsplat_cli.svg.drawing_grid import grid_rings
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements
 from cubicsplat_cli.svg.paths import commands, subpaths
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 RED, BLACK, GLASS = (255, 0, 0, 255), (0, 0, 0, 255), (0, 18, 171, 51)
 

@@ -39,7 +39,7 @@ def doctor(json: Annotated[bool, typer.Option("--json", help="Print everything a
 
 def examine() -> dict[str, Any]:
     """Versions, renderers and engine as plain values; `problems` lists, one sentence each, what is broken."""
-    from cubicsplat_cli.evaluate import available_renderers
+    from cubicsplat_cli.evaluate.rerender import available_renderers
 
     problems: list[str] = []
     renderers = available_renderers()
@@ -68,9 +68,9 @@ def _version_of(package: str, problems: list[str]) -> str | None:
 
 
 def _engine(problems: list[str]) -> dict[str, Any]:
-    from cubicsplat_cli import raster
+    from cubicsplat_cli.raster.engines import describe
 
-    engines = raster.describe()
+    engines = describe()
     if not any(state["available"] for state in engines.values()):
         reasons = "; ".join(f"{name}: {state['reason']}" for name, state in engines.items())
         problems.append(f"no engine works: {reasons}")

@@ -169,7 +169,7 @@ def _draw(
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
         check_ownership([path], force=force)
 
-    from cubicsplat_cli.evaluate import rerender_untrusted
+    from cubicsplat_cli.evaluate.rerender import rerender_untrusted
     from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
     from cubicsplat_cli.files.write import encode_png, write_atomically
 

@@ -168,7 +168,7 @@ def _engine(
     reference: Picture, data: bytes, source: str, scale: int, threads: int | None, notes: list[str]
 ) -> Change | None:
     """The engine's figures where the file is one of ours at the reference's size; else None and a note."""
-    from cubicsplat_cli.svg import read_svg
+    from cubicsplat_cli.svg.scene_reader import read_svg
 
     try:
         scene = read_svg(data)

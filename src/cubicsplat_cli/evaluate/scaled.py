@@ -106,7 +106,7 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
 
     samples: edges per cubic at most. threads: None for one per core.
     """
-    from cubicsplat_cli.raster import render_scene
+    from cubicsplat_cli.raster.engines import render_scene
     from cubicsplat_cli.scene.arrays import padded
 
     scene = scene.as_numpy()

@@ -69,7 +69,8 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     observer.detail(f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}", job.name)
     # What comes now takes a while to import: what is wrong with the picture is said before.
     observer.stage("start", job.name)
-    from cubicsplat_cli.pipeline import candidates, measured, task_of
+    from cubicsplat_cli.pipeline.choose import candidates
+    from cubicsplat_cli.pipeline.vectorize import measured, task_of
 
     request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))
     recorder = None if job.outputs.animation is None else FrameRecorder(FRAMES)
@@ -105,7 +106,7 @@ def _write_others(
     job: Job, task: Task, made: Made, figures: Measured | None, svg: str, data: bytes, sink: Sink
 ) -> Report:
     """Put out the PNG, the animation and the page, where they are wanted; the figures of all."""
-    from cubicsplat_cli.pipeline import output_of, report_of
+    from cubicsplat_cli.pipeline.vectorize import output_of, report_of
 
     timer, outputs = task.timer, job.outputs
     for note in [*task.target.notes, *made.notes, *(figures.notes if figures else ())][len(task.source.notes) :]:

@@ -27,7 +27,8 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitInputs, FitResult, Fitting
+    from cubicsplat_cli.photo.fitting import Fitting
+    from cubicsplat_cli.photo.inputs import FitInputs, FitResult
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
@@ -62,7 +63,7 @@ class Photo:
     @cached_property
     def inputs(self) -> FitInputs:
         """The inputs of fits to the fine picture."""
-        from cubicsplat_cli.photo import FitInputs
+        from cubicsplat_cli.photo.inputs import FitInputs
 
         request = self.task.request
         start = None if request.init is None else request.init.scene
@@ -70,7 +71,8 @@ class Photo:
 
     def begin(self, settings: FitSettings) -> Fitting:
         """A fit in parts."""
-        from cubicsplat_cli.photo import FitInputs, Fitting
+        from cubicsplat_cli.photo.fitting import Fitting
+        from cubicsplat_cli.photo.inputs import FitInputs
 
         task, rough = self.task, None
         if self.rough is not self.fine:
@@ -79,7 +81,7 @@ class Photo:
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """A fit that begins with a scene."""
-        from cubicsplat_cli.photo import fit
+        from cubicsplat_cli.photo.fitting import fit
 
         task, inputs = self.task, replace(self.inputs, start=scene)
         return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)

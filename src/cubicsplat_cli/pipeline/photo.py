@@ -26,7 +26,7 @@ from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult
+    from cubicsplat_cli.photo.inputs import FitResult
 
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
 # which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
@@ -135,7 +135,7 @@ def _prepared(task: Task) -> tuple[Photo, FitSettings]:
 
 
 def _made_of(photo: Photo, fitted: FitResult) -> Made:
-    from cubicsplat_cli.svg import write_svg
+    from cubicsplat_cli.svg.scene_writer import write_svg
 
     task, request = photo.task, photo.task.request
     notes = [] if request.init is None else list(request.init.notes)

@@ -57,7 +57,8 @@ def read_svg(text: str | bytes) -> Scene:
     shading = next((each for each in elements if each.place == "svg/clipPath"), None)
     if shading is not None:
         raise InputError(
-            f"line {shading.line} clips shading, which no scene of curves has; use cubicsplat_cli.svg.read_drawing"
+            f"line {shading.line} clips shading, which no scene of curves has; "
+            "use cubicsplat_cli.svg.drawing_reader.read_drawing"
         )
     return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
 
