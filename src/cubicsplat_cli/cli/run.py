@@ -20,7 +20,7 @@ from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, lacking, look
 from cubicsplat_cli.jobs.plan import JobPlan
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job, uri_line
 from cubicsplat_cli.metrics import Report, plain
-from cubicsplat_cli.progress import interrupt
+from cubicsplat_cli.progress import Observer, interrupt
 from cubicsplat_cli.request import Request
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
@@ -201,7 +201,7 @@ def _print_plan(outcome: Outcome, request: Request) -> None:
     """Print the line of a dry run about a job: where its SVG goes, or what is made of one that is there."""
     paths = [outcome.job.outputs.svg]
     if outcome.report is not None and outcome.status != UNCHANGED:
-        paths = [*lacking(outcome.job, outcome.report, request)]
+        paths = [*lacking(outcome.job, outcome.report, request, Observer())]
     target = ", ".join("standard output" if path is None else printable(str(path)) for path in paths)
     state = "unchanged" if outcome.status == UNCHANGED else "to do"
     write_stdout(f"{state}  {printable(outcome.job.name)} -> {target}\n".encode())
