@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, wanted_renderer, write_csv
+from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.formatting import mean, one_line
@@ -91,7 +91,7 @@ def evaluate(
     folders = reference.is_dir()
     page = None if report is None else planned_pages(report, folders=folders)
     reporter = Reporter(quiet=quiet)
-    given = {"renderer": wanted_renderer(renderer), "scale": scale, "threads": threads, "measures": wanted}
+    given = {"renderer": renderer, "scale": scale, "threads": threads, "measures": wanted}
 
     def compare(first: Path, second: Path) -> Comparison:
         return _compare(first, second, reporter, max_pixels, **given)

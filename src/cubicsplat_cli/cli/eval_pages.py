@@ -94,13 +94,13 @@ def _made_with(path: Path, data: bytes) -> Report | None:
 
 def _entry(comparison: Comparison, page: Path) -> Entry:
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.html_report.embed import picture_thumbnail
+    from cubicsplat_cli.html_report.embed import eight_bit_pixels, thumbnail_url
     from cubicsplat_cli.html_report.index import Entry, svg_thumbnail
 
     candidate, reference = comparison.candidate, comparison.reference
     if candidate.kind == "svg":
         thumbnail = svg_thumbnail(candidate.data, candidate.path, reference.width, reference.height)
     else:
-        thumbnail = picture_thumbnail(load_picture(candidate.data, name=candidate.path))
+        thumbnail = thumbnail_url(eight_bit_pixels(load_picture(candidate.data, name=candidate.path)))
     size = Path(candidate.path).stat().st_size
     return Entry(candidate.path, page, thumbnail, quality=comparison.quality, bytes=size)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Quiet, Renderer, wanted_renderer
+from cubicsplat_cli.cli.options import Quiet, Renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
 from cubicsplat_cli.files.paths import (
@@ -180,7 +180,7 @@ def _draw(
         write_atomically(path, made.data)
         reporter.summary(f"{path}  {file_size(len(made.data))}")
         return
-    rendered, _ = rerender_untrusted(svg, source=name, renderer=wanted_renderer(renderer), **size)
+    rendered, _ = rerender_untrusted(svg, source=name, renderer=renderer, **size)
     data = encode_png(rendered.pixels)
     if rendered.note is not None:
         reporter.note(rendered.note)

@@ -13,12 +13,13 @@ from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.paths import check_ownership
 from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
 from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, lacking, look, planned_others, write_index
-from cubicsplat_cli.jobs.plan import JobPlan
-from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job, uri_line
+from cubicsplat_cli.jobs.plan import Job, JobPlan
+from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, uri_line
 from cubicsplat_cli.metrics import Report, plain
 from cubicsplat_cli.progress import Observer, interrupt
 from cubicsplat_cli.request import Request
@@ -70,7 +71,7 @@ class BatchRun:
         for reason, paths in self.plan.left_out.items():
             self._note_left_out(reason, [str(path) for path in paths])
         for name, error in self.plan.problems:
-            self.record_outcome(failure(named_job(name), error))
+            self.record_outcome(failure(Job(name, None, Outputs(None, None, None)), error))
         if self.plan.index is not None and not self.dry_run:
             check_ownership([self.plan.index], force=self.request.force)
         if self.dry_run:

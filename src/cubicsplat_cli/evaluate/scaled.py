@@ -51,7 +51,7 @@ def downsampled_svg(
     scale: int,
     *,
     source: str = "SVG",
-    renderer: str | None = None,
+    renderer: str = "auto",
     tile_pixels: int = TILE_PIXELS,
 ) -> Rendered:
     """Draw SVG bytes of any origin at (width * scale) x (height * scale) px and average to width x height.

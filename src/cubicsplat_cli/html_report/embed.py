@@ -55,11 +55,6 @@ def picture_url(picture: Picture, data: bytes) -> str:
     return data_url("image/webp", exact if len(exact) <= len(data) else _webp(image, quality=_QUALITY))
 
 
-def picture_thumbnail(picture: Picture) -> str:
-    """A data: URL of the picture, small."""
-    return thumbnail_url(eight_bit_pixels(picture))
-
-
 def thumbnail_url(pixels: np.ndarray) -> str:
     """A data: URL of (H, W, 3 or 4) uint8, at most THUMBNAIL px a side."""
     image = Image.fromarray(pixels)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import sha256_of
-from cubicsplat_cli.files.names import LAYER, STDIO, Outputs, is_compressed_name
+from cubicsplat_cli.files.names import LAYER, STDIO, is_compressed_name
 from cubicsplat_cli.files.read import packed, unpacked
 from cubicsplat_cli.files.write import STDOUT
 from cubicsplat_cli.formatting import one_line, printable
@@ -234,11 +234,6 @@ def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     except Exception as error:
         text = f"{job.name}: {type(error).__name__}: {error}; this is a bug, please report it"
         return Outcome(job, FAILED, error=one_line(text), exit_code=1, trace=traceback.format_exc())
-
-
-def named_job(name: str) -> Job:
-    """A job of which no more is known than how the user named it."""
-    return Job(name, None, Outputs(None, None, None))
 
 
 def failure(job: Job, error: CubicSplatError, written: list[Path] | None = None) -> Outcome:

@@ -7,4 +7,4 @@ with contextlib.suppress(Exception):
     import cubicsplat_cli.pipeline.vectorize  # noqa: F401
     from cubicsplat_cli.evaluate.rerender import choose_renderer
 
-    choose_renderer(None)
+    choose_renderer()

@@ -133,9 +133,10 @@ class Tracks:
 
     def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:
         """The same with the values of knots as a file has them."""
-        by_name = {
-            name: replace(track, values=rounded_to(track.values, grid[name])) for name, track in self.by_name.items()
-        }
+        by_name = {}
+        for name, track in self.by_name.items():
+            steps = grid[name]
+            by_name[name] = replace(track, values=(np.rint(track.values / steps) * steps).astype(np.float32))
         return replace(self, by_name=by_name)
 
 
@@ -146,11 +147,6 @@ def grid_of(points: int, precision: int) -> dict[str, np.ndarray]:
         "shapes": np.array([coordinates] * (2 * points) + [width]), "offsets": np.full(2, coordinates),
         "colours": np.full(3, 1.0 / LEVELS), "opacities": np.full(1, 10.0**-OPACITY_DECIMALS),
     }  # fmt: skip
-
-
-def rounded_to(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Values (..., C) as the nearest multiples of steps (C,), float32."""
-    return (np.rint(values / steps) * steps).astype(np.float32)
 
 
 def engine_scene(scene: Scene, values: dict[str, np.ndarray]) -> EngineScene:
