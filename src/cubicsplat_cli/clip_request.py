@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.marks import PROGRAM, settings_hash
-from cubicsplat_cli.metrics import SCHEMA, Figures, Input
+from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.metrics import Figures, Input
 from cubicsplat_cli.options import parse_bytes, setting, settings_of
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings
 
@@ -143,6 +142,3 @@ class ClipReport(Figures):
     quality: ClipQuality
     interrupted: bool = False
     notes: list[str] = field(default_factory=list)
-    schema: int = SCHEMA
-    program: str = PROGRAM
-    version: str = __version__
