@@ -172,19 +172,13 @@ def _oriented(rings: list[np.ndarray]) -> list[np.ndarray]:
     """Rings turned so that the nonzero rule fills what the even-odd rule does, where they lie in one another."""
     if len(rings) < 2:
         return rings
+    from skimage.measure import points_in_poly  # which few drawings need
+
     polygons = [_polygon(ring) for ring in rings]
     oriented = []
     for index, ring in enumerate(rings):
-        depth = sum(_holds(polygon, polygons[index][0]) for other, polygon in enumerate(polygons) if other != index)
+        others = polygons[:index] + polygons[index + 1 :]
+        depth = sum(bool(points_in_poly(polygons[index][:1], polygon)[0]) for polygon in others)
         outwards = _area(ring) > 0.0
         oriented.append(ring if outwards == (depth % 2 == 0) else ring[::-1, ::-1])
     return oriented
-
-
-def _holds(polygon: np.ndarray, point: np.ndarray) -> bool:
-    x, y = polygon.T
-    across, down = np.roll(x, -1), np.roll(y, -1)
-    spans = (y > point[1]) != (down > point[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = x + (point[1] - y) * (across - x) / (down - y)
-    return bool((spans & (crossing > point[0])).sum() % 2)

@@ -28,7 +28,7 @@ from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
 from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
-from cubicsplat_cli.svg.values import hex_colour, parse_number
+from cubicsplat_cli.svg.values import hex_colour, parse_number, unit_colour
 
 _DECIMALS = 9  # more than any file has
 _ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
@@ -118,7 +118,7 @@ class _SceneReader:
         box = [given.get(name, "0") for name in ("x", "y", "width", "height")]
         if box != ["0", "0", str(self.width), str(self.height)]:
             raise ValueError("has a <rect> that is not the background")
-        self.background = _colour(given.get("fill", ""))
+        self.background = unit_colour(hex_colour(given.get("fill", "")))
 
     def _add_group(self, element: OwnElement) -> None:
         given = dict(element.attributes)
@@ -222,11 +222,6 @@ def _control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float,
     for piece in subpath:
         points += [*piece.handles, piece.end]
     return points[:-1] if mode is Mode.CLOSED else points
-
-
-def _colour(text: str) -> tuple[float, float, float]:
-    red, green, blue = hex_colour(text)
-    return red / 255, green / 255, blue / 255
 
 
 def _at_most(text: str, largest: float) -> float:
