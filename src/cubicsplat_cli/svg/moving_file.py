@@ -28,6 +28,7 @@ from cubicsplat_cli.svg.moving import (
     GridTrack,
 )
 from cubicsplat_cli.svg.paths import subpaths
+from cubicsplat_cli.svg.scene_reader import control_points
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 
@@ -241,6 +242,4 @@ def _whole(text: str, decimals: int) -> int:
 def _points(d: str, mode: Mode) -> list[int]:
     """The control points of a path of one ring of cubics."""
     (ring,) = subpaths(d)
-    pieces = [piece for piece in ring if piece.command == "C"]
-    points = [pieces[0].start, *(point for piece in pieces for point in (*piece.handles, piece.end))]
-    return [int(value) for point in (points[:-1] if mode is Mode.CLOSED else points) for value in point]
+    return [int(value) for point in control_points(ring, mode) for value in point]

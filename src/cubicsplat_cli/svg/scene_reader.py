@@ -201,13 +201,14 @@ def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[
     """Control points (K, 2) float64 in px of each subpath of a path with `scale` units to the px."""
     if len(subpaths) > 1 and mode is Mode.OPEN:
         raise ValueError("has a stroke of several subpaths")
-    rings = [np.array(_control_points(subpath, mode)) / scale for subpath in subpaths]
+    rings = [np.array(control_points(subpath, mode)) / scale for subpath in subpaths]
     if not all((np.abs(ring) <= MAX_COORDINATE).all() for ring in rings):  # false for NaN too
         raise ValueError(f"has a point more than {MAX_COORDINATE:.0f} px from the origin")
     return rings
 
 
-def _control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
+def control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
+    """Those of a chain of cubics, of a closed one without its start again. Raises ValueError for other pieces."""
     if mode is Mode.CLOSED:
         if not subpath or subpath[-1].command != "Z":
             raise ValueError("has a closed curve whose path does not end with z")
