@@ -26,14 +26,14 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import open_clip
 from cubicsplat_cli.formatting import number, text_table
 from cubicsplat_cli.metrics import head
-from cubicsplat_cli.motion import fit_clip
-from cubicsplat_cli.photo import fit
+from cubicsplat_cli.motion.fitting import fit_clip
+from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg import write_svg
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
 from cubicsplat_cli.svg.moving_file import write_clip
 from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 OURS, EACH, TRACED = "moving", "each frame", "vtracer"
 PRECISION = 1  # decimals of coordinates
@@ -84,10 +84,10 @@ def moving(film: Filmed, settings: FitSettings) -> Played:
     frames = zip(film.pictures, film.begins.tolist(), film.ends.tolist(), strict=True)
     clip = fit_clip(frames, settings, len(film.pictures), precision=PRECISION)
     grid = to_grid_clip(clip, PRECISION)
-    start = float(clip.groups[0].times[0])
+    start = float(clip[0].times[0])
     drawn = [
         render_scene(scene, threads=settings.threads)
-        for group, own in zip(clip.groups, grid.groups, strict=True)
+        for group, own in zip(clip, grid.groups, strict=True)
         for scene in grid.scenes(own, shown_at(group) - start)
     ]
     return _played(drawn, [write_clip(grid)])

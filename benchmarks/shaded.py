@@ -20,11 +20,11 @@ from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_json
 from cubicsplat_cli.cli.options import Json
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.formatting import mean, number, text_table
 from cubicsplat_cli.metrics import head
-from cubicsplat_cli.svg import read_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
 
 ENLARGED = 4  # times

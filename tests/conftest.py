@@ -121,6 +121,16 @@ def rest_slow(*cases: Any, fast: int = 1) -> list[Any]:
     return [pytest.param(*case, marks=[pytest.mark.slow] * (i >= fast)) for i, case in enumerate(as_tuples)]
 
 
+def agreement_db(own: np.ndarray, drawn: np.ndarray) -> float | None:
+    """PSNR between an engine's picture and a renderer's (H, W, 4) uint8."""
+    from cubicsplat_cli.evaluate.images import of_pixels, of_values
+    from cubicsplat_cli.evaluate.metrics import measure
+    from cubicsplat_cli.files.load import Picture
+
+    reference = Picture(np.zeros((*own.shape[:2], 3), np.float32), None, "none", "")
+    return measure(reference, [of_values(own), of_pixels(drawn)])[1]
+
+
 def smooth_pixels(width: int, height: int, *, alpha: bool = False) -> np.ndarray:
     """(H, W, 3 or 4) uint8: a gradient with a disc on it, or the disc alone on nothing."""
     y, x = np.mgrid[0:height, 0:width] + 0.5

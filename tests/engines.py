@@ -14,11 +14,10 @@ from emulated_arm import ArmEngine, missing
 from scenes import DEGENERATE, PAPER, TENSORS, in_double, random_target
 from torch import Tensor
 
-from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState
-from cubicsplat_cli.raster.engines import scene_arrays
+from cubicsplat_cli.raster.engines import render_scene, scene_arrays
 from cubicsplat_cli.raster.settings import FLATNESS, RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

@@ -48,5 +48,5 @@ def laid_out(
     at = [np.ascontiguousarray(index, np.int64), doubles(position), doubles(turn), np.ascontiguousarray(sure, bool)]
     given = count, doubles(points), doubles(weights), len(index), *at, float(price)
     kept, chosen, found = np.empty(len(index), bool), np.empty(count), Division._room(2 * count + 2)
-    pieces = _native("cs_lay_out", *given, kept, byref(start), chosen, *found._arrays(), result=c_int64)
+    pieces = _native("cs_lay_out", *given, kept, byref(start), chosen, *vars(found).values(), result=c_int64)
     return found._first(pieces), kept, start.value, chosen

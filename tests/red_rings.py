@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 
 RED = (204, 34, 0, 255)
 FINE = 8  # samples of a pixel along each side

@@ -9,7 +9,7 @@ from PIL import Image
 from scipy import ndimage
 from stroke_icons import Pen, svg_of
 
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 
 PAPER = np.array([244.0, 240.0, 229.0])  # levels
 

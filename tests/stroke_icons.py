@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import points_at
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.svg.paths import subpaths
 
 SIZE, FINE = 256, 8

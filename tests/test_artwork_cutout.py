@@ -19,7 +19,8 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.svg import read_drawing, write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.paths import subpaths
 
 SIZE = 100

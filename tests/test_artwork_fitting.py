@@ -22,11 +22,11 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 )
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines, fit_primitive
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.borders import border_map
-from cubicsplat_cli.svg import write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 NOISE = 0.02
 

@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, painted
 from cubicsplat_cli.svg.drawing_writer import write_drawing

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 
 SIDE, FILL = 600, np.array([26.0, 43.0, 109.0])
 

@@ -15,7 +15,7 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.style import choose_style
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 
 SIDE = 600
 PENS = scaled_pens(ICONS["clock"], 1.6)

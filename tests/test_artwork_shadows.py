@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, box_of, shaded
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.scene.paint import RadialGradient
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 

@@ -28,10 +28,12 @@ from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_strokes
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 FILL = (26, 43, 109, 255)
 

@@ -16,7 +16,8 @@ from cubicsplat_cli.artwork.translucent.merging import FULL, Overlay, Paint, lik
 from cubicsplat_cli.artwork.translucent.parts import goes_on, meetings, without_overlays
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.outlines import EdgePositions
-from cubicsplat_cli.svg import read_drawing, write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 SIZE, FINE = 120, 8
 PAPER = (248, 244, 233, 255)

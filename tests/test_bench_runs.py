@@ -18,9 +18,10 @@ from cubicsplat_cli.bench.quality import means, quality_jobs
 from cubicsplat_cli.bench.runs import CacheEntry, run_all
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
-from cubicsplat_cli.evaluate import compare, rerender
+from cubicsplat_cli.evaluate.metrics import compare
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 
 SHORT = ("--steps", 12, "--threads", 1)
 

@@ -19,10 +19,10 @@ from benchmarks.artwork.outlines import forms_of
 from benchmarks.artwork.pieces import DrawingPieces, completed, pieces_of, visible_error
 from benchmarks.artwork.pixels import MOST_DB, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
-from benchmarks.artwork.scores import Truth, count, minified
+from benchmarks.artwork.scores import Truth, count, count_numbers, minified
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
-from cubicsplat_cli.svg.paths import count_numbers, subpaths
+from cubicsplat_cli.svg.paths import subpaths
 
 
 def segments_of(d: str):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.shaded import packed_bytes, scores
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 
 DISC = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><circle cx="16" cy="16" r="{}" fill="#f80"/></svg>'
 

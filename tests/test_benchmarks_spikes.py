@@ -11,7 +11,7 @@ import pytest
 from benchmarks.spikes import Spikes, cusps_of, opened, spikes_of
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 
 def polygon(*corners: tuple[float, float]) -> np.ndarray:

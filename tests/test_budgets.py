@@ -15,8 +15,8 @@ from cubicsplat_cli.pipeline import budget
 from cubicsplat_cli.pipeline.budget import CLOSE, most_within
 from cubicsplat_cli.request import request_of
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg import read_svg, write_svg
-from cubicsplat_cli.svg.scene_writer import bytes_by_curve
+from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.scene_writer import bytes_by_curve, write_svg
 
 SHORT = {"steps": 60, "threads": 1, "preset": "draft", "style": "photo"}
 OPTIONS = ("--steps", 60, "--threads", 1, "--preset", "draft", "--style", "photo", "--json", "-q")

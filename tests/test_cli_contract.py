@@ -170,10 +170,10 @@ def test_doctor_reports_versions_renderers_and_engine(run_cli, capsys):
 
 
 def test_doctor_names_problems(monkeypatch, package):
-    from cubicsplat_cli import raster
     from cubicsplat_cli.cli import doctor
+    from cubicsplat_cli.raster import engines
 
-    monkeypatch.setattr(raster, "describe", lambda: {"cpu": {"available": False, "reason": "no library"}})
+    monkeypatch.setattr(engines, "describe", lambda: {"cpu": {"available": False, "reason": "no library"}})
     for name in ("cairosvg", "resvg_py"):
         package(name, f'raise ImportError("no {name}")')
     found = doctor.examine()

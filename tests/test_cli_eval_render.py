@@ -13,7 +13,7 @@ from PIL import Image
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 RED = '<svg xmlns="http://www.w3.org/2000/svg" width="40" height="28"><rect width="40" height="28" fill="red"/></svg>'
 

@@ -16,11 +16,11 @@ from conftest import smooth_pixels
 from PIL import Image
 from warm import run_warm
 
-from cubicsplat_cli import pipeline
 from cubicsplat_cli.files.names import outputs_beside
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, attempt
 from cubicsplat_cli.jobs.sinks import FileSink
+from cubicsplat_cli.pipeline import vectorize as stages
 from cubicsplat_cli.progress import Observer, Progress
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
@@ -124,7 +124,7 @@ def test_what_is_written_is_named_when_measuring_fails(error, status, said, phot
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(pipeline, "measured", fail)
+    monkeypatch.setattr(stages, "measured", fail)
     job, observer = job_of(photo), Impatient()
     observer.step = lambda *_: None
     short = Request(FitSettings(curves=8, steps=20, threads=1), style="photo")

@@ -97,7 +97,7 @@ def test_our_files_are_known_by_their_marks(folder):
     from scenes import random_scene
 
     from cubicsplat_cli.settings import Mode
-    from cubicsplat_cli.svg import write_svg
+    from cubicsplat_cli.svg.scene_writer import write_svg
 
     comment = provenance_comment("1.2.3", 4, settings_hash({"a": 1}), "ab" * 32)
     ours = {

@@ -15,9 +15,10 @@ from conftest import rest_slow
 from PIL import Image
 from warm import WarmCommand
 
-from cubicsplat_cli.evaluate import compare, rerender
+from cubicsplat_cli.evaluate.metrics import compare
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 SUMMARY = r"{name}  photo  1?\d curves  [\d.]+ kB  SVG [\d.]+ dB  SSIM [\d.]+  [\d.]+ s  cpu"
 

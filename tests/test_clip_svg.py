@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import rest_slow, smooth_pixels
-from moving_scenes import RIGID, STILL, clip_of, moving_scene, two_groups
+from moving_scenes import RIGID, STILL, moving_scene, scene_at, two_groups
 from PIL import Image
 
 import cubicsplat_cli
@@ -22,7 +22,7 @@ from cubicsplat_cli.export.lottie import lottie
 from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.marks import svg_is_ours
 from cubicsplat_cli.html_report.player import player_page
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import OFFSET, SHAPE, shown_at, to_grid_clip
@@ -40,9 +40,9 @@ def written(clip=None, precision: int = 1, **options) -> str:
 def test_a_file_that_is_read_back_plays_every_frame_as_it_was_fitted(mode):
     clip = two_groups(mode)
     back = read_clip(written(clip))
-    for group, moving in zip(back.groups, clip.groups, strict=True):
+    for group, moving in zip(back.groups, clip, strict=True):
         for frame, scene in enumerate(back.scenes(group, shown_at(moving))):
-            wanted = moving.at(frame)
+            wanted = scene_at(moving, frame)
             # Half a step of the grid, half of one by a knot that was left out, and what the time of a knot is off.
             np.testing.assert_allclose(scene.points, wanted.points, atol=0.05 + 0.05 + 0.5)
             np.testing.assert_allclose(scene.colours, wanted.colours, atol=0.03)
@@ -63,8 +63,7 @@ def test_the_numbers_before_writing_are_those_of_the_file():
 
 
 def test_nothing_is_written_of_what_does_not_move():
-    group = moving_scene(0)
-    grid = to_grid_clip(clip_of(group), 1)
+    grid = to_grid_clip([moving_scene(0)], 1)
     root = ElementTree.fromstring(write_clip(grid).encode())
     paths = root.findall(".//{*}path")[::-1]
     assert all(len(path) == 0 for path in paths[:STILL])
@@ -76,12 +75,12 @@ def test_nothing_is_written_of_what_does_not_move():
 
 def test_offsets_of_the_fit_become_translations():
     group = moving_scene(0)
-    offsets = np.zeros((*group.points.shape[:2], 2), np.float32)
-    offsets[:, -1] = np.arange(group.frames)[:, None]
-    points = np.repeat(group.points[:1], group.frames, axis=0) + offsets[:, :, None]
-    moved = replace(group, points=points, offsets=offsets, half_widths=group.half_widths[:1].repeat(group.frames, 0))
-    tracks = to_grid_clip(clip_of(moved), 1).groups[0].curves[-1]
+    group.by_name["shapes"].still[-1] = True
+    group.by_name["offsets"].values[:, -1] = 4.0 + np.arange(group.frames)[:, None]
+    start = scene_at(group, 0).points[-1]
+    tracks = to_grid_clip([group], 1).groups[0].curves[-1]
     assert len(tracks[SHAPE].keys) == 1 and tracks[OFFSET].values.tolist() == [[0, 0], [60, 60]]
+    np.testing.assert_allclose(tracks[SHAPE].values[0] / 10.0, start.ravel(), atol=0.05)
 
 
 def test_all_values_of_a_path_have_one_structure():
@@ -104,7 +103,7 @@ def test_the_still_picture_is_the_first_frame():
 
 @pytest.mark.parametrize(("plays", "said"), [(0, "indefinite"), (1, None), (3, "3")])
 def test_how_often_it_plays(plays, said):
-    animations = ANIMATION.findall(written(clip_of(moving_scene(0)), plays=plays))
+    animations = ANIMATION.findall(written([moving_scene(0)], plays=plays))
     assert animations
     for each in animations:
         assert (f'repeatCount="{said}"' in each) == (said is not None) and ("repeatCount" in each) == (plays != 1)
@@ -113,9 +112,11 @@ def test_how_often_it_plays(plays, said):
 
 def test_evenly_spaced_knots_need_no_times():
     group = moving_scene(0)
-    text = written(clip_of(replace(group, knots=np.ones_like(group.knots))))
+    assert "keyTimes" in written([group])
+    for track in group.by_name.values():
+        track.knots[:] = True
+    text = written([group])
     assert text.count("keyTimes") < text.count("<animate") / 2
-    assert "keyTimes" in written(clip_of(group))
 
 
 def test_frames_are_exact_within_their_own_time():
@@ -128,10 +129,11 @@ def test_frames_are_exact_within_their_own_time():
 
 
 def test_what_cannot_be_written_or_read_is_refused():
-    group = moving_scene(0)
-    group.points[0, 0, 0] = 1e8
-    with pytest.raises(InputError, match="px from the origin"):
-        to_grid_clip(clip_of(group), 1)
+    for name, bad in (("shapes", 1e8), ("shapes", np.nan), ("offsets", 1e8)):
+        group = moving_scene(0)
+        group.by_name[name].values[0, 0, 0] = bad
+        with pytest.raises(InputError, match="px from the origin"):
+            to_grid_clip([group], 1)
     for text in ("<svg", "<svg xmlns='http://www.w3.org/2000/svg'/>", written().replace('fill="#', 'fill="', 5)):
         with pytest.raises(InputError, match="no clip that cubicsplat wrote"):
             read_clip(text)
@@ -173,7 +175,7 @@ def test_chromium_plays_our_frames(browser, mode):
 
 def test_chromium_plays_it_in_an_image(browser, tmp_path):
     """No script runs there, and nobody can set its time: the pictures must be ours of some time, and another later."""
-    clip = clip_of(moving_scene(0, seconds=0.3))
+    clip = [moving_scene(0, seconds=0.3)]
     (tmp_path / "clip.svg").write_text(written(clip))
     (tmp_path / "page.html").write_text('<style>body{margin:0}</style><img src="clip.svg">')
     grid = to_grid_clip(clip, 1)
@@ -229,7 +231,7 @@ def test_lottie_read_back_by_its_own_package_says_the_same(mode):
     animation = objects.Animation.load(json.loads(lottie(grid, fps=10.0, title="x")))
     assert (animation.width, animation.height, animation.frame_rate) == (grid.width, grid.height, 10)
     assert animation.out_point == pytest.approx(grid.duration * 10)
-    for layer, group, moving in zip(animation.layers, grid.groups, clip.groups, strict=False):
+    for layer, group, moving in zip(animation.layers, grid.groups, clip, strict=False):
         assert (layer.in_point, layer.out_point) == pytest.approx((group.begin * 10, group.end * 10))
         exact = shown_at(moving)
         for at, scene in zip(exact * 10, grid.scenes(group, exact), strict=True):

@@ -16,13 +16,14 @@ from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import DeviceError, EngineError
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.raster import engines, operator, render_scene
+from cubicsplat_cli.raster import engines, operator
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda import driver as cuda_driver
 from cubicsplat_cli.raster.cuda import engine as cuda
 from cubicsplat_cli.raster.cuda import libcuda
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
 

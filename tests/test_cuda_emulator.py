@@ -18,7 +18,7 @@ from engines import assert_like_cpu, close, packed, state_for
 from scenes import COVERAGES, DEGENERATE, PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.photo import FitInputs
+from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda.compile import Program

@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 from cubicsplat_cli.cli import eval as command
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.settings import SCALE, Mode
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 app = typer.Typer()
 app.command()(command.evaluate)

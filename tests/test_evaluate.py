@@ -14,20 +14,21 @@ import numpy as np
 import pytest
 import reference
 import torch
-from conftest import rest_slow
+from conftest import agreement_db, rest_slow
 from PIL import Image
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
-from cubicsplat_cli.evaluate import agreement_db, available_renderers, compare, compare_premultiplied, rerender
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene, of_values
-from cubicsplat_cli.evaluate.metrics import measure, psnr_db
+from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied, measure, psnr_db
+from cubicsplat_cli.evaluate.rerender import available_renderers, rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import quantise_scene, write_svg
+from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 RENDERER = importlib.import_module("cubicsplat_cli.evaluate.rerender")
 METRICS = importlib.import_module("cubicsplat_cli.evaluate.metrics")
@@ -136,10 +137,11 @@ def test_missing_libcairo_falls_back_and_says_so(package):
     assert "libcairo" in rendered.note
     assert RENDERER.install_hint() in rendered.note
     assert "\n" not in rendered.note
-    states = {info.name: info for info in available_renderers()}
-    assert states["cairosvg"].version is None
-    assert "libcairo" in states["cairosvg"].problem
-    assert states["resvg"].version
+    states = available_renderers()
+    version, problem = states["cairosvg"]
+    assert version is None
+    assert "libcairo" in problem
+    assert states["resvg"][0]
 
 
 @pytest.mark.parametrize(
@@ -171,7 +173,7 @@ def test_a_command_keeps_what_comes_of_parsing_cairos_header(tmp_path, monkeypat
     code = """import sys, hashlib
 from cubicsplat_cli.progress import COMMAND_BEGAN
 COMMAND_BEGAN.set(0.0)
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 svg = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><circle r="5" fill="#f40"/></svg>'
 drawn = rerender(svg, 9, 9, renderer="cairosvg").pixels
 print("pycparser" in sys.modules, hashlib.sha256(drawn.tobytes()).hexdigest())"""
@@ -273,7 +275,7 @@ def test_figures_are_the_same_for_any_number_of_threads():
 
 @pytest.mark.parametrize("background", [PAPER, None])
 def test_the_engines_picture_in_strips_is_the_whole_one(background):
-    from cubicsplat_cli.raster import render_scene
+    from cubicsplat_cli.raster.engines import render_scene
 
     scene = random_scene(Mode.CLOSED, curves=40, width=90, height=400, background=background, seed=5)
     whole, candidate = render_scene(scene, samples=48, threads=1), of_scene(scene, 90, 400, 48, threads=1)
@@ -408,7 +410,7 @@ def test_agreement_with_transparency_is_the_worse_over_black_and_white():
 
 
 def test_agreement_of_engine_and_file_on_a_crowd_of_curves():
-    from cubicsplat_cli.raster import render_scene
+    from cubicsplat_cli.raster.engines import render_scene
 
     scene = random_scene(Mode.CLOSED, curves=20, width=64, height=48, background=PAPER, opacity=(0.3, 1.0), seed=5)
     drawn = rerender(svg_of(scene), 64, 48).pixels

@@ -21,9 +21,9 @@ from cubicsplat_cli.files.names import match_folders, pictures_in
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import csv_text, number, text_table
 from cubicsplat_cli.metrics import Quality, plain, to_json
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 SCENE = random_scene(Mode.CLOSED, curves=9, width=40, height=28, background=PAPER, seed=6)
 SVG = write_svg(SCENE, title="t", comment="cubicsplat test").encode()

@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 from scenes import PAPER, ragged_scene, random_scene, rectangle, scene_of
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import compare_premultiplied, rerender, scaled
+from cubicsplat_cli.evaluate import scaled
+from cubicsplat_cli.evaluate.metrics import compare_premultiplied
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.evaluate.scaled import (
     Tile,
     area_means,
@@ -27,10 +29,11 @@ from cubicsplat_cli.evaluate.scaled import (
     scaled_samples,
 )
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import quantise_scene, write_svg
+from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_writer import write_svg
 from cubicsplat_cli.svg.untrusted import SvgSize
 
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
@@ -248,15 +251,15 @@ def resident_bytes() -> int:
 def test_memory_is_that_of_a_tile(monkeypatch):
     """The engine is never asked for more than one tile, and gets only the curves that touch it."""
     seen: list[tuple[int, int]] = []
-    from cubicsplat_cli import raster
+    from cubicsplat_cli.raster import engines
 
-    original = raster.render_scene
+    original = engines.render_scene
 
     def spy(scene: Scene, **options):
         seen.append((scene.width * scene.height, scene.curves))
         return original(scene, **options)
 
-    monkeypatch.setattr(raster, "render_scene", spy)
+    monkeypatch.setattr(engines, "render_scene", spy)
     dots = [rectangle(x, y, x + 2, y + 2) for x in (2, 30) for y in (2, 12, 22)]
     scene = scene_of(Mode.CLOSED, dots, 40, 26, background=PAPER)
     assert torch.isfinite(scene.points).all()

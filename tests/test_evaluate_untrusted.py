@@ -8,7 +8,7 @@ import time
 import pytest
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import rerender_untrusted
+from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.svg.untrusted import check_untrusted
 
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])

@@ -16,17 +16,19 @@ from test_fit import loop, picture, settings
 from test_gradients import one
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.photo import FitInputs, fit
 from cubicsplat_cli.photo.fills import ENDS_RATE, LinearFills, middles_of
+from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.initial import new_curves
+from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import FitState
-from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, ends_of, linear_frames
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import read_svg, write_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 RATES = Rates(0.3, 0.05, 0.05, 0.0, keep=(0.9, 0.95, 0.99), epsilon=0.5)
 

@@ -13,11 +13,12 @@ from test_fit import picture, settings
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.photo import FitInputs, fit
+from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.initial import warmed
+from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings, Mode
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 QUICK = ("--steps", 40, "--threads", 1, "--preset", "draft", "--style", "photo")
 
@@ -40,7 +41,7 @@ def level(found) -> float:
 
 def final(target, scene) -> float:
     """dB of a scene's exact picture."""
-    from cubicsplat_cli.raster import render_scene
+    from cubicsplat_cli.raster.engines import render_scene
 
     return float(-10 * np.log10(np.square(render_scene(scene, threads=1) - target).mean()))
 

@@ -29,7 +29,7 @@ from cubicsplat_cli.files.write import encode_png, folder_locked
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import interrupt
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions, limits and signals of POSIX")
 

@@ -17,7 +17,7 @@ from PIL import Image, ImageCms
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import read_file
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 RED = (255, 0, 0)
 

@@ -14,7 +14,7 @@ from cubicsplat_cli.jobs.plan import plan_jobs
 from cubicsplat_cli.jobs.sources import Source
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 NAMES = ("a.png", "b.png", "deep/c.jpg", "deep/er/d.png")
 

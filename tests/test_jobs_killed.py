@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from cli_runs import contents, json_lines, save_pictures, start, wait_until
 
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir() or sys.platform == "win32", reason="looks into /proc")
 

@@ -10,14 +10,14 @@ from image_files import encode
 from PIL import Image
 from scenes import PAPER, random_scene
 
-from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.metrics import measurable
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import FitSettings, Mode
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 
 @pytest.mark.parametrize("mode", list(Mode))

@@ -13,10 +13,10 @@ from test_fit import picture, settings
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.options import LOSSES, listed, loss_text, parse_loss
-from cubicsplat_cli.photo import fit
+from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.ms_ssim import MsSsim
 from cubicsplat_cli.photo.objective import ABSOLUTE, Objective
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 
 MIXTURES = ["l2", "l1", "huber", "ms-ssim", "l2:0.7,ms-ssim:0.3", "l2:1,huber:1"]

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moving_scenes import scene_at
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.motion import fit_clip
-from cubicsplat_cli.motion.fitting import ClipFit, FrameGroup, groups
+from cubicsplat_cli.motion.fitting import ClipFit, FrameGroup, fit_clip, groups
 from cubicsplat_cli.motion.following import Follower, flow, sampled
 from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRates
 from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
@@ -23,7 +23,7 @@ from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Clip, Scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.moving import to_grid_clip
 from cubicsplat_cli.svg.moving_file import write_clip
@@ -39,7 +39,7 @@ def disc(x: float, y: float, size: int = 24, radius: float = 6.0) -> np.ndarray:
     return (inside * [0.1, 0.2, 0.6] + (1.0 - inside) * [0.9, 0.9, 0.8]).astype(np.float32)
 
 
-def fitted(pictures: list[np.ndarray], **changes: object) -> Clip:
+def fitted(pictures: list[np.ndarray], **changes: object) -> list[Tracks]:
     settings = FitSettings.from_preset(
         "draft", **{"curves": 2, "steps": 150, "threads": 1, "background": "#e6e6cc", **changes}
     )
@@ -56,27 +56,29 @@ def place(scene: Scene) -> np.ndarray:
 
 def test_a_moving_disc_is_followed_within_tenths_of_a_pixel() -> None:
     places = [(8.0 + 1.1 * frame, 9.0 + 0.7 * frame) for frame in range(7)]
-    clip = fitted([disc(*each) for each in places])
-    clip.validate()
-    assert clip.frames == len(places)
+    (group,) = fitted([disc(*each) for each in places])
+    assert group.frames == len(places)
     for frame, wanted in enumerate(places):
-        assert place(clip.at(frame)) == pytest.approx(wanted, abs=0.2)
+        assert place(scene_at(group, frame)) == pytest.approx(wanted, abs=0.2)
     # It moves at one speed, which takes no knot between the ends.
-    assert clip.groups[0].knots_of("shapes").sum() <= 2.5 * clip.groups[0].curves
+    shapes = group.by_name["shapes"]
+    assert shapes.count <= 2.5 * shapes.knots.shape[1]
 
 
 def test_a_still_clip_has_two_equal_knots_a_curve() -> None:
-    (group,) = fitted([disc(10.0, 12.0)] * 5).groups
-    assert (group.knots.sum(axis=0) == 2).all()
-    for values in (group.points, group.colours, group.opacities):
-        assert (values[0] == values[-1]).all()
+    (group,) = fitted([disc(10.0, 12.0)] * 5)
+    first, last = scene_at(group, 0), scene_at(group, 4)
+    for track in group.by_name.values():
+        assert (track.still | (track.knots.sum(axis=0) == 2)).all()
+    for name in ("points", "colours", "opacities"):
+        assert (getattr(first, name) == getattr(last, name)).all()
 
 
 def test_a_cut_begins_a_new_group_of_curves() -> None:
     first, second = disc(8.0, 8.0), 1.0 - disc(14.0, 15.0)
     clip = fitted([first, first, second, second])
-    assert [group.frames for group in clip.groups] == [2, 2]
-    assert clip.groups[0].end == clip.groups[1].times[0]
+    assert [group.frames for group in clip] == [2, 2]
+    assert clip[0].end == clip[1].times[0]
 
 
 def test_groups_end_at_cuts_and_where_memory_does_and_read_no_frame_ahead_of_need() -> None:
@@ -102,11 +104,10 @@ def test_an_interrupt_keeps_the_frames_so_far() -> None:
 
     pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
     with under_way(Work(on_progress)) as work:
-        clip = fitted(pictures, steps=40)
-    clip.validate()
+        (group,) = fitted(pictures, steps=40)
     assert work.interrupted
-    assert clip.frames == 3
-    assert clip.groups[-1].end == pytest.approx(0.3)
+    assert group.frames == 3
+    assert group.end == pytest.approx(0.3)
 
 
 def test_a_stop_before_the_joint_fit_leaves_a_clip_that_can_be_drawn() -> None:
@@ -115,18 +116,18 @@ def test_a_stop_before_the_joint_fit_leaves_a_clip_that_can_be_drawn() -> None:
             raise KeyboardInterrupt
 
     with under_way(Work(on_progress)):
-        clip = fitted([disc(8.0 + frame, 12.0) for frame in range(8)], curves=12, steps=60)
-    clip.validate()
-    assert clip.frames == 8
+        (group,) = fitted([disc(8.0 + frame, 12.0) for frame in range(8)], curves=12, steps=60)
+    for frame in range(8):
+        scene_at(group, frame).validate()
 
 
 def test_a_deadline_makes_steps_fewer_before_it_makes_frames_fewer() -> None:
     pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
     began = time.perf_counter()
     with under_way(Work(deadline=began + 0.6)):
-        clip = fitted(pictures, steps=20_000)
+        (group,) = fitted(pictures, steps=20_000)
     assert time.perf_counter() - began < 3.0
-    assert clip.frames == 6
+    assert group.frames == 6
 
 
 def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() -> None:
@@ -135,7 +136,7 @@ def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() 
     fit = ClipFit(pictures[0], settings, precision=1, bytes_per_second=math.inf, count=7)
     first = fit.group(FrameGroup(after_cut=True, pictures=pictures[:4], times=[0.0, 0.1, 0.2, 0.3], end=0.4), None)
     assert first is not None
-    last = first.at(3)
+    last = scene_at(first, 3)
     shown = render_scene(last, threads=1)
     gone = [
         replace(last, opacities=np.where(np.arange(3) == curve, np.float32(0.0), last.opacities)) for curve in range(3)
@@ -143,8 +144,8 @@ def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() 
     dead = min(gone, key=lambda scene: float(np.square(render_scene(scene, threads=1) - shown).sum()))
     second = fit.group(FrameGroup(after_cut=False, pictures=pictures[4:], times=[0.4, 0.5, 0.6], end=0.7), dead)
     assert second is not None
-    assert second.curves == 3
-    assert place(second.at(2)) == pytest.approx((14.0, 12.0), abs=0.3)
+    assert second.scene.curves == 3
+    assert place(scene_at(second, 2)) == pytest.approx((14.0, 12.0), abs=0.3)
 
 
 def test_a_picture_that_moves_carries_the_curves_with_it() -> None:
@@ -263,8 +264,7 @@ def test_knots_take_the_bytes_that_gzip_leaves_of_them() -> None:
         track.knots[1:-1], track.still[:] = generator.random((11, 60)) < 0.5, True
 
     def size() -> int:
-        clip = Clip(176, 144, WHITE, [tracks.moving()])
-        return len(gzip.compress(write_clip(to_grid_clip(clip, 1)).encode(), 9, mtime=0))
+        return len(gzip.compress(write_clip(to_grid_clip([tracks], 1)).encode(), 9, mtime=0))
 
     standing = size()
     assert 60 * curve_bytes(tracks) == pytest.approx(standing, rel=0.25)
@@ -397,7 +397,8 @@ def test_fitted_knots_are_the_least_squares_of_the_path() -> None:
     track = KnotTrack(
         values, np.array([[1, 1], [0, 1], [1, 0], [0, 0], [0, 1], [0, 0], [1, 1]], bool), np.zeros(2, bool)
     )
-    whole = Choice(track, np.ones((2, 1)), there, times).fitted(track).whole(times).values
+    found = Choice(track, np.ones((2, 1)), there, times).fitted(track)
+    whole = np.stack([found.lines(times).at(found.values, frame) for frame in range(7)])
     for curve in range(2):
         at = np.flatnonzero(track.knots[:, curve])
         hats = np.stack([np.interp(times, times[at], row) for row in np.eye(len(at))], axis=1)

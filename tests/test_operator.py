@@ -13,9 +13,9 @@ from engines import compared, outliers, packed
 from scenes import PAPER, TENSORS, in_double, random_scene, random_target
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.raster import RasterSettings, render
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.operator import render_op
+from cubicsplat_cli.raster.operator import render, render_op
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
 

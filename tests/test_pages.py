@@ -17,18 +17,18 @@ from test_svg_viewers import AGREEMENT_DB, agreement
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.photo_parts import page_of
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.images import of_scene
-from cubicsplat_cli.evaluate.rerender import rerender_untrusted
+from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.html_report.embed import shown_elements
-from cubicsplat_cli.pipeline import task_of
 from cubicsplat_cli.pipeline.pages import page_in
+from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import StageTimer
 from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import EmbeddedImage, LayeredScene
-from cubicsplat_cli.svg import read_drawing, write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.embedded import picture_in, uri_of
 
 WIDTH, HEIGHT = 300, 200

@@ -16,10 +16,12 @@ from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.evaluate import metrics as measuring
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
-from cubicsplat_cli.photo import FitInputs, Fitting
+from cubicsplat_cli.photo.fitting import Fitting
+from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.pipeline import candidates, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
+from cubicsplat_cli.pipeline.choose import candidates
+from cubicsplat_cli.pipeline.vectorize import measured, task_of, vectorize_picture
 from cubicsplat_cli.progress import COMMAND_BEGAN, Progress, StageTimer, Work
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
@@ -136,7 +138,7 @@ def fitted(monkeypatch):
             sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
             super().__init__(target, settings, on_progress, film, inputs, rough)
 
-    monkeypatch.setattr("cubicsplat_cli.photo.Fitting", Noted)
+    monkeypatch.setattr("cubicsplat_cli.photo.fitting.Fitting", Noted)
     return sizes
 
 

@@ -25,7 +25,7 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import run_job
 from cubicsplat_cli.jobs.sinks import MemorySink
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.pipeline import candidates, choose, task_of
+from cubicsplat_cli.pipeline import choose
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_outlines
 from cubicsplat_cli.pipeline.choose import (
     ENOUGH_DB,
@@ -33,6 +33,7 @@ from cubicsplat_cli.pipeline.choose import (
     SKETCH_DB,
     SKETCH_ERROR,
     PhotoIsNearer,
+    candidates,
     check_worth_finishing,
     decisive_db,
     risen_db,
@@ -40,6 +41,7 @@ from cubicsplat_cli.pipeline.choose import (
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.photo import QuickPhoto, is_smaller
 from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene

@@ -49,9 +49,10 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.raster import RasterSettings, render, render_scene
 from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState, Rates, Training
-from cubicsplat_cli.raster.settings import FLATNESS
+from cubicsplat_cli.raster.engines import render_scene
+from cubicsplat_cli.raster.operator import render
+from cubicsplat_cli.raster.settings import FLATNESS, RasterSettings
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 

@@ -14,8 +14,8 @@ from cubicsplat_cli.artwork.scene import picture_of
 from cubicsplat_cli.artwork.shading import objects_of, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.images import of_scene
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.pipeline.shaded import shaded_drawing, shaded_objects
 from cubicsplat_cli.progress import Work, under_way
@@ -25,7 +25,9 @@ from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import LayeredScene, Scene
 from cubicsplat_cli.settings import FitSettings, Mode
-from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 SIDE, RADIUS = 72, 26.0
 QUICK = FitSettings.from_preset(steps=120, threads=1)

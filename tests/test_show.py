@@ -25,10 +25,10 @@ from cubicsplat_cli.html_report.index import Entry, index
 from cubicsplat_cli.html_report.page import Subject, command, page
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Focus
-from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = {"curves": 9, "steps": 60, "threads": 1}

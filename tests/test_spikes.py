@@ -11,7 +11,7 @@ from test_fit import settings
 from test_fit_pieces import crossing_penalty
 
 from benchmarks.spikes import spikes_of
-from cubicsplat_cli.photo import fit
+from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.geometric import (
     HELD,
     Regulariser,

@@ -23,7 +23,9 @@ from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
 from cubicsplat_cli.options import length_text, parse_width
 from cubicsplat_cli.request import request_of
-from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 GROUND = Rectangle(0.0, 0.0, SIZE, SIZE)

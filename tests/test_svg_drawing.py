@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from conftest import agreement_db
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,15 +25,15 @@ from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import agreement_db, rerender
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import read_svg
 from cubicsplat_cli.svg.drawing_grid import grid_rings
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements
-from cubicsplat_cli.svg.paths import count_numbers, subpaths
+from cubicsplat_cli.svg.paths import commands, subpaths
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 RED, BLACK, GLASS = (255, 0, 0, 255), (0, 0, 0, 255), (0, 18, 171, 51)
 
@@ -86,7 +87,7 @@ def test_a_polygon_is_written_as_an_artist_would():
 def test_mirrored_handles_are_left_out():
     d = path_of(Circle(50, 50, 30).ring())
     assert d == "M80 50c0 16.57-13.43 30-30 30S20 66.57 20 50s13.43-30 30-30 30 13.43 30 30z"
-    assert count_numbers(d) == 2 + 6 + 3 * 4
+    assert sum(len(numbers) for _, numbers in commands(d)) == 2 + 6 + 3 * 4
 
 
 def test_holes_run_the_other_way_and_round_ones_are_arcs():

@@ -16,15 +16,15 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.evaluate.scaled import Tile, draw_part
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import read_svg, write_svg
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.quantise import quantise_scene
-from cubicsplat_cli.svg.scene_writer import bytes_by_curve
+from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.scene_writer import bytes_by_curve, write_svg
 
 
 def assert_same(one: Scene, other: Scene) -> None:

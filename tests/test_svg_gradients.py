@@ -10,7 +10,7 @@ import pytest
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill, painted
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing

@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 from scenes import MODES, PAPER, circle, ragged_scene, rectangle, reverse_ring, scene_of
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import quantise_scene, read_svg, write_svg
+from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 
 def written(scene: Scene, precision: int = 2) -> str:

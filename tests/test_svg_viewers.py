@@ -13,9 +13,10 @@ from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.svg import read_svg, write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 AGREEMENT_DB = 40.0

@@ -13,9 +13,9 @@ from conftest import smooth_pixels
 from PIL import Image
 from test_fit import picture, settings
 
-from cubicsplat_cli.photo import FitInputs
 from cubicsplat_cli.photo.geometric import Regulariser
 from cubicsplat_cli.photo.initial import new_curves
+from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.raster.cpu import CpuEngine

@@ -12,7 +12,7 @@ from typing import Any
 from cubicsplat_cli.jobs import pool
 
 # What a worker would spend seconds on, the test runner's own start included.
-IMPORTED = ["cubicsplat_cli.pipeline", "cairosvg", "pytest"]
+IMPORTED = ["cubicsplat_cli.pipeline.vectorize", "cairosvg", "pytest"]
 
 
 @contextmanager

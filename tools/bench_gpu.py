@@ -32,7 +32,7 @@ from torch import Tensor
 
 from cubicsplat_cli.bench.step import synthetic_picture
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.photo import fit
+from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
 from cubicsplat_cli.photo.seeding import random_centres
 from cubicsplat_cli.photo.state import FitCurves

@@ -36,7 +36,7 @@ def try_input(target: str, data: bytes) -> str:
 
     from cubicsplat_cli.errors import InputError
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.svg import read_svg
+    from cubicsplat_cli.svg.scene_reader import read_svg
     from cubicsplat_cli.svg.untrusted import check_untrusted
 
     if target == "artwork":
@@ -69,7 +69,9 @@ def _draw(data: bytes) -> str:
     """A picture drawn as artwork, whose file must be one of ours; "refused" where nothing is left to draw."""
     from cubicsplat_cli.artwork.vectorize import draw
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
+    from cubicsplat_cli.svg.drawing_reader import read_drawing
+    from cubicsplat_cli.svg.drawing_writer import write_drawing
+    from cubicsplat_cli.svg.scene_reader import read_svg
 
     drawing = draw(load_picture(data).target())
     text = write_drawing(drawing, title="x", comment="x")

@@ -18,7 +18,8 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle,
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import write_drawing, write_svg
+from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 _EDGES = (0, 1, 2, 0x7F, 0x80, 0xFF)
 _WORDS = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0xFFFF, 0x10000)

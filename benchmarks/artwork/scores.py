@@ -19,7 +19,7 @@ from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.tools import Tool
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.svg.elements import XLINK_HREF, local_name
-from cubicsplat_cli.svg.paths import count_numbers
+from cubicsplat_cli.svg.paths import commands
 from cubicsplat_cli.svg.values import NUMBERS
 
 _REFERENCE = re.compile(r"#([^\s'\")]+)")
@@ -69,6 +69,11 @@ def minified(root: ElementTree.Element) -> bytes:
             element.text = None
         element.tail = None
     return ElementTree.tostring(root).replace(b" />", b"/>")
+
+
+def count_numbers(d: str) -> int:
+    """Numbers in path data, but for the two flags of an arc."""
+    return sum(len(numbers) - 2 * (letter in "Aa") for letter, numbers in commands(d))
 
 
 def _coordinates(element: ElementTree.Element) -> int:

@@ -22,15 +22,19 @@ if TYPE_CHECKING:
     from cubicsplat_cli.errors import CubicSplatError, EngineError, InputError, UsageError
     from cubicsplat_cli.files.load import Picture, load_picture
     from cubicsplat_cli.metrics import Quality, Report
-    from cubicsplat_cli.photo import FitResult, fit
-    from cubicsplat_cli.pipeline import Result
+    from cubicsplat_cli.photo.fitting import fit
+    from cubicsplat_cli.photo.inputs import FitResult
     from cubicsplat_cli.pipeline.animation import Animation
+    from cubicsplat_cli.pipeline.task import Result
     from cubicsplat_cli.progress import Progress
-    from cubicsplat_cli.raster import RasterSettings, render, render_scene
+    from cubicsplat_cli.raster.engines import render_scene
+    from cubicsplat_cli.raster.operator import render
+    from cubicsplat_cli.raster.settings import RasterSettings
     from cubicsplat_cli.scene import Scene
     from cubicsplat_cli.scene.gradients import Gradients
     from cubicsplat_cli.settings import FitSettings, Mode, Recipe
-    from cubicsplat_cli.svg import read_svg, write_svg
+    from cubicsplat_cli.svg.scene_reader import read_svg
+    from cubicsplat_cli.svg.scene_writer import write_svg
 
 # Programs decide themselves whether they show the log.
 logging.getLogger("cubicsplat").addHandler(logging.NullHandler())
@@ -47,15 +51,19 @@ _HOME = {
     "errors": ("CubicSplatError", "EngineError", "InputError", "UsageError"),
     "files.load": ("Picture", "load_picture"),
     "scene.gradients": ("Gradients",),
-    "photo": ("FitResult", "fit"),
-    "pipeline": ("Result",),
+    "photo.fitting": ("fit",),
+    "photo.inputs": ("FitResult",),
     "pipeline.animation": ("Animation",),
+    "pipeline.task": ("Result",),
     "progress": ("Progress",),
-    "raster": ("RasterSettings", "render", "render_scene"),
+    "raster.engines": ("render_scene",),
+    "raster.operator": ("render",),
+    "raster.settings": ("RasterSettings",),
     "metrics": ("Quality", "Report"),
     "scene": ("Scene",),
     "settings": ("FitSettings", "Mode", "Recipe"),
-    "svg": ("read_svg", "write_svg"),
+    "svg.scene_reader": ("read_svg",),
+    "svg.scene_writer": ("write_svg",),
 }
 
 

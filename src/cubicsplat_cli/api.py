@@ -12,7 +12,8 @@ from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
 from cubicsplat_cli.metrics import Quality
 from cubicsplat_cli.options import renamed, settings_of, unknown_setting
-from cubicsplat_cli.pipeline import Result, vectorize_picture
+from cubicsplat_cli.pipeline.task import Result
+from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.progress import Progress, StageTimer
 from cubicsplat_cli.request import names_for_library, request_of
 

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.marks import PROGRAM, settings_hash
-from cubicsplat_cli.metrics import SCHEMA, Figures
+from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.metrics import Figures, Input
 from cubicsplat_cli.options import parse_bytes, setting, settings_of
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings
 
@@ -87,17 +86,9 @@ def clip_request_of(options: Mapping[str, Any]) -> ClipRequest:
 
 
 @dataclass(frozen=True)
-class ClipInput:
-    """The clip. path: as the user named it. alpha: whether any pixel is not opaque. frames, seconds: that were taken.
+class ClipInput(Input):
+    """The clip. frames, seconds: that were taken. plays: how often it says that it is to be shown, 0 for ever."""
 
-    plays: how often the clip says that it is to be shown, 0 for ever.
-    """
-
-    path: str
-    sha256: str
-    width: int
-    height: int
-    alpha: bool
     frames: int
     seconds: float
     plays: int
@@ -151,6 +142,3 @@ class ClipReport(Figures):
     quality: ClipQuality
     interrupted: bool = False
     notes: list[str] = field(default_factory=list)
-    schema: int = SCHEMA
-    program: str = PROGRAM
-    version: str = __version__

@@ -137,12 +137,17 @@ class Qualities:
     weighted_psnr_db: float | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
 class Figures:
-    """Base of the reports, which are dataclasses."""
+    """Base of the reports, with what every JSON of ours begins with."""
+
+    schema: int = SCHEMA
+    program: str = PROGRAM
+    version: str = __version__
 
     def public(self) -> dict[str, Any]:
         """Plain JSON values in the order of the documentation, figures cut to their decimals."""
-        return plain({**head(), **{each.name: getattr(self, each.name) for each in fields(self)}})  # type: ignore[arg-type]
+        return plain(self)
 
     def to_json(self) -> str:
         """Strictly valid JSON, ending with a newline."""
@@ -183,9 +188,6 @@ class Report(Figures):
     dropped: int | None = None
     notes: list[str] = field(default_factory=list)
     history: list[dict[str, float]] = field(default_factory=list)
-    schema: int = SCHEMA
-    program: str = PROGRAM
-    version: str = __version__
 
     def count(self) -> int:
         """Number of curves of a photo, or of shapes of a drawing."""
@@ -202,7 +204,7 @@ class Report(Figures):
 
 def head() -> dict[str, Any]:
     """The first members of every JSON of ours."""
-    return {"schema": SCHEMA, "program": PROGRAM, "version": __version__}
+    return vars(Figures())
 
 
 def gap_db(svg: Quality, surrogate: Quality) -> float | None:

@@ -11,8 +11,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
-from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.perceptual import WHITE, over, straight_rgba
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import mean, number, text_table, titled

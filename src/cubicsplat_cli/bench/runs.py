@@ -18,7 +18,8 @@ from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.metrics import Report, to_json
-from cubicsplat_cli.pipeline import Result, vectorize_picture
+from cubicsplat_cli.pipeline.task import Result
+from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings

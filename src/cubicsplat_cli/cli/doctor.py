@@ -39,19 +39,19 @@ def doctor(json: Annotated[bool, typer.Option("--json", help="Print everything a
 
 def examine() -> dict[str, Any]:
     """Versions, renderers and engine as plain values; `problems` lists, one sentence each, what is broken."""
-    from cubicsplat_cli.evaluate import available_renderers
+    from cubicsplat_cli.evaluate.rerender import available_renderers
 
     problems: list[str] = []
     renderers = available_renderers()
-    if all(info.version is None for info in renderers):
-        problems.append("no SVG renderer works: " + "; ".join(info.problem or info.name for info in renderers))
+    if all(version is None for version, _ in renderers.values()):
+        problems.append("no SVG renderer works: " + "; ".join(problem or "" for _, problem in renderers.values()))
     return {
         "version": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "executable": sys.executable,
         "packages": {name: _version_of(name, problems) for name in _PACKAGES},
-        "renderers": {info.name: info.version or info.problem for info in renderers},
+        "renderers": {name: version or problem for name, (version, problem) in renderers.items()},
         "engine": _engine(problems),
         "problems": problems,
     }
@@ -68,9 +68,9 @@ def _version_of(package: str, problems: list[str]) -> str | None:
 
 
 def _engine(problems: list[str]) -> dict[str, Any]:
-    from cubicsplat_cli import raster
+    from cubicsplat_cli.raster.engines import describe
 
-    engines = raster.describe()
+    engines = describe()
     if not any(state["available"] for state in engines.values()):
         reasons = "; ".join(f"{name}: {state['reason']}" for name, state in engines.items())
         problems.append(f"no engine works: {reasons}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, wanted_renderer, write_csv
+from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.formatting import mean, one_line
@@ -88,14 +88,15 @@ def evaluate(
         raise UsageError(f"{reference} is a folder, so the candidate must be one too, not {candidate}")
     check_csv(csv)
     wanted = chosen_metrics(metrics)
-    pages = None if report is None else planned_pages(report, folders=reference.is_dir())
+    folders = reference.is_dir()
+    page = None if report is None else planned_pages(report, folders=folders)
     reporter = Reporter(quiet=quiet)
-    given = {"renderer": wanted_renderer(renderer), "scale": scale, "threads": threads, "measures": wanted}
+    given = {"renderer": renderer, "scale": scale, "threads": threads, "measures": wanted}
 
     def compare(first: Path, second: Path) -> Comparison:
         return _compare(first, second, reporter, max_pixels, **given)
 
-    if reference.is_dir():
+    if folders:
         pairs = _folders(reference, candidate, compare, reporter, () if json else wanted)
         printed = _folder_report(reference, candidate, pairs)
     else:
@@ -104,8 +105,9 @@ def evaluate(
         if not json:
             _show(pairs.compared[0], wanted)
     write_csv(csv, [_row(comparison) for comparison in pairs.compared])
-    if pages is not None:
-        reporter.summary(f"to look at: {write_pages(pages, pairs.compared, pairs.failed, threads)}")
+    if page is not None:
+        write_pages(page, pairs.compared, pairs.failed, threads, folders=folders)
+        reporter.summary(f"to look at: {page}")
     if json:
         typer.echo(to_json(printed), nl=False)
     for path, error in pairs.failed:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,51 +17,44 @@ if TYPE_CHECKING:
     from cubicsplat_cli.html_report.index import Entry
 
 
-@dataclass(frozen=True)
-class Pages:
-    """Paths of the pages. folder: holds the pages of all pairs; None if there is one pair, whose page is `first`."""
-
-    first: Path
-    folder: Path | None = None
-
-
-def planned_pages(where: Path, *, folders: bool) -> Pages:
-    """Choose the paths of the pages before anything is compared. Raises UsageError for a name that no page can have, or
-    of a file that cubicsplat did not write; InputError if nothing can be written.
+def planned_pages(where: Path, *, folders: bool) -> Path:
+    """The page of one pair, or of two folders the index beside which the pages of all pairs will lie, chosen before
+    anything is compared. Raises UsageError for a name that no page can have, or of a file that cubicsplat did not
+    write; InputError if nothing can be written.
     """
     if not folders:
         if where.suffix.lower() != PAGE:
             raise UsageError(f"the page must end in {PAGE}, but --report is {where}")
         check_outputs([where], force=False)
-        return Pages(where)
+        return where
     if where.exists() and not where.is_dir():
         raise UsageError(f"--report of two folders must be a folder, not the file {where}")
     try:
         where.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{where}: folder cannot be created ({error.strerror}); choose another") from error
-    return Pages(where / f"index{PAGE}", where)
+    return where / f"index{PAGE}"
 
 
 def write_pages(
-    pages: Pages, compared: Sequence[Comparison], failed: Sequence[tuple[Path, str]], threads: int | None
-) -> Path:
-    """Writes a page for each pair, and the index of several; the page to begin with."""
+    first: Path, compared: Sequence[Comparison], failed: Sequence[tuple[Path, str]], threads: int | None, *,
+    folders: bool,
+) -> None:  # fmt: skip
+    """Writes a page for each pair, and of two folders the index; first: of `planned_pages`."""
     from cubicsplat_cli.files.write import write_atomically
     from cubicsplat_cli.html_report.index import Entry, index
 
-    if pages.folder is None:
-        write_atomically(pages.first, _page(compared[0], threads))
-        return pages.first
-    names = {id(each): pages.folder / f"{Path(each.candidate.path).name}{PAGE}" for each in compared}
-    check_outputs([pages.first, *names.values()], force=False)
+    if not folders:
+        write_atomically(first, _page(compared[0], threads))
+        return
+    names = {id(each): first.with_name(f"{Path(each.candidate.path).name}{PAGE}") for each in compared}
+    check_outputs([first, *names.values()], force=False)
     entries = []
     for each in compared:
         write_atomically(names[id(each)], _page(each, threads))
         entries.append(_entry(each, names[id(each)]))
     entries += [Entry(str(path), error=error) for path, error in failed]
-    write_atomically(pages.first, index(pages.first, entries, pages.folder.absolute().name))
-    return pages.first
+    write_atomically(first, index(first, entries, first.absolute().parent.name))
 
 
 def _page(comparison: Comparison, threads: int | None) -> bytes:
@@ -102,13 +94,13 @@ def _made_with(path: Path, data: bytes) -> Report | None:
 
 def _entry(comparison: Comparison, page: Path) -> Entry:
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.html_report.embed import picture_thumbnail
+    from cubicsplat_cli.html_report.embed import eight_bit_pixels, thumbnail_url
     from cubicsplat_cli.html_report.index import Entry, svg_thumbnail
 
     candidate, reference = comparison.candidate, comparison.reference
     if candidate.kind == "svg":
         thumbnail = svg_thumbnail(candidate.data, candidate.path, reference.width, reference.height)
     else:
-        thumbnail = picture_thumbnail(load_picture(candidate.data, name=candidate.path))
+        thumbnail = thumbnail_url(eight_bit_pixels(load_picture(candidate.data, name=candidate.path)))
     size = Path(candidate.path).stat().st_size
     return Entry(candidate.path, page, thumbnail, quality=comparison.quality, bytes=size)

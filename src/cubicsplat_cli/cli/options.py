@@ -179,11 +179,6 @@ def _value(parameter: Any, convert: Callable[[Any, Any], Any], kind: Any, contex
     return value if parameter.callback is None else parameter.callback(context, parameter, value)
 
 
-def wanted_renderer(chosen: str) -> str | None:
-    """The name that `rerender` takes: None for auto."""
-    return None if chosen == "auto" else chosen
-
-
 def check_csv(path: Path | None) -> None:
     """Raises UsageError where --csv has another suffix, InputError where it cannot be written."""
     if path is None:

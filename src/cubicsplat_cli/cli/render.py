@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Quiet, Renderer, wanted_renderer
+from cubicsplat_cli.cli.options import Quiet, Renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
 from cubicsplat_cli.files.paths import (
@@ -28,16 +27,6 @@ from cubicsplat_cli.request import DXF_TOLERANCE
 
 _SIDE = Setting("count", "", least=1, most=32_767, optional=True)
 _ENDINGS = (".png", *(f".{form}" for form in EXPORTS))
-
-
-@dataclass(frozen=True)
-class _Size:
-    """Size of the drawing: a factor, or one side or both in px. tolerance: px by which a DXF may be off."""
-
-    scale: float
-    width: int | None
-    height: int | None
-    tolerance: float
 
 
 def render(
@@ -83,12 +72,13 @@ def render(
         _SIDE.check(name, value)
     if scale != 1.0 and (width or height):
         raise UsageError("--scale and --width or --height both say how large to draw; give one of them")
-    size, reporter = _Size(scale, width, height, dxf_tolerance), Reporter(quiet=quiet)
+    size: dict[str, Any] = {"scale": scale, "width": width, "height": height}
+    reporter = Reporter(quiet=quiet)
     places = _plan(sources, output)
     failed = 0
     for source, path in places:
         try:
-            _draw(source, path, size, renderer, reporter, force=force and output is not None)
+            _draw(source, path, size, dxf_tolerance, renderer, reporter, force=force and output is not None)
         except CubicSplatError as error:
             if len(places) == 1:
                 raise
@@ -158,9 +148,12 @@ def _place(source: Path | None, output: str | None, *, inside: bool) -> Path | N
 
 
 def _draw(
-    source: Path | None, path: Path | None, size: _Size, renderer: str, reporter: Reporter, *, force: bool
-) -> None:
-    """Draw one SVG. force: not for a name that nobody chose, which is never worth a picture of the user's."""
+    source: Path | None, path: Path | None, size: dict[str, Any], tolerance: float, renderer: str, reporter: Reporter,
+    *, force: bool,
+) -> None:  # fmt: skip
+    """Draw one SVG. size, tolerance: see `exported`. force: not for a name that nobody chose, which is never worth a
+    picture of the user's.
+    """
     if path is not None:
         if path.suffix.lower() not in _ENDINGS:
             near = did_you_mean(path.suffix.lower(), _ENDINGS) or "; choose another with -o"
@@ -169,18 +162,25 @@ def _draw(
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
         check_ownership([path], force=force)
 
-    from cubicsplat_cli.evaluate import rerender_untrusted
+    from cubicsplat_cli.evaluate.rerender import rerender_untrusted
     from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
     from cubicsplat_cli.files.write import encode_png, write_atomically
 
     svg = unpacked(read_stdin(), "stdin") if source is None else read_file(source)
     name = "stdin" if source is None else str(source)
     if path is not None and (form := format_of(path)):
-        _export(svg, name, path, form, size, renderer, reporter)
+        if renderer != "auto":
+            raise UsageError("--renderer is of PNGs; leave it out")
+        from cubicsplat_cli.export.formats import exported
+
+        made = exported(svg, form, name, tolerance=tolerance, **size)
+        for note in made.notes:
+            reporter.note(f"{name}: {note}")
+        make_folder_of(path)
+        write_atomically(path, made.data)
+        reporter.summary(f"{path}  {file_size(len(made.data))}")
         return
-    rendered, _ = rerender_untrusted(
-        svg, source=name, width=size.width, height=size.height, scale=size.scale, renderer=wanted_renderer(renderer)
-    )
+    rendered, _ = rerender_untrusted(svg, source=name, renderer=renderer, **size)
     data = encode_png(rendered.pixels)
     if rendered.note is not None:
         reporter.note(rendered.note)
@@ -191,18 +191,3 @@ def _draw(
     write_atomically(path, data)
     height, width = rendered.pixels.shape[:2]
     reporter.summary(f"{path}  {width} x {height} px  {rendered.renderer}")
-
-
-def _export(svg: bytes, name: str, path: Path, form: str, size: _Size, renderer: str, reporter: Reporter) -> None:
-    """Write an SVG in a format of other programs."""
-    if renderer != "auto":
-        raise UsageError("--renderer is of PNGs; leave it out")
-    from cubicsplat_cli.export.formats import exported
-    from cubicsplat_cli.files.write import write_atomically
-
-    made = exported(svg, form, name, tolerance=size.tolerance, width=size.width, height=size.height, scale=size.scale)
-    for note in made.notes:
-        reporter.note(f"{name}: {note}")
-    make_folder_of(path)
-    write_atomically(path, made.data)
-    reporter.summary(f"{path}  {file_size(len(made.data))}")

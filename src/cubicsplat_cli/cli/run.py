@@ -6,71 +6,50 @@ import json
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.paths import check_ownership
 from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
 from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, lacking, look, planned_others, write_index
-from cubicsplat_cli.jobs.plan import JobPlan
-from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job, uri_line
+from cubicsplat_cli.jobs.plan import Job, JobPlan
+from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, uri_line
 from cubicsplat_cli.metrics import Report, plain
-from cubicsplat_cli.progress import interrupt
+from cubicsplat_cli.progress import Observer, interrupt
 from cubicsplat_cli.request import Request
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
+STATES = (DONE, UNCHANGED, INTERRUPTED, FAILED)  # of what has ended, in the order of the closing table
 
 
-@dataclass
-class _Row:
-    """The pictures that ended alike."""
-
-    pictures: int = 0
-    reports: list[Report] = field(default_factory=list)
-
-    def cells(self) -> list[str]:
-        curves = sum(report.count() for report in self.reports)
-        size = sum(report.output.bytes for report in self.reports)
-        measured = [report.quality.svg for report in self.reports if report.quality is not None]
-        decibels, similarity = mean(q.psnr_db for q in measured), mean(q.ssim for q in measured)
-        return [
-            str(self.pictures),
-            str(curves or ""),
-            file_size(size) if size else "",
-            "" if decibels is None else number(decibels, 2),
-            "" if similarity is None else number(similarity, 3),
-        ]
+def closing_table(ended: Sequence[Outcome], planned: int, seconds: float) -> list[str]:
+    """The lines of the closing table; `planned` pictures there were to do, in so many seconds."""
+    alike = {status: [each for each in ended if each.status == status] for status in STATES}
+    lines = [[status, *_cells(outcomes)] for status, outcomes in alike.items() if outcomes]
+    if planned > len(ended):
+        lines.append(["not begun", str(planned - len(ended)), "", "", "", ""])
+    table = text_table(["", "pictures", "curves", "SVG", "mean dB", "mean SSIM"], lines)
+    return [*table.splitlines(), f"{counted(planned, 'picture')} in {duration(seconds)}"]
 
 
-class Tally:
-    """Counts outcomes for the closing table."""
-
-    def __init__(self) -> None:
-        self.rows = {status: _Row() for status in (DONE, UNCHANGED, INTERRUPTED, FAILED)}
-
-    def add(self, outcome: Outcome) -> None:
-        """Count one outcome."""
-        row = self.rows[outcome.status]
-        row.pictures += 1
-        if outcome.report is not None:
-            row.reports.append(outcome.report)
-
-    def ended(self) -> int:
-        """Number of pictures that ended, with any status."""
-        return sum(row.pictures for row in self.rows.values())
-
-    def table(self, planned: int, seconds: float) -> list[str]:
-        """The lines of the table; `planned` pictures there were to do, in so many seconds."""
-        lines = [[status, *row.cells()] for status, row in self.rows.items() if row.pictures]
-        if planned > self.ended():
-            lines.append(["not begun", str(planned - self.ended()), "", "", "", ""])
-        table = text_table(["", "pictures", "curves", "SVG", "mean dB", "mean SSIM"], lines)
-        return [*table.splitlines(), f"{counted(planned, 'picture')} in {duration(seconds)}"]
+def _cells(outcomes: Sequence[Outcome]) -> list[str]:
+    reports = [outcome.report for outcome in outcomes if outcome.report is not None]
+    curves, size = sum(report.count() for report in reports), sum(report.output.bytes for report in reports)
+    measured = [report.quality.svg for report in reports if report.quality is not None]
+    decibels, similarity = mean(q.psnr_db for q in measured), mean(q.ssim for q in measured)
+    return [
+        str(len(outcomes)),
+        str(curves or ""),
+        file_size(size) if size else "",
+        "" if decibels is None else number(decibels, 2),
+        "" if similarity is None else number(similarity, 3),
+    ]
 
 
 @dataclass
@@ -83,9 +62,7 @@ class BatchRun:
     reporter: Reporter
     json: bool = False
     dry_run: bool = False
-    tally: Tally = field(default_factory=Tally)
-    failures: list[Outcome] = field(default_factory=list)
-    shown: list[Outcome] = field(default_factory=list)  # those that the index is about
+    ended: list[Outcome] = field(default_factory=list)
     stopped: bool = False
     started: float = field(default_factory=time.perf_counter)
 
@@ -94,7 +71,7 @@ class BatchRun:
         for reason, paths in self.plan.left_out.items():
             self._note_left_out(reason, [str(path) for path in paths])
         for name, error in self.plan.problems:
-            self.record_outcome(failure(named_job(name), error))
+            self.record_outcome(failure(Job(name, None, Outputs(None, None, None)), error))
         if self.plan.index is not None and not self.dry_run:
             check_ownership([self.plan.index], force=self.request.force)
         if self.dry_run:
@@ -103,17 +80,20 @@ class BatchRun:
         elif self.plan.jobs:
             self._work()
         self._close()
-        if self.stopped or self.tally.rows[INTERRUPTED].pictures:
+        if self.stopped or any(outcome.status == INTERRUPTED for outcome in self.ended):
             return EXIT_INTERRUPTED
-        if self.plan.pictures == 1 and self.failures:
-            return self.failures[0].exit_code
-        return EXIT_FAILED if self.failures else 0
+        failures = self._failures()
+        if self.plan.pictures == 1 and failures:
+            return failures[0].exit_code
+        return EXIT_FAILED if failures else 0
+
+    def _failures(self) -> list[Outcome]:
+        return [outcome for outcome in self.ended if outcome.status == FAILED]
 
     def record_outcome(self, outcome: Outcome) -> None:
         """Print and count how one picture ended."""
         self.reporter.end(outcome.job.name)
         if outcome.status == FAILED:
-            self.failures.append(outcome)
             if self.plan.pictures > 1:
                 self.reporter.summary(f"{outcome.job.name}  failed")
             if outcome.trace is not None:
@@ -133,9 +113,7 @@ class BatchRun:
         elif outcome.status == UNCHANGED:
             self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")
         if outcome.status != PLANNED:
-            self.tally.add(outcome)
-            if self.plan.index is not None:
-                self.shown.append(outcome)
+            self.ended.append(outcome)
         svg = outcome.job.outputs.svg
         if (
             self.request.data_uri
@@ -165,11 +143,11 @@ class BatchRun:
     def _close(self) -> None:
         """The table, the page to look at, and after it what failed."""
         if self.plan.pictures > 1 and not self.dry_run:
-            for line in self.tally.table(self.plan.pictures, time.perf_counter() - self.started):
+            for line in closing_table(self.ended, self.plan.pictures, time.perf_counter() - self.started):
                 self.reporter.summary(line)
         if not self.dry_run:
             self._close_pages()
-        for outcome in self.failures:
+        for outcome in self._failures():
             self.reporter.error(outcome.error or "")
 
     def _close_pages(self) -> None:
@@ -178,8 +156,8 @@ class BatchRun:
         if self.plan.index is not None:
             page = self.plan.index
             places = {job.name: place for place, job in enumerate(self.plan.jobs)}
-            write_index(page, sorted(self.shown, key=lambda outcome: places.get(outcome.job.name, -1)))
-        if page is not None and len(self.failures) < self.plan.pictures:
+            write_index(page, sorted(self.ended, key=lambda outcome: places.get(outcome.job.name, -1)))
+        if page is not None and len(self._failures()) < self.plan.pictures:
             self.reporter.summary(f"to look at: {page}")
 
     def _note_left_out(self, reason: str, names: list[str]) -> None:
@@ -224,7 +202,7 @@ def _print_plan(outcome: Outcome, request: Request) -> None:
     """Print the line of a dry run about a job: where its SVG goes, or what is made of one that is there."""
     paths = [outcome.job.outputs.svg]
     if outcome.report is not None and outcome.status != UNCHANGED:
-        paths = [*lacking(outcome.job, outcome.report, request)]
+        paths = [*lacking(outcome.job, outcome.report, request, Observer())]
     target = ", ".join("standard output" if path is None else printable(str(path)) for path in paths)
     state = "unchanged" if outcome.status == UNCHANGED else "to do"
     write_stdout(f"{state}  {printable(outcome.job.name)} -> {target}\n".encode())

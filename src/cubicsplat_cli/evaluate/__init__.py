@@ -2,11 +2,3 @@
 
 The renderers are imported by the functions that need them.
 """
-
-from cubicsplat_cli.evaluate.metrics import agreement_db, compare, compare_premultiplied
-from cubicsplat_cli.evaluate.rerender import Rendered, available_renderers, rerender, rerender_untrusted
-
-__all__ = [
-    "Rendered", "agreement_db", "available_renderers", "compare", "compare_premultiplied", "rerender",
-    "rerender_untrusted",
-]  # fmt: skip

@@ -112,7 +112,7 @@ def compare_with(
     candidate_path: str,
     *,
     is_svg: bool,
-    renderer: str | None = None,
+    renderer: str = "auto",
     max_pixels: int = MAX_PIXELS,
     scale: int | None = None,
     threads: int | None = None,
@@ -149,7 +149,7 @@ def compare_with(
     return Comparison(reference, reference_path, candidate, quality, figures, notes, further_figures)
 
 
-def _draw_svg(reference: Picture, data: bytes, source: str, renderer: str | None, notes: list[str]) -> Rendered:
+def _draw_svg(reference: Picture, data: bytes, source: str, renderer: str, notes: list[str]) -> Rendered:
     """An SVG drawn at the reference's size; may add to `notes`."""
     rendered, size = rerender_untrusted(
         data, source=source, width=reference.width, height=reference.height, renderer=renderer
@@ -168,7 +168,7 @@ def _engine(
     reference: Picture, data: bytes, source: str, scale: int, threads: int | None, notes: list[str]
 ) -> Change | None:
     """The engine's figures where the file is one of ours at the reference's size; else None and a note."""
-    from cubicsplat_cli.svg import read_svg
+    from cubicsplat_cli.svg.scene_reader import read_svg
 
     try:
         scene = read_svg(data)

@@ -53,20 +53,6 @@ def compare_premultiplied(reference: Picture, candidate: np.ndarray) -> Quality:
     return measure(reference, [of_values(candidate)])[0][0]
 
 
-def agreement_db(own: np.ndarray, drawn: np.ndarray) -> float | None:
-    """PSNR in dB between the engine's own picture and an independent renderer's; None when no value differs.
-
-    own: (H, W, 3) or premultiplied (H, W, 4) in [0, 1], not rounded. drawn: (H, W, 4) uint8 straight RGBA, as
-    `rerender` gives it; its 8 bits alone cost about as much as 59 dB. Where either has transparency both are laid
-    over black and over white, and the worse value is returned. Raises InputError when sizes differ or a value is not
-    finite.
-    """
-    first, second = of_values(own), of_pixels(drawn)
-    if (first.width, first.height) != (second.width, second.height):
-        raise InputError(f"sizes differ: {first.width} x {first.height} and {second.width} x {second.height} px")
-    return _worst_psnr([ground[0] for ground in _compared(first, [second], similarity=False, threads=None)])
-
-
 def measure(
     reference: Picture, candidates: Sequence[ImageSource], threads: int | None = None, strip_pixels: int = STRIP_PIXELS
 ) -> tuple[list[Quality], float | None]:

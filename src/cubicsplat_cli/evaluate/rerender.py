@@ -47,27 +47,22 @@ class Rendered:
     note: str | None
 
 
-@dataclass(frozen=True)
-class RendererInfo:
-    """Whether a renderer can be used here: `version` when it can, else `problem` with what to do."""
-
-    name: str
-    version: str | None
-    problem: str | None
-
-
-def available_renderers() -> tuple[RendererInfo, ...]:
-    """Every known renderer in the order of preference, tried by importing it."""
-    loaded = ((name, *_load(name)) for name in RENDERERS)
-    return tuple(RendererInfo(name, None if m is None else m.__version__, problem) for name, m, problem in loaded)
+def available_renderers() -> dict[str, tuple[str | None, str | None]]:
+    """Of every known renderer, in the order of preference, the version; where it cannot be imported None, and the
+    problem with what to do.
+    """
+    loaded = {name: _load(name) for name in RENDERERS}
+    return {
+        name: (None if module is None else module.__version__, problem) for name, (module, problem) in loaded.items()
+    }
 
 
-def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None, source: str = "the SVG") -> Rendered:
+def rerender(svg: bytes, width: int, height: int, *, renderer: str = "auto", source: str = "the SVG") -> Rendered:
     """Draw SVG bytes that this package made at width x height px, transparent background kept.
 
-    source: the file's name for messages. renderer: "cairosvg", "resvg", or None for the first that works; a fallback
+    source: the file's name for messages. renderer: "cairosvg", "resvg", or "auto" for the first that works; a fallback
     is named in `Rendered.note`. Raises UsageError for another name, InputError for an impossible size or bytes that
-    cannot be drawn, EngineError when the renderer (or, for None, every renderer) is missing.
+    cannot be drawn, EngineError when the renderer (or, for auto, every renderer) is missing.
     """
     _check_size(width, height)
     module, name, note = choose_renderer(renderer)
@@ -120,7 +115,7 @@ def rerender_untrusted(
     width: int | None = None,
     height: int | None = None,
     scale: float = 1.0,
-    renderer: str | None = None,
+    renderer: str = "auto",
 ) -> tuple[Rendered, SvgSize]:
     """Draw an SVG of unknown origin after `check_untrusted`, at width x height, at one of these and the other by its
     shape, or at its own size times `scale`.
@@ -170,12 +165,12 @@ def _check_size(width: int, height: int) -> None:
         )
 
 
-def choose_renderer(renderer: str | None) -> tuple[ModuleType, str, str | None]:
+def choose_renderer(renderer: str = "auto") -> tuple[ModuleType, str, str | None]:
     """The module to draw with, its renderer name, and the note when it is not the preferred one.
 
-    Raises UsageError for an unknown name, EngineError where the renderer (for None: every renderer) is missing.
+    Raises UsageError for an unknown name, EngineError where the renderer (for auto: every renderer) is missing.
     """
-    if renderer is not None:
+    if renderer != "auto":
         if renderer not in RENDERERS:
             raise UsageError(f"renderer must be one of {', '.join(RENDERERS)}, not {renderer!r}")
         module, problem = _load(renderer)

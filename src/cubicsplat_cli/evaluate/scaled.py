@@ -51,7 +51,7 @@ def downsampled_svg(
     scale: int,
     *,
     source: str = "SVG",
-    renderer: str | None = None,
+    renderer: str = "auto",
     tile_pixels: int = TILE_PIXELS,
 ) -> Rendered:
     """Draw SVG bytes of any origin at (width * scale) x (height * scale) px and average to width x height.
@@ -106,7 +106,7 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
 
     samples: edges per cubic at most. threads: None for one per core.
     """
-    from cubicsplat_cli.raster import render_scene
+    from cubicsplat_cli.raster.engines import render_scene
     from cubicsplat_cli.scene.arrays import padded
 
     scene = scene.as_numpy()

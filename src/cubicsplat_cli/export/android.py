@@ -9,11 +9,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.export.shapes import Paint, PaintedShape, PaintedShapes
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient
-from cubicsplat_cli.svg.drawing_paths import PathText
+from cubicsplat_cli.svg.drawing_paths import PathText, add_pieces
 from cubicsplat_cli.svg.markup import comment_text
+from cubicsplat_cli.svg.painted import Paint, PaintedShape, PaintedShapes
 from cubicsplat_cli.svg.paths import Subpath, apart
 
 MOST_CHARACTERS = 32_767  # of one attribute: Android's resource compiler takes no more
@@ -124,22 +125,17 @@ def _path_data(subpaths: list[Subpath], precision: int) -> str:
     """
     path = PathText(precision)
     for line in subpaths:
+        if len(path.text) > MOST_CHARACTERS:
+            break
         cubics, third = line.cubics, np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
-        lines = cubics[:, :1] + (cubics[:, 3:] - cubics[:, :1]) * third
-        is_line = (np.abs(cubics - lines) < 0.1**precision / 2.0).all(axis=(1, 2)).tolist()
-        steps = np.rint(cubics * 10.0**precision).astype(np.int64).tolist()
-        path.move(tuple(steps[0][0]))
-        mirror = None
-        for straight, points in zip(is_line, steps, strict=True):
-            if len(path.text) > MOST_CHARACTERS:
-                return path.text
-            _, first, second, end = (tuple(point) for point in points)
-            if straight:
-                path.line(end)
-                mirror = None
-            else:
-                path.cubic(first, second, end, mirrored=first == mirror)
-                mirror = (2 * end[0] - second[0], 2 * end[1] - second[1])
+        straight = cubics[:, :1] + (cubics[:, 3:] - cubics[:, :1]) * third
+        lines = (np.abs(cubics - straight) < 0.1**precision / 2.0).all(axis=(1, 2))
+        steps = np.rint(cubics * 10.0**precision).astype(np.int64)
+        anchors = np.concatenate([steps[:, 0], steps[-1:, 3]])
+        ends = [*range(1, len(anchors))]
+        if line.closed and np.array_equal(anchors[-1], anchors[0]):
+            ends[-1] = 0
+        add_pieces(path, Ring(anchors, steps[:, 1:3], lines, np.zeros(len(anchors), bool)), ends, 0)
         if line.closed:
             path.close()
     return path.text

@@ -9,9 +9,9 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.export.shapes import Paint, PaintedShapes
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene.paint import mean_fill
+from cubicsplat_cli.svg.painted import Paint, PaintedShapes
 from cubicsplat_cli.svg.paths import halves
 
 MM_PER_PX = 25.4 / 96.0  # as CSS has it

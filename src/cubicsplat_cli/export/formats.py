@@ -79,7 +79,7 @@ def exported(
 def _by_shapes(
     svg: bytes, form: str, size: SvgSize, drawn: SvgSize, mark: str, tolerance: float
 ) -> tuple[bytes, list[str]]:
-    from cubicsplat_cli.export.shapes import painted_shapes
+    from cubicsplat_cli.svg.painted import painted_shapes
 
     drawing = painted_shapes(svg, size, drawn)
     if form == "dxf":

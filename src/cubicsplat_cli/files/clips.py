@@ -79,13 +79,17 @@ def open_clip(
     if is_folder(path):
         source = _folder_clip(path, fps or FOLDER_FPS, most_frames, max_pixels)
     else:
-        data = read_whole(path)
-        if is_video(data):
-            source = _video_clip(data, shown, max_pixels)
-        else:
-            source = _picture_clip(data, shown, None if fps else most_frames, max_pixels)
+        data, most = read_whole(path), None if fps else most_frames
+        video = is_video(data)
+        source = _video_clip(data, shown, max_pixels) if video else _picture_clip(data, shown, most, max_pixels)
         if fps is not None:
-            source = _at_rate(source, fps)
+            count = None if source.seconds is None else max(1, round(source.seconds * fps))
+            source = replace(source, frames=_then(source.frames, lambda frames: _resampled(frames, fps)), count=count)
+    return _finished(source, most_frames, max_size)
+
+
+def _finished(source: ClipSource, most_frames: int | None, max_size: int | None) -> ClipSource:
+    """The clip with as many frames as are wanted, as large as is wanted, and its size. InputError for a single one."""
     if most_frames is not None:
         count = None if source.count is None else min(source.count, most_frames)
         taken = _then(source.frames, lambda frames: islice(frames, most_frames))
@@ -94,18 +98,12 @@ def open_clip(
         source = replace(source, frames=_then(source.frames, lambda frames: _smaller(frames, max_size)))
     first = [*islice(source.frames(), 2)]
     if len(first) < 2:
-        raise _single(shown)
+        raise _single(source.name)
     return replace(source, width=first[0].picture.width, height=first[0].picture.height)
 
 
 def _single(shown: str) -> InputError:
     return InputError(f"{shown}: has one frame only; `cubicsplat vectorize` is for single pictures")
-
-
-def _at_rate(source: ClipSource, fps: float) -> ClipSource:
-    """The clip with so many frames a second."""
-    count = None if source.seconds is None else max(1, round(source.seconds * fps))
-    return replace(source, frames=_then(source.frames, lambda frames: _resampled(frames, fps)), count=count)
 
 
 def _then(
@@ -153,13 +151,7 @@ def clip_of_pictures(
     def loaded() -> Iterator[tuple[Picture, str]]:
         return ((as_picture(each), f"{name}: frame {index + 1}") for index, each in enumerate(pictures))
 
-    source = _clip_at(name, loaded, fps)
-    if len(pictures) < 2:
-        raise _single(name)
-    if max_size is not None:
-        source = replace(source, frames=_then(source.frames, lambda frames: _smaller(frames, max_size)))
-    first = next(source.frames()).picture
-    return replace(source, width=first.width, height=first.height)
+    return _finished(_clip_at(name, loaded, fps), None, max_size)
 
 
 def _clip_at(name: str, loaded: Callable[[], Iterator[tuple[Picture, str]]], fps: float) -> ClipSource:
@@ -187,10 +179,10 @@ def _check_size(picture: Picture, size: tuple[int, int], shown: str) -> None:
 
 def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) -> ClipSource:
     """The first `most` frames of an animated GIF, PNG, WebP or AVIF file."""
-    animated = not data or _is_animated(data, shown)
+    plays = _plays(data, shown) if data else None
     # The checks of a still picture: its bytes, its pixels.
     load_picture(data, name=shown, max_pixels=max_pixels, frame=1)
-    if not animated:
+    if plays is None:
         raise _single(shown)
     digest = sha256_of(data)
 
@@ -202,13 +194,20 @@ def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) ->
 
     looked = [(frame.picture.alpha is not None, frame.end) for frame in frames()]
     transparent = any(alpha for alpha, _ in looked)
-    return ClipSource(shown, 0, 0, transparent, _plays(data, shown), len(looked), digest, frames, looked[-1][1])
+    return ClipSource(shown, 0, 0, transparent, plays, len(looked), digest, frames, looked[-1][1])
 
 
-def _is_animated(data: bytes, shown: str) -> bool:
+def _plays(data: bytes, shown: str) -> int | None:
+    """The number of times an animation asks to be shown, 0 for ever; None of any other picture."""
     try:
         with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
-            return bool(getattr(image, "is_animated", False)) and image.format != "TIFF"
+            if not getattr(image, "is_animated", False) or image.format == "TIFF":
+                return None
+            loop = image.info.get("loop")
+            if image.format != "GIF":
+                return int(loop or 0)
+            # A GIF counts the repetitions after the first showing, and without a count there are none.
+            return 1 if loop is None else 0 if loop == 0 else int(loop) + 1
     except UnidentifiedImageError as error:
         raise InputError(f"{shown}: is no clip; {_FORMS}") from error
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
@@ -234,16 +233,6 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
                 ) from error
             milliseconds = float(image.info.get("duration") or 0.0)
             yield decoded, milliseconds / 1000.0 if milliseconds > _SHORTEST_MS else UNTIMED_S
-
-
-def _plays(data: bytes, shown: str) -> int:
-    """The number of times a file asks to be shown; 0 for ever."""
-    with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
-        loop = image.info.get("loop")
-        if image.format != "GIF":
-            return int(loop or 0)
-        # A GIF counts the repetitions after the first showing, and without a count there are none.
-        return 1 if loop is None else 0 if loop == 0 else int(loop) + 1
 
 
 def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:

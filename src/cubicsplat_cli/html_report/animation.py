@@ -11,7 +11,7 @@ from PIL import Image
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.progress import FrameRecorder
-from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene, scaled_scene
 
 SIDE = 512  # px, at most

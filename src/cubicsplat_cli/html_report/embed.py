@@ -26,6 +26,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.engines import leave_one_out_importance
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
+from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.own import own_elements
 from cubicsplat_cli.svg.scene_reader import curves_of
 
@@ -39,7 +40,6 @@ _INDENTATION = re.compile(r"\n\s+")
 _COMMENTS = re.compile(r"(?m)^\s*// .*\n")  # of scripts, on lines of their own
 _AROUND = re.compile(r"\s*([{};,])\s*|(:) ")  # what style sheets do not need spaces about
 _SAMPLES = 48  # edges per cubic, as of the exact finish
-_SVG = "http://www.w3.org/2000/svg"
 
 
 def picture_url(picture: Picture, data: bytes) -> str:
@@ -53,11 +53,6 @@ def picture_url(picture: Picture, data: bytes) -> str:
     image = Image.fromarray(eight_bit_pixels(picture))
     exact = _webp(image, lossless=True)
     return data_url("image/webp", exact if len(exact) <= len(data) else _webp(image, quality=_QUALITY))
-
-
-def picture_thumbnail(picture: Picture) -> str:
-    """A data: URL of the picture, small."""
-    return thumbnail_url(eight_bit_pixels(picture))
 
 
 def thumbnail_url(pixels: np.ndarray) -> str:
@@ -162,9 +157,9 @@ def _markup(svg: bytes) -> str:
     the title, which browsers would show under the pointer.
     """
     root = ElementTree.fromstring(svg)
-    for title in root.findall(f"{{{_SVG}}}title"):
+    for title in root.findall(f"{SVG}title"):
         root.remove(title)
-    ElementTree.register_namespace("", _SVG)
+    ElementTree.register_namespace("", SVG[1:-1])
     return ElementTree.tostring(root, encoding="unicode").replace(" />", "/>")
 
 

@@ -53,28 +53,22 @@ def check_may_write(job: Job, *, force: bool) -> None:
 def edited(job: Job) -> list[Path]:
     """Files of `job` that are no longer what the report beside them, or the SVG's own comment, says was written."""
     report = earlier_report(job)
-    hashes = {job.outputs.svg: None} if report is None else _written(job, report)
-    present = [
-        (path, path.read_bytes(), digest) for path, digest in hashes.items() if path is not None and is_file(path)
-    ]
-    return [path for path, data, digest in present if _is_whole(path, data) and _is_other(path, digest, data)]
+    digests: dict[Path | None, str | None] = {job.outputs.svg: None}
+    if report is not None:
+        written = {job.outputs.svg: report.output.svg_sha256, job.outputs.png: report.output.png_sha256}
+        digests = {path: digest for path, digest in written.items() if digest}
+    return [path for path, digest in digests.items() if path is not None and holds_edited(path, digest)]
 
 
-def holds_edited(path: Path) -> bool:
-    """Whether a file is an SVG of ours that was edited: its checksum is no longer right."""
-    if path.suffix.lower() not in SVG_SUFFIXES or not is_file(path):
+def holds_edited(path: Path, digest: str | None = None) -> bool:
+    """Whether a file is whole and was edited: its SHA-256 is not this one; without one, it is an SVG of ours whose
+    checksum is no longer right.
+    """
+    if not is_file(path) or (digest is None and path.suffix.lower() not in SVG_SUFFIXES):
         return False
     data = path.read_bytes()
-    return _is_whole(path, data) and _is_other(path, None, data)
-
-
-def _written(job: Job, report: Report) -> dict[Path | None, str | None]:
-    """SHA-256 of each file, as the JSON says it was written."""
-    digests = {job.outputs.svg: report.output.svg_sha256, job.outputs.png: report.output.png_sha256}
-    return {path: digest for path, digest in digests.items() if digest}
-
-
-def _is_other(path: Path, digest: str | None, data: bytes) -> bool:
+    if not _is_whole(path, data):
+        return False
     return is_edited(unpacked(data, str(path))) if digest is None else sha256_of(data) != digest
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -120,37 +121,40 @@ def _drained(finished_before: list[Outcome]) -> Iterator[Outcome]:
         yield finished_before.pop(0)
 
 
-def lacking(job: Job, report: Report, request: Request) -> list[Path]:
-    """The files made of the SVG of a report that are not there, or are of another SVG: the page, the exports and
-    the layers."""
-    return [*_lacking_files(job, report, request), *_lacking_layers(job)]
-
-
-def _lacking_files(job: Job, report: Report, request: Request) -> list[Path]:
-    """The page and the exports that are not there, or are of another SVG."""
-    outputs, svg = job.outputs, job.outputs.svg
-    page = outputs.html_report
-    mark = made_mark(report.output.svg_sha256).encode()
-    missing = [] if page is None or (is_file(page) and mark in read_head(page)) else [page]
-    if svg is not None and outputs.exports:
-        from cubicsplat_cli.export.formats import is_current
-        from cubicsplat_cli.files.read import read_file
-
-        text = read_file(svg)
-        missing += [path for path in outputs.exports if not is_current(path, text, request.dxf_tolerance)]
-    return missing
-
-
-def _lacking_layers(job: Job) -> dict[Path, bytes]:
-    """The layers of a finished SVG that are not there or are of another SVG, and their bytes."""
-    if job.outputs.svg is None or job.outputs.layers is None:
-        return {}
+def lacking(job: Job, report: Report, request: Request, observer: Observer) -> dict[Path, Callable[[], bytes]]:
+    """The files made of the SVG of a report that are not there, or are of another SVG, and what makes each: the page,
+    the exports and the layers.
+    """
+    outputs, found = job.outputs, dict[Path, Callable[[], bytes]]()
+    if outputs.svg is None or not (outputs.html_report or outputs.exports or outputs.layers):
+        return found
     from cubicsplat_cli.files.read import read_file
 
-    svg = read_file(job.outputs.svg)
-    mark = made_mark(sha256_of(svg)).encode()
-    found = [(job.outputs.place(kind), data) for kind, data in layer_files(svg).items()]
-    return {path: data for path, data in found if path and not (is_file(path) and mark in read_head(path))}
+    svg = read_file(outputs.svg)
+    page = outputs.html_report
+    if page is not None and not _is_made_of(page, report.output.svg_sha256):
+        found[page] = lambda: _page(job, svg, report, request)
+    if outputs.exports:
+        from cubicsplat_cli.export.formats import is_current
+
+        for path in outputs.exports:
+            if not is_current(path, svg, request.dxf_tolerance):
+                found[path] = partial(export_of, path, svg, job, request, lambda text: observer.note(text, job.name))
+    for kind, data in layer_files(svg).items() if outputs.layers is not None else ():
+        layer = outputs.place(kind)
+        if layer is not None and not _is_made_of(layer, sha256_of(svg)):
+            found[layer] = partial(bytes, data)
+    return found
+
+
+def _is_made_of(path: Path, sha256: str) -> bool:
+    return is_file(path) and made_mark(sha256).encode() in read_head(path)
+
+
+def _page(job: Job, svg: bytes, report: Report, request: Request) -> bytes:
+    from cubicsplat_cli.html_report.page import page, subject_of
+
+    return page(subject_of(load_job(job, request), job.source(), svg, report), request.settings.threads)
 
 
 def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outcome:
@@ -159,30 +163,15 @@ def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outco
     if outcome.status != UNCHANGED or report is None:
         return outcome
     try:
-        missing, layers = _lacking_files(job, report, request), _lacking_layers(job)
-        if layers:
+        missing = lacking(job, report, request, observer)
+        if missing:
             make_folders(job)
-        check_outputs([*missing, *layers], force=request.force)
-        for path in missing:
-            write_atomically(path, _made_of_svg(path, job, report, request, observer))
-        for path, data in layers.items():
-            write_atomically(path, data)
+        check_outputs([*missing], force=request.force)
+        for path, made in missing.items():
+            write_atomically(path, made())
     except CubicSplatError as error:
         return failure(job, error)
     return outcome
-
-
-def _made_of_svg(path: Path, job: Job, report: Report, request: Request, observer: Observer) -> bytes:
-    """A page or an export of a finished SVG."""
-    from cubicsplat_cli.files.read import read_file
-
-    assert job.outputs.svg is not None
-    svg = read_file(job.outputs.svg)
-    if path == job.outputs.html_report:
-        from cubicsplat_cli.html_report.page import page, subject_of
-
-        return page(subject_of(load_job(job, request), job.source(), svg, report), request.settings.threads)
-    return export_of(path, svg, job, request, lambda text: observer.note(text, job.name))
 
 
 def planned_others(outcome: Outcome, request: Request) -> Outcome:
@@ -190,8 +179,8 @@ def planned_others(outcome: Outcome, request: Request) -> Outcome:
     if outcome.status != UNCHANGED or outcome.report is None:
         return outcome
     try:
-        missing = lacking(outcome.job, outcome.report, request)
-        check_ownership(missing, force=request.force)
+        missing = lacking(outcome.job, outcome.report, request, Observer())
+        check_ownership([*missing], force=request.force)
     except CubicSplatError as error:
         return failure(outcome.job, error)
     return replace(outcome, status=PLANNED) if missing else outcome

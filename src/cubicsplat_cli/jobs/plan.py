@@ -82,10 +82,9 @@ class JobPlan:
 def plan(arguments: list[str], output: str | None, request: Request, *, recursive: bool) -> JobPlan:
     """A job for everything the arguments lead to. Raises UsageError where they make no sense together."""
     if is_batch(arguments):
-        if request.animation is not None:
-            raise UsageError("--animation is of one picture, and there may be several; give one")
-        if request.geometrize is not None:
-            raise UsageError("--geometrize is of one picture, and there may be several; give one")
+        for name in ("animation", "geometrize"):
+            if getattr(request, name) is not None:
+                raise UsageError(f"--{name} is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(search.sources, output, request)
         return _with_others(JobPlan(jobs, list(search.problems), search.left_out), output, request)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import sha256_of
-from cubicsplat_cli.files.names import LAYER, STDIO, Outputs, is_compressed_name
+from cubicsplat_cli.files.names import LAYER, STDIO, is_compressed_name
 from cubicsplat_cli.files.read import packed, unpacked
 from cubicsplat_cli.files.write import STDOUT
 from cubicsplat_cli.formatting import one_line, printable
@@ -69,7 +69,8 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     observer.detail(f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}", job.name)
     # What comes now takes a while to import: what is wrong with the picture is said before.
     observer.stage("start", job.name)
-    from cubicsplat_cli.pipeline import candidates, measured, task_of
+    from cubicsplat_cli.pipeline.choose import candidates
+    from cubicsplat_cli.pipeline.vectorize import measured, task_of
 
     request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))
     recorder = None if job.outputs.animation is None else FrameRecorder(FRAMES)
@@ -105,7 +106,7 @@ def _write_others(
     job: Job, task: Task, made: Made, figures: Measured | None, svg: str, data: bytes, sink: Sink
 ) -> Report:
     """Put out the PNG, the animation and the page, where they are wanted; the figures of all."""
-    from cubicsplat_cli.pipeline import output_of, report_of
+    from cubicsplat_cli.pipeline.vectorize import output_of, report_of
 
     timer, outputs = task.timer, job.outputs
     for note in [*task.target.notes, *made.notes, *(figures.notes if figures else ())][len(task.source.notes) :]:
@@ -199,12 +200,8 @@ def load_job(job: Job, request: Request) -> Picture:
     """The picture of a job; raises InputError where there is none."""
     from cubicsplat_cli.files.load import load_picture
 
-    if job.path is not None and job.data is None:
-        source: Path | bytes = job.path
-    else:
-        source = job.data or b""
     return load_picture(
-        source,
+        job.source(),
         name="stdin" if job.path is None else job.name,
         max_pixels=request.max_pixels,
         max_size=request.max_size,
@@ -237,11 +234,6 @@ def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     except Exception as error:
         text = f"{job.name}: {type(error).__name__}: {error}; this is a bug, please report it"
         return Outcome(job, FAILED, error=one_line(text), exit_code=1, trace=traceback.format_exc())
-
-
-def named_job(name: str) -> Job:
-    """A job of which no more is known than how the user named it."""
-    return Job(name, None, Outputs(None, None, None))
 
 
 def failure(job: Job, error: CubicSplatError, written: list[Path] | None = None) -> Outcome:

@@ -4,7 +4,7 @@ import contextlib
 
 # What fails here fails again in each worker, which says so in its job's outcome.
 with contextlib.suppress(Exception):
-    import cubicsplat_cli.pipeline  # noqa: F401
+    import cubicsplat_cli.pipeline.vectorize  # noqa: F401
     from cubicsplat_cli.evaluate.rerender import choose_renderer
 
-    choose_renderer(None)
+    choose_renderer()

@@ -17,15 +17,14 @@ from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.motion.following import follow
 from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
-from cubicsplat_cli.motion.tracks import Tracks, grid_of
+from cubicsplat_cli.motion.tracks import TRACKS, Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Stopped, work
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Clip, MovingScene, Scene, points_from_segments
+from cubicsplat_cli.scene import Scene, points_from_segments
 from cubicsplat_cli.scene.arrays import with_channels
-from cubicsplat_cli.scene.moving import TRACKS
 from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
@@ -57,8 +56,9 @@ def fit_clip(
     *,
     precision: int = 1,
     bytes_per_second: float = math.inf,
-) -> Clip:
-    """Fits moving curves to the frames of a clip.
+) -> list[Tracks]:
+    """Fits moving curves to the frames of a clip: those of each group of frames, with a scene cut or a bound on memory
+    between two.
 
     frames: pictures (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1], all of one size, each with the
     seconds at which it begins and ends; they are read as they are needed, and at most `MEMORY` bytes of them kept.
@@ -76,18 +76,17 @@ def fit_clip(
     if head is None:
         raise InputError("the clip has no frames")
     fit = ClipFit(head[0], settings, precision, bytes_per_second, count)
-    found: list[MovingScene] = []
+    found: list[Tracks] = []
     for group in groups(itertools.chain([head], checked), fit.most_frames):
-        last = None if group.after_cut else found[-1].at(found[-1].frames - 1)
-        moving = fit.group(group, last)
-        if moving is not None:
-            found.append(moving)
+        last = None if group.after_cut else found[-1].at(found[-1].frames - 1, found[-1].lines())[0]
+        tracks = fit.group(group, last)
+        if tracks is not None:
+            found.append(tracks)
         if work().stopped:
             break
     if not found:
         raise Stopped
-    first = found[0].base
-    return Clip(first.width, first.height, first.background, found)
+    return found
 
 
 Frame = tuple[np.ndarray, float, float]
@@ -148,7 +147,7 @@ class ClipFit:
         by_curves = math.sqrt(MEMORY / (8 * len(TRACKS) * settings.curves))
         self.most_frames = max(2, min(MOST_FRAMES, MEMORY // picture.nbytes, int(by_curves)))
 
-    def group(self, group: FrameGroup, start: Scene | None) -> MovingScene | None:
+    def group(self, group: FrameGroup, start: Scene | None) -> Tracks | None:
         """The curves of a group's frames, of fewer where the work is stopped, or None if that was right away.
 
         start: the curves of the frame before, if this group goes on with it.
@@ -170,9 +169,8 @@ class ClipFit:
         tracks = Tracks.on_every_frame(scenes, np.array(group.times[: len(scenes)]), end)
         if len(scenes) > 1:
             tracks = self._joint(tracks, group.pictures[: len(scenes)], effort.epochs)
-        tracks = tracks.on_grid(self.grid)
         self.done += len(scenes)
-        return tracks.moving()
+        return tracks.on_grid(self.grid)
 
     def _joint(self, tracks: Tracks, pictures: list[np.ndarray], epochs: int) -> Tracks:
         """The tracks with fewer knots, fitted to all frames at once, with numbers as the file has them."""

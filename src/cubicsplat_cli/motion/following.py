@@ -79,8 +79,9 @@ class Follower:
             self.scenes.append(self.scenes[-1])
             self.ids.append(ids)
             return
-        self._carry(flow(loop.goal, picture))
-        self.carried = loop.state.curves.points.copy()
+        points = loop.state.curves.points
+        points += sampled(flow(loop.goal, picture), points[..., 0] - 0.5, points[..., 1] - 0.5)
+        self.carried = points.copy()
         loop.goal[...] = picture
         loop.stepper.check_finite(loop.step)
         began, replacing = time.perf_counter(), int(REPLACING * steps)
@@ -97,11 +98,6 @@ class Follower:
                 ids = self._replace(ids, float(loss), frames_left)
         loop.stepper.check_finite(loop.step)
         self._keep(ids)
-
-    def _carry(self, shifts: np.ndarray) -> None:
-        """Moves every control point as the picture around it does; shifts: `flow`."""
-        points = self.loop.state.curves.points
-        points += sampled(shifts, points[..., 0] - 0.5, points[..., 1] - 0.5)
 
     def _replace(self, ids: np.ndarray, loss: float, frames_left: int) -> np.ndarray:
         """Replaces curves that this frame has no use for by new ones at its errors. Returns the numbers of all."""

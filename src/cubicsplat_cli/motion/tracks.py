@@ -8,9 +8,12 @@ import numpy as np
 
 from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.raster.engine import EngineScene
-from cubicsplat_cli.scene import MovingScene, Scene
-from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, TRACKS, lines_at
+from cubicsplat_cli.scene import Scene
 
+# What moves on knots of its own: the shape without its offset (control points and half-width), the offset, the fill.
+TRACKS = ("shapes", "offsets", "colours", "opacities")
+# Decimals of a file: of opacities, where more would not show beside the error of a fit; of widths, at least.
+OPACITY_DECIMALS, MIN_WIDTH_DECIMALS = 2, 2
 PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
 LEVELS = 255
 EVERY = slice(None)
@@ -18,7 +21,8 @@ EVERY = slice(None)
 
 @dataclass
 class KnotTrack:
-    """One of `TRACKS`. values: (F, N, C) float32, of which only the rows of knots count. knots: (F, N) bool.
+    """One of `TRACKS`, linear in time between knots. values: (F, N, C) float32, of which only the rows of knots count.
+    knots: (F, N) bool, the first and the last frame always.
 
     still: (N,) bool: the curves whose values never change; they are those of the first frame.
     """
@@ -34,18 +38,13 @@ class KnotTrack:
 
     def lines(self, times: np.ndarray) -> Lines:
         """Which knots each frame lies between."""
-        frames, curves = self.knots.shape
-        before, after = np.zeros((frames, curves), np.int64), np.zeros((frames, curves), np.int64)
-        share = np.empty((frames, curves), np.float32)
-        for frame in range(frames):
-            before[frame], after[frame], share[frame] = lines_at(self.knots, times, frame)
+        numbers, last = np.arange(len(times))[:, None], len(times) - 1
+        before = np.maximum.accumulate(np.where(self.knots, numbers, 0), axis=0)
+        after = np.minimum.accumulate(np.where(self.knots, numbers, last)[::-1], axis=0)[::-1]
+        span = times[after] - times[before]
+        share = (times[:, None] - times[before]) / np.where(span > 0.0, span, 1.0)
         before[:, self.still], after[:, self.still], share[:, self.still] = 0, 0, 0.0
-        return Lines(before, after, share)
-
-    def whole(self, times: np.ndarray) -> KnotTrack:
-        """The same with the values between knots, and those of still curves, set."""
-        lines = self.lines(times)
-        return replace(self, values=np.stack([lines.at(self.values, frame) for frame in range(len(times))]))
+        return Lines(before, after, share.astype(np.float32))
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,8 @@ class Lines:
 
 @dataclass
 class Tracks:
-    """All numbers of N curves over F frames. scene: canvas and topology. times: (F,) s. end: of the last frame, s.
+    """All numbers of N curves over F frames without a scene cut. scene: canvas and topology. times: (F,) s, rising, at
+    which each frame begins. end: of the last frame, s.
 
     by_name: of each of `TRACKS` its `KnotTrack`: shapes (2 K coordinates in px, and the half-width), offsets (2, px),
     colours (3), opacities (1). Control points are shape plus offset.
@@ -133,34 +133,11 @@ class Tracks:
 
     def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:
         """The same with the values of knots as a file has them."""
-        by_name = {
-            name: replace(track, values=rounded_to(track.values, grid[name])) for name, track in self.by_name.items()
-        }
+        by_name = {}
+        for name, track in self.by_name.items():
+            steps = grid[name]
+            by_name[name] = replace(track, values=(np.rint(track.values / steps) * steps).astype(np.float32))
         return replace(self, by_name=by_name)
-
-    def moving(self) -> MovingScene:
-        """The same as a moving scene, with every value set."""
-        whole = {name: track.whole(self.times) for name, track in self.by_name.items()}
-        shapes, offsets = whole["shapes"].values, whole["offsets"].values
-        frames, curves = shapes.shape[:2]
-        knots = np.logical_or.reduce([self._written(name) for name in TRACKS])
-        points = shapes[..., :-1].reshape(frames, curves, -1, 2) + offsets[:, :, None]
-        base = engine_scene(self.scene, {name: track.values[0] for name, track in whole.items()})
-        return MovingScene(
-            Scene(
-                base.mode, base.width, base.height, base.points, base.colours, base.opacities, base.half_widths,
-                base.background, base.ring_ends,
-            ),
-            self.times, self.end, points, whole["colours"].values, whole["opacities"].values[..., 0],
-            np.ascontiguousarray(shapes[..., -1]), knots, offsets, {name: self._written(name) for name in TRACKS},
-        )  # fmt: skip
-
-    def _written(self, name: str) -> np.ndarray:
-        """(F, N): the knots of a track, of still curves the first and the last frame."""
-        track = self.by_name[name]
-        ends = np.zeros_like(track.knots)
-        ends[[0, -1]] = True
-        return ends | (track.knots & ~track.still)
 
 
 def grid_of(points: int, precision: int) -> dict[str, np.ndarray]:
@@ -170,11 +147,6 @@ def grid_of(points: int, precision: int) -> dict[str, np.ndarray]:
         "shapes": np.array([coordinates] * (2 * points) + [width]), "offsets": np.full(2, coordinates),
         "colours": np.full(3, 1.0 / LEVELS), "opacities": np.full(1, 10.0**-OPACITY_DECIMALS),
     }  # fmt: skip
-
-
-def rounded_to(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Values (..., C) as the nearest multiples of steps (C,), float32."""
-    return (np.rint(values / steps) * steps).astype(np.float32)
 
 
 def engine_scene(scene: Scene, values: dict[str, np.ndarray]) -> EngineScene:

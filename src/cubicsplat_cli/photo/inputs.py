@@ -11,7 +11,6 @@ import numpy as np
 
 from cubicsplat_cli.progress import REPORT_SECONDS, Progress
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import FitSettings
 
 HISTORY_ENTRIES = 50
 
@@ -57,7 +56,6 @@ class FitResult:
     samples: int
     replaced: int
     dropped: int
-    settings: FitSettings
     notes: list[str]
 
 

@@ -153,7 +153,7 @@ class FitLoop:
         return FitResult(
             scene, self.step, seconds, 1e3 * seconds / max(self.step, 1), self.log.history, self.log.interrupted,
             self.engine.describe(), samples=self.settings.finish_samples, replaced=self.log.replaced,
-            dropped=best.curves - kept.curves, settings=self.settings, notes=self.log.notes,
+            dropped=best.curves - kept.curves, notes=self.log.notes,
         )  # fmt: skip
 
     def _finished(self, curves: FitCurves) -> Scene:

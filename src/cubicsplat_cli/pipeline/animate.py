@@ -19,12 +19,12 @@ from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.formatting import counted
-from cubicsplat_cli.motion import fit_clip
+from cubicsplat_cli.motion.fitting import fit_clip
+from cubicsplat_cli.motion.tracks import Tracks
 from cubicsplat_cli.options import NO_PHOTO_PARTS, GzipBytes
 from cubicsplat_cli.pipeline.animation import Animation, ClipTask, CurvesAnimation, DrawnAnimation
 from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene.moving import Clip
 from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
 from cubicsplat_cli.svg.moving_file import write_clip
@@ -97,7 +97,7 @@ def fitted_clip(task: ClipTask, work: Work) -> Animation:
         return _within_bytes(most, task, work)
 
 
-def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> Clip:
+def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> list[Tracks]:
     frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
     precision = task.request.precision
     try:
@@ -108,13 +108,13 @@ def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: fl
         raise InputError("the time limit was up before the first frame was fitted; allow more") from None
 
 
-def _animation(clip: Clip, task: ClipTask, off: float = 0.5) -> CurvesAnimation:
+def _animation(clip: list[Tracks], task: ClipTask, off: float = 0.5) -> CurvesAnimation:
     """The animation of a fitted clip. off: see `to_grid_clip`."""
     grid, plays = to_grid_clip(clip, task.request.precision, off), task.request.plays(task.source.plays)
     svg = with_checksum(write_clip(grid, title=task.title, comment=task.comment, plays=plays))
-    start = float(clip.groups[0].times[0])
-    begins = np.concatenate([group.times for group in clip.groups]) - start
-    exact = np.concatenate([shown_at(group) for group in clip.groups]) - start
+    start = float(clip[0].times[0])
+    begins = np.concatenate([group.times for group in clip]) - start
+    exact = np.concatenate([shown_at(group) for group in clip]) - start
     return CurvesAnimation(svg, begins, exact, grid.duration, plays, task.title, task.comment, grid)
 
 
@@ -148,7 +148,7 @@ def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
     raise InputError(f"{counted(curves, 'curve')} need more than {most:d} bytes; allow more, or take fewer frames")
 
 
-def _thinned(most: int, clip: Clip, task: ClipTask, most_off: float) -> Animation | None:
+def _thinned(most: int, clip: list[Tracks], task: ClipTask, most_off: float) -> Animation | None:
     """The animation with as many knots as fit; None where paths would be off by more."""
     low, high, made = 0.5, most_off, None
     for _ in range(LOOKS):

@@ -27,7 +27,8 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitInputs, FitResult, Fitting
+    from cubicsplat_cli.photo.fitting import Fitting
+    from cubicsplat_cli.photo.inputs import FitInputs, FitResult
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
@@ -62,7 +63,7 @@ class Photo:
     @cached_property
     def inputs(self) -> FitInputs:
         """The inputs of fits to the fine picture."""
-        from cubicsplat_cli.photo import FitInputs
+        from cubicsplat_cli.photo.inputs import FitInputs
 
         request = self.task.request
         start = None if request.init is None else request.init.scene
@@ -70,7 +71,8 @@ class Photo:
 
     def begin(self, settings: FitSettings) -> Fitting:
         """A fit in parts."""
-        from cubicsplat_cli.photo import FitInputs, Fitting
+        from cubicsplat_cli.photo.fitting import Fitting
+        from cubicsplat_cli.photo.inputs import FitInputs
 
         task, rough = self.task, None
         if self.rough is not self.fine:
@@ -79,7 +81,7 @@ class Photo:
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """A fit that begins with a scene."""
-        from cubicsplat_cli.photo import fit
+        from cubicsplat_cli.photo.fitting import fit
 
         task, inputs = self.task, replace(self.inputs, start=scene)
         return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)
@@ -105,15 +107,7 @@ class Photo:
         return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
 
 
-@dataclass(frozen=True)
-class Within:
-    """A fit that keeps to a budget, and what the user should know."""
-
-    fitted: FitResult
-    notes: list[str]
-
-
-def within_bytes(most: int, settings: FitSettings, photo: Photo) -> Within:
+def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:
     """The best picture in at most so many bytes. settings: with about as many curves as they are for.
 
     Raises InputError where not even one curve fits.
@@ -131,10 +125,10 @@ def within_bytes(most: int, settings: FitSettings, photo: Photo) -> Within:
     fitted = fitting.finish()
     scene = fitted.scene
     if photo.size(scene) <= most:
-        return Within(fitted, [])
+        return fitted
     order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, photo)
     count = most_within(scene.curves, most, lambda n: photo.size(_kept(scene, order, n)))
-    return Within(_trimmed(fitted, order, count), [])
+    return _trimmed(fitted, order, count)
 
 
 def file_precision(request: Request) -> int:
@@ -156,7 +150,7 @@ def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Phot
     return order, 1 + (most - head) / each
 
 
-def within_level(least: float, settings: FitSettings, photo: Photo) -> Within:
+def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult:
     """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was."""
     limit = max(1, min(1_000_000, photo.fine.width * photo.fine.height // LEAST_PIXELS_PER_CURVE))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
@@ -180,9 +174,10 @@ def within_level(least: float, settings: FitSettings, photo: Photo) -> Within:
         level = photo.level(fitted.scene)
     if level < least:
         hint = "more --steps" if settings.time_limit is None else "a longer --time-limit"
-        return Within(fitted, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"])
+        note = f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"
+        return replace(fitted, notes=[*fitted.notes, note])
     order, spare = _to_spare(fitted.scene, least, level, photo)
-    return Within(_trimmed(fitted, order, fitted.scene.curves - spare), [])
+    return _trimmed(fitted, order, fitted.scene.curves - spare)
 
 
 def _grown(curves: int, missing: float, limit: int) -> int:

@@ -15,7 +15,6 @@ from cubicsplat_cli.pipeline.budget import (
     LOOKS,
     SHARED_OPACITY,
     Photo,
-    Within,
     file_precision,
     guessed_curves,
     within_bytes,
@@ -27,7 +26,7 @@ from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult
+    from cubicsplat_cli.photo.inputs import FitResult
 
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
 # which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
@@ -79,7 +78,7 @@ class PhotoFit:
 
     def finished(self) -> Made:
         """The result of the whole fit."""
-        return _made_of(self._photo, Within(self._fitting.finish(), []))
+        return _made_of(self._photo, self._fitting.finish())
 
 
 def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
@@ -135,10 +134,10 @@ def _prepared(task: Task) -> tuple[Photo, FitSettings]:
     return Photo(task, fine if task.request.init is not None else rough, fine), settings
 
 
-def _made_of(photo: Photo, within: Within) -> Made:
-    from cubicsplat_cli.svg import write_svg
+def _made_of(photo: Photo, fitted: FitResult) -> Made:
+    from cubicsplat_cli.svg.scene_writer import write_svg
 
-    task, fitted, request = photo.task, within.fitted, photo.task.request
+    task, request = photo.task, photo.task.request
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, photo.rough, photo.fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
@@ -148,7 +147,7 @@ def _made_of(photo: Photo, within: Within) -> Made:
         lambda title, comment: write_svg(scene, title=title, comment=comment, **form),
         fitted.samples,
         scene.curves,
-        [*notes, *fitted.notes, *within.notes],
+        [*notes, *fitted.notes],
         _facts(fitted),
     )
 
@@ -176,7 +175,7 @@ def _tiny_photo(task: Task) -> Made:
     return Made(scene, lambda _title, _comment: polygons.text(), 1, scene.curves, fitted.notes, _facts(fitted))
 
 
-def _within(photo: Photo, settings: FitSettings) -> Within:
+def _within(photo: Photo, settings: FitSettings) -> FitResult:
     """One fit, or those that meet the budget that was asked for."""
     request = photo.task.request
     if request.max_bytes is not None:
@@ -184,7 +183,7 @@ def _within(photo: Photo, settings: FitSettings) -> Within:
         return within_bytes(request.max_bytes, _one_opacity(settings, transparent), photo)
     if request.target_psnr is not None:
         return within_level(request.target_psnr, settings, photo)
-    return Within(photo.begin(settings).finish(), [])
+    return photo.begin(settings).finish()
 
 
 def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:

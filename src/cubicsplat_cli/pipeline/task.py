@@ -191,7 +191,7 @@ class Task:
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""
         sized = scaled_scene(scene, *self.picture.size)
-        from cubicsplat_cli.svg import write_svg
+        from cubicsplat_cli.svg.scene_writer import write_svg
 
         shapes = self.request.settings.shapes
         written = write_svg(sized, precision=precision, title=self.title, comment=self.comment(), shapes=shapes)

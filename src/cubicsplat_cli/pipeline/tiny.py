@@ -18,7 +18,8 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.read import packed
-from cubicsplat_cli.photo import FitInputs, FitResult, fit
+from cubicsplat_cli.photo.fitting import fit
+from cubicsplat_cli.photo.inputs import FitInputs, FitResult
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import EngineScene

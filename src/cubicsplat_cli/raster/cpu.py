@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import IMPORTANCE, Backward, Engine, EngineScene, Training
+from cubicsplat_cli.raster.engine import IMPORTANCE, Backward, Engine, EngineScene, Pointer, Training
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
@@ -149,20 +149,29 @@ def instruction_sets() -> list[str]:
     return library().cs_isa_names().decode().split(",")
 
 
-def _pointer(array: Array, name: str, shape: tuple[int, ...], dtype: str) -> int | None:
-    """Address of an array's values; None of None. Raises EngineError that names it where the library cannot use it."""
-    if array is None:
-        return None
-    fits = tuple(array.shape) == shape and array.dtype == getattr(namespace(array), dtype)
-    if isinstance(array, np.ndarray):
-        if fits and array.flags.c_contiguous:
-            return address_of(array)
-    elif fits and array.device.type == "cpu" and array.is_contiguous():
-        return int(array.data_ptr())
-    raise EngineError(
-        f"{name} must be contiguous on the CPU, {dtype} and of shape {shape}, not {array.dtype} "
-        f"{tuple(array.shape)}, {kind_of(array)}"
-    )
+def pointer_on(device: Any) -> Pointer:
+    """Gives addresses of arrays that an engine on this device, torch's or "cpu", can use; see `Pointer`."""
+
+    def pointer(array: Array, name: str, shape: tuple[int, ...], dtype: str) -> int | None:
+        if array is None:
+            return None
+        if tuple(array.shape) == shape and array.dtype == getattr(namespace(array), dtype):
+            if isinstance(array, np.ndarray):
+                if array.flags.c_contiguous and device == "cpu":
+                    return address_of(array)
+            elif array.is_contiguous() and str(array.device) == str(device):
+                return int(array.data_ptr())
+        place = "the CPU" if str(device) == "cpu" else device
+        raise EngineError(
+            f"{name} must be contiguous on {place}, {dtype} and of shape {shape}, not {array.dtype} "
+            f"{tuple(array.shape)}, {kind_of(array)}"
+        )
+
+    return pointer
+
+
+_pointer = pointer_on("cpu")
+_FOUND = "gradient of "  # what messages put before the names of arrays to fill
 
 
 class CpuEngine(Engine):
@@ -222,10 +231,6 @@ class CpuEngine(Engine):
         return _Images(**scene.addresses(_pointer, pictures), loss=ctypes.addressof(loss)), loss
 
     @staticmethod
-    def _gradient_arrays(scene: EngineScene, arrays: dict[str, Array]) -> _Gradients:
-        return _Gradients(**scene.addresses(_pointer, arrays, "gradient of "))
-
-    @staticmethod
     def _settings(settings: RasterSettings, importance: str | None, penalty: Penalty = SQUARED) -> _Settings:
         exact = settings.coverage == "exact"
         return _Settings(
@@ -257,7 +262,7 @@ class CpuEngine(Engine):
     def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
         images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
         s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
-        g = self._gradient_arrays(scene, wanted.out)
+        g = _Gradients(**scene.addresses(_pointer, wanted.out, _FOUND))
         self._check(self._library.cs_gradients(self._opened(), s, t, images, g))
         return loss.value
 
@@ -266,10 +271,11 @@ class CpuEngine(Engine):
             scene, target=training.target, weights=training.weights, gradient=training.image_gradient,
             image=training.image,
         )  # fmt: skip
-        g = self._gradient_arrays(scene, {
+        found = {
             "points": training.of_points, "importance": training.importance, "frames": training.frames_gradient,
             "stops": training.stops_gradient,
-        })  # fmt: skip
+        }  # fmt: skip
+        g = _Gradients(**scene.addresses(_pointer, found, _FOUND))
         s, t = self._scene(scene), self._settings(settings, training.wanted_importance, training.penalty)
         further = {"points_gradient": training.points_gradient, "rate_scale": training.rate_scale}
         state, rates = training.state, training.rates

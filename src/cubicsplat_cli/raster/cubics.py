@@ -46,11 +46,8 @@ class Division:
         flags = (np.empty(count, dtype=bool) for _ in range(3))
         return cls(np.empty(count, np.int64), np.empty((count, 2)), np.empty((count, 2, 2)), *flags)
 
-    def _arrays(self) -> tuple[np.ndarray, ...]:
-        return self.sizes, self.anchors, self.handles, self.lines, self.level, self.from_corner
-
     def _first(self, count: int) -> Division:
-        return Division(*(array[:count].copy() for array in self._arrays()))
+        return Division(*(array[:count].copy() for array in vars(self).values()))
 
 
 def divided_run(
@@ -69,7 +66,7 @@ def divided_run(
     count, cost = len(weights), c_double()
     given = [doubles(array) for array in (*fits, weights, *ends)]
     found = Division._room(count + 2)
-    out = *found._arrays(), byref(cost)
+    out = *vars(found).values(), byref(cost)
     pieces = _native("cs_divide", count, *given, float(price), *out, result=c_int64)
     return found._first(pieces), cost.value
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import address_of, int32s, library
+from cubicsplat_cli.raster.cpu import address_of, int32s, library, members
 from cubicsplat_cli.raster.sparse import SparseRows
 
 _OPAQUE = 254.5 / 255.0
@@ -23,27 +23,23 @@ _OPAQUE = 254.5 / 255.0
 
 class _Goal(ctypes.Structure):
     _fields_ = [
-        ("width", c_int32), ("height", c_int32), ("grid", c_int32), ("reach", c_int32), ("threads", c_int32),
-        ("target", c_void_p), ("taps", c_void_p), ("opaque", c_void_p), ("channels", c_double * 4),
-        ("bound", c_double), ("leak_weight", c_double),
+        *members(c_int32, "width height grid reach threads"), *members(c_void_p, "target taps opaque"),
+        ("channels", c_double * 4), *members(c_double, "bound leak_weight"),
     ]  # fmt: skip
 
 
 class _Stack(ctypes.Structure):
-    _fields_ = [
-        ("layers", c_int32), ("ends", c_void_p), ("cubics", c_void_p), ("lines", c_void_p), ("signs", c_void_p),
-        ("fills", c_void_p), ("base", c_void_p), ("beneath", c_void_p),
-    ]  # fmt: skip
+    _fields_ = [("layers", c_int32), *members(c_void_p, "ends cubics lines signs fills base beneath")]
 
 
 class _Crossings(ctypes.Structure):
-    _fields_ = [(name, c_void_p) for name in ("piece", "pixel", "t", "change", "slope")]
+    _fields_ = members(c_void_p, "piece pixel t change slope")
 
 
 class _Unknowns(ctypes.Structure):
     _fields_ = [
-        ("outlines", c_int32), ("variables", c_int32), ("first", c_void_p), ("count", c_void_p), ("start", c_void_p),
-        ("rows", c_void_p), ("column", c_void_p), ("value", c_void_p), ("damping", c_void_p), ("keep", c_double),
+        *members(c_int32, "outlines variables"), *members(c_void_p, "first count start rows column value damping"),
+        ("keep", c_double),
     ]  # fmt: skip
 
 

@@ -1,10 +1,9 @@
 """The scene: the curves that fit, raster and svg exchange, in arrays of numpy or torch, and their fills' gradients."""
 
 from cubicsplat_cli.scene.layers import EmbeddedImage, LayeredScene, SceneLayer, resized
-from cubicsplat_cli.scene.moving import Clip, MovingScene
 from cubicsplat_cli.scene.scene import Scene, pack_rings, points_from_segments, scaled_scene, segments_from_points
 
 __all__ = [
-    "Clip", "EmbeddedImage", "LayeredScene", "MovingScene", "Scene", "SceneLayer", "pack_rings", "points_from_segments",
-    "resized", "scaled_scene", "segments_from_points",
+    "EmbeddedImage", "LayeredScene", "Scene", "SceneLayer", "pack_rings", "points_from_segments", "resized",
+    "scaled_scene", "segments_from_points",
 ]  # fmt: skip

@@ -108,11 +108,11 @@ def add_ring(path: PathText, ring: Ring, exact: bool = False, relative: bool = F
     """
     if ring.pieces == 0:
         return
-    _add_pieces(path, ring, [*range(1, ring.pieces), 0], 0 if exact else MIRROR_REACH, relative)
+    add_pieces(path, ring, [*range(1, ring.pieces), 0], 0 if exact else MIRROR_REACH, relative)
     path.close()
 
 
-def _add_pieces(path: PathText, ring: Ring, ends: Sequence[int], reach: int, relative: bool = False) -> None:
+def add_pieces(path: PathText, ring: Ring, ends: Sequence[int], reach: int, relative: bool = False) -> None:
     """The pieces from one anchor to the next; the line that closes a ring is drawn by closing it."""
     anchors, controls = ring.anchors.tolist(), ring.controls.tolist()
     path.move(tuple(anchors[0]), relative=relative)
@@ -145,7 +145,7 @@ def add_stroke(path: PathText, line: Path, precision: int) -> None:
     ring = Ring(anchors, np.concatenate([controls, back]), np.append(line.lines, True), smooth)
     following = (np.arange(ring.pieces) + 1) % ring.pieces
     ring = replace(ring, controls=smoothed(ring, following, even=False))
-    _add_pieces(path, ring, range(1, len(anchors)), MIRROR_REACH)
+    add_pieces(path, ring, range(1, len(anchors)), MIRROR_REACH)
 
 
 def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bool) -> None:

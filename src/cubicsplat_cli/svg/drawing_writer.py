@@ -119,23 +119,18 @@ class _GridRings:
         self.exact = exact
         self._precision = precision
         self._cache: dict[tuple[int, bool], tuple[Ring, Ring]] = {}
-        given = {
-            (id(outline), index == 0): outline
+        placed = [
+            (outline, index == 0)
             for shape in shapes
             if shape.stroke is None
             for index, outline in enumerate(shape.outlines)
             if isinstance(outline, Ring)
-        }
+        ]
+        given = {(id(ring), clockwise): ring for ring, clockwise in placed}
         turned = [_turned_to(ring, clockwise) for (_, clockwise), ring in given.items()]
         for (key, ring), grid in zip(given.items(), grid_rings(turned, precision, exact), strict=True):
             self._cache[key] = ring, grid
-        forms = Counter(
-            form_of(self.of(outline, index == 0))
-            for shape in shapes
-            if shape.stroke is None
-            for index, outline in enumerate(shape.outlines)
-            if isinstance(outline, Ring)
-        )
+        forms = Counter(form_of(self.of(*each)) for each in placed)
         self.repeated = {form for form, count in forms.items() if count > 1}
 
     def of(self, ring: Ring, clockwise: bool) -> Ring:

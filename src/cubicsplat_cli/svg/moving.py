@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.motion.tracks import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Tracks
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Clip, MovingScene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE, check_precision
 from cubicsplat_cli.svg.values import levels_of, unit_colour
@@ -107,7 +107,7 @@ class GridClip:
             )  # fmt: skip
 
 
-def shown_at(group: MovingScene) -> np.ndarray:
+def shown_at(group: Tracks) -> np.ndarray:
     """(F,) the time in seconds at which a file shows each frame of a group exactly, within the time that is its own.
 
     The last knot of a path can only be at the end of its group without being written twice. So times are stretched:
@@ -121,64 +121,55 @@ def shown_at(group: MovingScene) -> np.ndarray:
     return stretched if (stretched <= ends + 1e-9).all() else times.copy()
 
 
-def to_grid_clip(clip: Clip, precision: int, off: float = 0.5) -> GridClip:
-    """Round a clip to what a file with `precision` decimals of coordinates holds, and leave out knots that then say
+def to_grid_clip(clip: Sequence[Tracks], precision: int, off: float = 0.5) -> GridClip:
+    """Round the groups of a clip to what a file with `precision` decimals holds, and leave out knots that then say
     nothing: what they stand for is no more than `off` steps from the line between others. Half a step is what rounding
     does anyway.
 
     Raises InputError for a value that is out of range, UsageError for a precision outside 0..6.
     """
     check_precision(precision)
-    clip.validate()
-    start, first = float(clip.groups[0].times[0]), clip.groups[0].base
-    duration = round(clip.groups[-1].end - start, TIME_DECIMALS)
-    shortest = min(float(np.diff(np.append(group.times, group.end)).min()) for group in clip.groups)
+    start, first = float(clip[0].times[0]), clip[0].scene
+    duration = round(clip[-1].end - start, TIME_DECIMALS)
+    shortest = min(float(np.diff(np.append(group.times, group.end)).min()) for group in clip)
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
-    background = levels_of(clip.background)
+    background = levels_of(first.background)
     key_s = duration / 10**decimals
     groups = [
         GridGroup(
             round(float(group.times[0]) - start, TIME_DECIMALS), round(group.end - start, TIME_DECIMALS),
             _curves(group, precision, key_s, off),
         )
-        for group in clip.groups
+        for group in clip
     ]  # fmt: skip
-    return GridClip(first.mode, clip.width, clip.height, precision, background, duration, decimals, groups)
+    return GridClip(first.mode, first.width, first.height, precision, background, duration, decimals, groups)
 
 
-def _curves(group: MovingScene, precision: int, key_s: float, off: float) -> list[dict[str, GridTrack]]:
-    if group.base.ring_ends is not None:
-        raise InputError("curves of a clip are single rings of equal length; holes cannot be written")
-    if np.abs(group.points).max() > MAX_COORDINATE:
-        raise InputError(f"control points lie more than {MAX_COORDINATE:.0f} px from the origin")
+def _curves(group: Tracks, precision: int, key_s: float, off: float) -> list[dict[str, GridTrack]]:
     seconds = shown_at(group)
     keys = np.rint((seconds - seconds[0]) / key_s).astype(np.int64)
-    unit, frames = 10.0**precision, group.frames
-    offsets = np.zeros((frames, group.curves, 2)) if group.offsets is None else group.offsets.astype(np.float64)
+    values = {name: track.values.astype(np.float64) for name, track in group.by_name.items()}
+    points, offsets, half_widths = values["shapes"][..., :-1], values["offsets"], values["shapes"][..., -1:]
+    if not np.abs(points).max() + np.abs(offsets).max() <= MAX_COORDINATE:  # false for NaN too
+        raise InputError(f"control points lie more than {MAX_COORDINATE:.0f} px from the origin")
     # What a curve has of its offset from the start on belongs to its shape.
-    shapes = group.points.astype(np.float64) - offsets[:, :, None] + offsets[:1, :, None]
+    points = points + np.tile(offsets[:1], points.shape[2] // 2)
+    unit = 10.0**precision
     grids = {
-        SHAPE: (_rounded(shapes * unit), "shapes"),
-        OFFSET: (_rounded((offsets - offsets[:1]) * unit), "offsets"),
-        COLOUR: (_rounded(group.colours * 255.0), "colours"),
-        OPACITY: (_rounded(group.opacities[..., None] * 10.0**OPACITY_DECIMALS), "opacities"),
-        WIDTH: (_rounded(2.0 * group.half_widths[..., None] * 10.0 ** max(precision, MIN_WIDTH_DECIMALS)), "shapes"),
+        SHAPE: (points * unit, "shapes"),
+        OFFSET: ((offsets - offsets[:1]) * unit, "offsets"),
+        COLOUR: (values["colours"] * 255.0, "colours"),
+        OPACITY: (values["opacities"] * 10.0**OPACITY_DECIMALS, "opacities"),
+        WIDTH: (2.0 * half_widths * 10.0 ** max(precision, MIN_WIDTH_DECIMALS), "shapes"),
     }
-    knots = {name: group.knots_of(track) for name, (_, track) in grids.items()}
 
     def track(name: str, curve: int) -> GridTrack:
-        chosen = knots[name][:, curve]
-        return _needed(keys[chosen], grids[name][0][chosen, curve], off)
+        grid, of = grids[name]
+        chosen = group.by_name[of].knots[:, curve] & ~group.by_name[of].still[curve]
+        chosen[0] = True
+        return _needed(keys[chosen], np.rint(grid[chosen, curve]).astype(np.int64), off)
 
-    return [
-        _rigid({name: track(name, curve) for name in grids}, off, free=group.offsets is None)
-        for curve in range(group.curves)
-    ]
-
-
-def _rounded(values: np.ndarray) -> np.ndarray:
-    """(F, N, n) int64 of (F, N, ...)."""
-    return np.rint(values.reshape(*values.shape[:2], -1)).astype(np.int64)
+    return [{name: track(name, curve) for name in grids} for curve in range(points.shape[1])]
 
 
 def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> GridTrack:
@@ -202,15 +193,3 @@ def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> GridTrack:
         else:
             kept.append(last)
     return GridTrack(keys[kept], values[kept])
-
-
-def _rigid(tracks: dict[str, GridTrack], most: float, *, free: bool) -> dict[str, GridTrack]:
-    """The tracks of a curve; those of its points as an offset where all of them move alike and none is there yet."""
-    shape = tracks[SHAPE]
-    if not free or len(shape.keys) == 1:
-        return tracks
-    moved = (shape.values - shape.values[0]).reshape(len(shape.keys), -1, 2)
-    offsets = np.rint(moved.mean(axis=1)).astype(np.int64)
-    if np.abs(moved - offsets[:, None]).max() > 1:  # the rounding of a point, and that of the offset
-        return tracks
-    return {**tracks, SHAPE: GridTrack(shape.keys[:1], shape.values[:1]), OFFSET: _needed(shape.keys, offsets, most)}

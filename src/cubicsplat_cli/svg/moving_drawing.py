@@ -11,10 +11,10 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.moving import MovingDrawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.markup import document, format_number
 from cubicsplat_cli.svg.moving_file import repeated
 
-_SVG = "{http://www.w3.org/2000/svg}"
 _DISPLAY, _MOVE = "display", "transform"
 _OF_A_FRAME = 0.01  # by which a change may be early or late
 
@@ -40,7 +40,7 @@ def write_moving_drawing(
     text = write_drawing(
         replace(drawing, shapes=named, abutting=True), precision=precision, title=title, comment=comment
     )
-    ElementTree.register_namespace("", _SVG[1:-1])
+    ElementTree.register_namespace("", SVG[1:-1])
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
     shortest = float(np.diff(np.append(begins, duration)).min())
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
@@ -88,11 +88,11 @@ def _wrapped(root: ElementTree.Element, element: ElementTree.Element) -> Element
 
 def still(text: str, seconds: float) -> str:
     """The SVG that a file of `write_moving_drawing` shows at a time, s, without animations and hidden elements."""
-    ElementTree.register_namespace("", _SVG[1:-1])
+    ElementTree.register_namespace("", SVG[1:-1])
     root = ElementTree.fromstring(text)
     for parent in [*root.iter()]:
         for element in [*parent]:
-            for animation in [each for each in element if each.tag.startswith(f"{_SVG}animate")]:
+            for animation in [each for each in element if each.tag.startswith(f"{SVG}animate")]:
                 value = _value(animation, seconds)
                 name = animation.attrib["attributeName"]
                 element.set(name, value if name == _DISPLAY else f"translate({value})")

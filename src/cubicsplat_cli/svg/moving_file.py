@@ -12,9 +12,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene.moving import OPACITY_DECIMALS
+from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.markup import comment_text, format_number, joined, short_colour, xml_text
+from cubicsplat_cli.svg.elements import SVG
+from cubicsplat_cli.svg.markup import document, empty_document, format_number, joined, short_colour
 from cubicsplat_cli.svg.moving import (
     COLOUR,
     OFFSET,
@@ -27,11 +28,10 @@ from cubicsplat_cli.svg.moving import (
     GridTrack,
 )
 from cubicsplat_cli.svg.paths import subpaths
+from cubicsplat_cli.svg.scene_reader import control_points
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 
-_ESCAPED = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
-_SVG = "{http://www.w3.org/2000/svg}"
 _KEY_DECIMALS = 12  # evenly spaced knots are written without times, and lie where they do
 _SCALE = re.compile(r"scale\(\.(0{0,5})1\)")
 
@@ -42,18 +42,13 @@ def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int
     Nothing is written of what does not. plays: how often the clip is shown, 0 for ever; it ends with its last frame.
     Values are linear between knots. A group of frames after a cut is a <g> that is displayed in its time.
     """
-    size = f'width="{clip.width}" height="{clip.height}"'
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {clip.width} {clip.height}">',
-        f"<!--{comment_text(comment)}-->",
-        f"<title>{xml_text(title).translate(_ESCAPED)}</title>",
-    ]
+    root = empty_document(clip.width, clip.height, title, comment)
     if clip.background is not None:
-        lines.append(f'<rect id="{BACKGROUND_ID}" {size} fill="{short_colour(*clip.background)}"/>')
-    for index, group in enumerate(clip.groups):
-        lines += _group(clip, group, index, plays)
-    return "\n".join([*lines, "</svg>", ""])
+        box = {"id": BACKGROUND_ID, "width": str(clip.width), "height": str(clip.height)}
+        ElementTree.SubElement(root, "rect", {**box, "fill": short_colour(*clip.background)})
+    head, end = document(root).removesuffix("\n").rsplit("\n", 1)
+    lines = [line for index, group in enumerate(clip.groups) for line in _group(clip, group, index, plays)]
+    return "\n".join([head, *lines, end, ""])
 
 
 def _group(clip: GridClip, group: GridGroup, index: int, plays: int) -> Iterator[str]:
@@ -182,30 +177,30 @@ def read_clip(text: str) -> GridClip:
 
 
 def _clip(root: ElementTree.Element) -> GridClip:
-    groups = root.findall(f"{_SVG}g")
+    groups = root.findall(f"{SVG}g")
     scale = _SCALE.fullmatch(groups[0].get("transform", ""))
     precision = 0 if scale is None else len(scale[1]) + 1
     mode = Mode.OPEN if groups[0].get("fill") == "none" else Mode.CLOSED
-    animated = [*root.iter(f"{_SVG}animate"), *root.iter(f"{_SVG}animateTransform")]
+    animated = [*root.iter(f"{SVG}animate"), *root.iter(f"{SVG}animateTransform")]
     durations = {Decimal(each.attrib["dur"].removesuffix("s")) for each in animated}
     if len(durations) > 1:
         raise ValueError("its animations last different times")
     duration = float(durations.pop()) if durations else 1.0  # where nothing changes, it does not matter
-    background = root.find(f"{_SVG}rect")
+    background = root.find(f"{SVG}rect")
     colour = None if background is None else hex_colour(background.attrib["fill"])
     clip = GridClip(
         mode, int(root.attrib["width"]), int(root.attrib["height"]), precision, colour, duration, _KEY_DECIMALS, []
     )
     for group in groups:
         begin, end = _times(group, clip)
-        curves = [_curve(path, clip) for path in group.findall(f"{_SVG}path")]
+        curves = [_curve(path, clip) for path in group.findall(f"{SVG}path")]
         clip.groups.append(GridGroup(begin, end, curves[::-1]))
     return clip
 
 
 def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
     """Start and end of the display of a group, in seconds."""
-    display = group.find(f"{_SVG}animate")
+    display = group.find(f"{SVG}animate")
     if display is None:
         return 0.0, clip.duration
     keys = [float(key) * clip.duration for key in display.attrib["keyTimes"].split(";")]
@@ -247,6 +242,4 @@ def _whole(text: str, decimals: int) -> int:
 def _points(d: str, mode: Mode) -> list[int]:
     """The control points of a path of one ring of cubics."""
     (ring,) = subpaths(d)
-    pieces = [piece for piece in ring if piece.command == "C"]
-    points = [pieces[0].start, *(point for piece in pieces for point in (*piece.handles, piece.end))]
-    return [int(value) for point in (points[:-1] if mode is Mode.CLOSED else points) for value in point]
+    return [int(value) for point in control_points(ring, mode) for value in point]

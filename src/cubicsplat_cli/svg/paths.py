@@ -52,11 +52,6 @@ class PathSegment(NamedTuple):
         return self.command == "A" and min(self.numbers[:2]) > 0.0 and self.start != self.end
 
 
-def count_numbers(d: str) -> int:
-    """Numbers in path data, but for the two flags of an arc."""
-    return sum(_NUMBERS[letter.upper()] - 2 * (letter in "Aa") for letter, _ in commands(d))
-
-
 def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
     """Each command with its numbers; a command that is left out where it repeats is given again.
 

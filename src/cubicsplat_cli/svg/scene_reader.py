@@ -28,7 +28,7 @@ from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
 from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
-from cubicsplat_cli.svg.values import hex_colour, parse_number
+from cubicsplat_cli.svg.values import hex_colour, parse_number, unit_colour
 
 _DECIMALS = 9  # more than any file has
 _ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
@@ -57,7 +57,8 @@ def read_svg(text: str | bytes) -> Scene:
     shading = next((each for each in elements if each.place == "svg/clipPath"), None)
     if shading is not None:
         raise InputError(
-            f"line {shading.line} clips shading, which no scene of curves has; use cubicsplat_cli.svg.read_drawing"
+            f"line {shading.line} clips shading, which no scene of curves has; "
+            "use cubicsplat_cli.svg.drawing_reader.read_drawing"
         )
     return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
 
@@ -117,7 +118,7 @@ class _SceneReader:
         box = [given.get(name, "0") for name in ("x", "y", "width", "height")]
         if box != ["0", "0", str(self.width), str(self.height)]:
             raise ValueError("has a <rect> that is not the background")
-        self.background = _colour(given.get("fill", ""))
+        self.background = unit_colour(hex_colour(given.get("fill", "")))
 
     def _add_group(self, element: OwnElement) -> None:
         given = dict(element.attributes)
@@ -200,13 +201,14 @@ def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[
     """Control points (K, 2) float64 in px of each subpath of a path with `scale` units to the px."""
     if len(subpaths) > 1 and mode is Mode.OPEN:
         raise ValueError("has a stroke of several subpaths")
-    rings = [np.array(_control_points(subpath, mode)) / scale for subpath in subpaths]
+    rings = [np.array(control_points(subpath, mode)) / scale for subpath in subpaths]
     if not all((np.abs(ring) <= MAX_COORDINATE).all() for ring in rings):  # false for NaN too
         raise ValueError(f"has a point more than {MAX_COORDINATE:.0f} px from the origin")
     return rings
 
 
-def _control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
+def control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
+    """Those of a chain of cubics, of a closed one without its start again. Raises ValueError for other pieces."""
     if mode is Mode.CLOSED:
         if not subpath or subpath[-1].command != "Z":
             raise ValueError("has a closed curve whose path does not end with z")
@@ -221,11 +223,6 @@ def _control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float,
     for piece in subpath:
         points += [*piece.handles, piece.end]
     return points[:-1] if mode is Mode.CLOSED else points
-
-
-def _colour(text: str) -> tuple[float, float, float]:
-    red, green, blue = hex_colour(text)
-    return red / 255, green / 255, blue / 255
 
 
 def _at_most(text: str, largest: float) -> float:

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import DeviceError
+from cubicsplat_cli.raster.cpu import pointer_on
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import Driver, Kernels, cuda_driver
 from cubicsplat_cli.raster.cuda.frame import (
@@ -31,7 +32,6 @@ from cubicsplat_cli.raster.cuda.frame import (
     blocks,
     make_frame,
     order_places,
-    pointer_on,
     put,
     set_rates,
     shared_bytes,

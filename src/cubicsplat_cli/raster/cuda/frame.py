@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import members
-from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Pointer, Rates
+from cubicsplat_cli.raster.cpu import members, pointer_on
+from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Rates
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -70,23 +70,6 @@ class StepFrame(ctypes.Structure):
             c_void_p, "out_half_widths out_edge_widths out_frames out_stops moments edge_moments ages status step"
         ),
     ]
-
-
-def pointer_on(device: torch.device) -> Pointer:
-    """Gives addresses of tensors that kernels on this device can use, and raises EngineError of any others."""
-
-    def pointer(tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: str) -> int | None:
-        if tensor is None:
-            return None
-        fits = tuple(tensor.shape) == shape and tensor.dtype == getattr(torch, dtype)
-        if not fits or tensor.device != device or not tensor.is_contiguous():
-            raise EngineError(
-                f"{name} must be a contiguous torch.{dtype} tensor of shape {shape} on {device}, "
-                f"not {tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
-            )
-        return tensor.data_ptr()
-
-    return pointer
 
 
 def blocks(count: int, per_block: int) -> int:

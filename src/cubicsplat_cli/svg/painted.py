@@ -1,4 +1,4 @@
-"""The shapes of any SVG as cubics and paints in px, for formats that know neither style sheets nor transforms."""
+"""The shapes of any SVG as cubics and paints in px, for those who know neither style sheets nor transforms."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ Paint = Rgba | Gradient  # sRGB and opacity in [0, 1]; or a gradient in px, its 
 @dataclass(frozen=True, eq=False)
 class PaintedShape:
     """name: its id, or else what it is. lines: its subpaths in px. fill, stroke: None where there is none. width: of
-    the stroke in px. even_odd: the rule of the fill; cap, join, limit: of the stroke, as in SVG.
+    the stroke in px. even_odd: the rule of the fill; cap, join, limit: of the stroke, as in SVG. matrix: (3, 3) from
+    its own units, in which a stroke is as wide all around, to px.
     """
 
     name: str
@@ -39,6 +40,7 @@ class PaintedShape:
     cap: str
     join: str
     limit: float
+    matrix: np.ndarray
 
 
 @dataclass
@@ -52,10 +54,10 @@ class PaintedShapes:
     shapes: list[PaintedShape] = field(default_factory=list)
     left_out: Counter[str] = field(default_factory=Counter)
 
-    def notes(self) -> list[str]:
-        """A sentence about what is left out, if anything is."""
+    def notes(self, of: str = "") -> list[str]:
+        """A sentence about what is left out, if anything is. of: of what."""
         parts = [counted(count, name) for name, count in sorted(self.left_out.items()) if count]
-        return [f"left out: {', '.join(parts)}"] if parts else []
+        return [f"left out{of}: {', '.join(parts)}"] if parts else []
 
 
 def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
@@ -112,7 +114,7 @@ def _painted(
     if max(float(np.abs(line.cubics).max()) for line in placed) > MAX_COORDINATE:
         left_out[f"{shape.name} beyond {MAX_COORDINATE:.0f} px"] += 1
         return None
-    return PaintedShape(name, placed, fill, stroke, width, style["fill-rule"] == "evenodd", cap, join, limit)
+    return PaintedShape(name, placed, fill, stroke, width, style["fill-rule"] == "evenodd", cap, join, limit, matrix)
 
 
 def _paint(
