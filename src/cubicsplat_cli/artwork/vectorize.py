@@ -79,8 +79,8 @@ def versions(
     What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
     drawn as it looks from farther away. prepared: `prepare(target)`, where that is known already. strokes: shapes of
-    even width become pen strokes. on_sketch: given the regions as polygons, in px of the picture, where there are many;
-    what it raises ends the drawing.
+    even width become pen strokes. on_sketch: given the shapes with their outlines fitted, which have all their pieces
+    yet and no details, in px of the picture, where there are many; what it raises ends the drawing.
 
     Where the work under way (`progress.work`) is stopped, the drawing is what there is by then: outlines not yet fitted
     are polygons, and where the regions were not known yet it is that of a smaller copy.
@@ -142,10 +142,6 @@ def _versions(
     placeholders = flat.fills if _may_shine_through(prepared, settings) else None
     plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders, condition.share_error)
     height, width = plan.levels.shape[:2]
-    if len(plan.parts) > MANY:
-        sketch = Drawing(width, height, polygons(plan.parts, (height, width), flat))
-        with work().stoppable():
-            on_sketch(enlarged(_painted(sketch), prepared.scale, prepared.width, prepared.height))
     finer = TRACED / min(max(height, width, SMALLEST), TRACED) if condition.clean else 1.0
     shapes = traced(plan.parts, (height, width), settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
@@ -164,7 +160,12 @@ def _versions(
         if not (condition.aliased or condition.blur or prepared.pens):
             seen = replace(plan, levels=came) if settings.free_fills else plan
             drawing, state = or_finer(drawing, goal, seen, scaled, flat, placeholders, condition.restored_error)
-        drawing = polish(drawing, goal, settings.detail, state)
+
+        def show(settled: Drawing) -> None:
+            if len(plan.parts) > MANY:
+                on_sketch(enlarged(_painted(settled), prepared.scale, prepared.width, prepared.height))
+
+        drawing = polish(drawing, goal, settings.detail, state, show)
         if few_enough(drawing):
             work().at("regularising", 0.8)
             drawing = regularised(drawing, goal, settings.detail, grid)

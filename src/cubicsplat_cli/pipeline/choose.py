@@ -23,10 +23,7 @@ FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 # Shapes can be edited, so the curves must be better by what is plain to see. A quick photo is behind one that is fitted
 # to its end by so much at least.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
-SKETCH_DB = 2.0  # that fitted outlines are better than polygons, at most
-# Mean squared error that polygons have and fitted outlines do not, of full scale: they are 0.3 px off at the edges, on
-# which a tenth of the pixels lie.
-SKETCH_ERROR = 0.01
+SKETCH_DB = 6.0  # by which a drawing is nearer whose details are found too, at most
 
 
 # What makes each style. A further one needs a line here, a name in `request.STYLES`, and its file in this package.
@@ -131,7 +128,7 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
     level = _level_db(task, photo)
     if level >= FAR_DB or photo.interrupted:
         return photo
-    return _nearer_of(task, photo, _drawing_of(task, photo.style, level))
+    return _nearer_of(task, photo, _drawing_of(task, photo.style, level, SKETCH_DB))
 
 
 def _photo_or_drawing(task: Task, style: Style) -> Made:
@@ -145,7 +142,8 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     expected = level_db(task, scene, task.request.settings.finish_samples) + rise
     if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
-    drawing = _drawing_of(task, style, expected)
+    # What a look tells may rise as far as a sketch.
+    drawing = _drawing_of(task, style, expected, 0.0)
     if isinstance(drawing, Made):
         own = _level_db(task, drawing)
         # The photo may end far above what a look tells, in fewer bytes than many shapes take.
@@ -164,13 +162,13 @@ def decisive_db(expected: float) -> float:
     return expected + MARGIN_DB if expected < FAR_DB else ENOUGH_DB
 
 
-def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | None:
-    """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where not
-    even fitted outlines would bring its sketch as near.
+def _drawing_of(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
+    """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where its
+    sketch is not as near and would not be if it rose by so many dB.
     """
 
     def check(sketch: Made) -> None:
-        if _level_db(task, sketch) <= level - SKETCH_DB:
+        if _level_db(task, sketch) <= level - rise_db:
             raise PhotoIsNearer(f"it has {level:.1f} dB")
 
     try:
@@ -267,17 +265,16 @@ def _failure(style: str, error: Exception) -> str:
 
 
 def check_worth_finishing(task: Task, sketch: Made) -> None:
-    """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
-    reason = photo_is_nearer(task, sketch, SKETCH_DB, SKETCH_ERROR)
+    """Raises PhotoIsNearer where not even its details would bring a drawing near enough, and what a fit raises."""
+    reason = photo_is_nearer(task, sketch, SKETCH_DB)
     if reason is not None:
         raise PhotoIsNearer(reason)
 
 
-def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 1.0) -> str | None:
+def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0) -> str | None:
     """Why the photo style suits the picture better than its drawing does; None where it does not.
 
-    rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
-    scale. Raises what a fit raises, and KeyboardInterrupt.
+    rise_db: by which the level of the drawing may still rise. Raises what a fit raises, and KeyboardInterrupt.
     """
     if not made.facts["shapes"]:
         return TOO_FINE
@@ -287,14 +284,8 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     curves = curves_of_equal_bytes(task, made)
     if curves not in task.quick_photos:
         task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, made.samples))
-    fitted = task.quick_photos[curves].beyond(risen_db(drawn, rise_db, fall) + MARGIN_DB - QUICK_BEHIND_DB)
+    fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB - QUICK_BEHIND_DB)
     if fitted is None:
         return None
     near = "is identical" if math.isinf(fitted) else f"has {fitted:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB, as pixels and as tones"
-
-
-def risen_db(level: float, rise_db: float, fall: float) -> float:
-    """The level in dB to which another may rise; see `photo_is_nearer`."""
-    rest = 10.0 ** (-0.1 * level) - fall
-    return level + (min(rise_db, -10.0 * math.log10(rest) - level) if rest > 0.0 else rise_db)

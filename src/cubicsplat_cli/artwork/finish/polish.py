@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.progress import work
+from cubicsplat_cli.progress import nothing, work
 from cubicsplat_cli.raster.stack import Goal
 
 PASSES = 3  # of moves, and of merges, at most
@@ -25,8 +25,16 @@ TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
 _log = logging.getLogger("cubicsplat")
 
 
-def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, state: State | None = None) -> Drawing:
-    """The drawing fitted to its goal; detail as in ArtworkSettings. state: the drawing against its goal, if known."""
+def polish(
+    drawing: Drawing,
+    goal: Goal,
+    detail: float = 1.0,
+    state: State | None = None,
+    on_settled: Callable[[Drawing], None] = nothing,
+) -> Drawing:
+    """The drawing fitted to its goal; detail as in ArtworkSettings. state: the drawing against its goal, if known.
+    on_settled: given the drawing once its own pieces are; what it raises ends the work.
+    """
     pieces = drawing.segments
     if pieces > CHANGED:
         left = "fitted to the pixels" if pieces > MOST else "merged, cut and rounded as the pixels ask"
@@ -46,6 +54,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, state: State | Non
     state = state or begin(drawing, goal)
     with work().stoppable():
         state = settle(state, ROUNDS if pieces <= CROWDED else _trial_rounds(pieces))
+        on_settled(drawn(drawing, state))
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
         if pieces <= FULL:
