@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from red_rings import RED, assert_jacobian, red_picture
 from test_artwork_finish import covered
 
-from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.parameters import Constraints, CopyParameters, parametrised
+from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.state import begin, drawn, goal_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, flattened
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform

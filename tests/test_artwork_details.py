@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
-from cubicsplat_cli.artwork.finish.finish import goal_of
+from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
 from cubicsplat_cli.artwork.input.prepare import as_levels

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from red_rings import assert_jacobian, red_outline, red_picture
 
-from cubicsplat_cli.artwork.finish.finish import LONGEST
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Pins, parametrised
+from cubicsplat_cli.artwork.finish.settle import LONGEST
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.directions import Slope, directed, has_diagonal

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 
-from cubicsplat_cli.artwork.finish.finish import begin, goal_of
+from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw

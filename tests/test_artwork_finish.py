@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.finish.finish import NOTICED, begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
+from cubicsplat_cli.artwork.finish.settle import NOTICED, settle
+from cubicsplat_cli.artwork.finish.state import begin, drawn, goal_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.input.condition import Condition

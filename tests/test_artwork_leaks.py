@@ -7,7 +7,8 @@ import pytest
 from test_artwork_draw import BLUE, RED
 from test_artwork_regular import regions_of
 
-from cubicsplat_cli.artwork.finish.finish import State, begin, goal_of, settle
+from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.state import State, begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import polygon
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams

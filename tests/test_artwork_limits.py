@@ -12,8 +12,8 @@ from PIL import Image
 
 from cubicsplat_cli.artwork import limits, plan, vectorize
 from cubicsplat_cli.artwork.finish import polish
-from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
+from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
 from cubicsplat_cli.artwork.layers import completion
 from cubicsplat_cli.artwork.regions.regions import FlatPicture

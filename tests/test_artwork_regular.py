@@ -5,7 +5,7 @@ import pytest
 from test_artwork_draw import BLUE, RED, WHITE, box, disc, painted
 from test_artwork_finish import covered
 
-from cubicsplat_cli.artwork.finish.finish import begin, goal_of
+from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams

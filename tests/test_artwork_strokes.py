@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of, sampled_picture_of, svg_of
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
+from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, points_at, polygon
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings

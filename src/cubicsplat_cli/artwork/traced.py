@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State, begin
 from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.finish.polish import MOST
+from cubicsplat_cli.artwork.finish.state import State, begin
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of

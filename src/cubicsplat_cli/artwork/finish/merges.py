@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, State, settle, trimmed
 from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
+from cubicsplat_cli.artwork.finish.settle import settle, trimmed
+from cubicsplat_cli.artwork.finish.state import WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.tracing.variables import feet_of

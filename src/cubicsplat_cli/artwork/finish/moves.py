@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish.finish import WHITE, State
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
+from cubicsplat_cli.artwork.finish.state import WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
 
 PRICE = 4.0  # nats a parameter

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, settle
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
+from cubicsplat_cli.artwork.finish.settle import ROUNDS, settle
+from cubicsplat_cli.artwork.finish.state import State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import nothing, work

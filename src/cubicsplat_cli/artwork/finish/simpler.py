@@ -12,10 +12,10 @@ from itertools import compress
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, State, begin, drawn
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
+from cubicsplat_cli.artwork.finish.state import WHITE, State, begin, drawn
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
+from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
 from cubicsplat_cli.artwork.shapes import Drawing
 

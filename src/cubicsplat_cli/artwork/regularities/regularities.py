@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, layer_of, settle
 from cubicsplat_cli.artwork.finish.merges import Visibility
 from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gains
 from cubicsplat_cli.artwork.finish.parameters import (
@@ -27,6 +26,8 @@ from cubicsplat_cli.artwork.finish.parameters import (
     parametrised,
     ring_pieces,
 )
+from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.state import State, begin, drawn, layer_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision

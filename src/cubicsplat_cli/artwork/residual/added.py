@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
+from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.state import WHITE, Layer, State, layer_of, layers_of, premultiplied
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.residual.areas import MARGIN, Area, ErrorModel, TargetPicture, areas

@@ -10,8 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State, layer_of, settle
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
+from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.state import State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing

@@ -1,8 +1,4 @@
-"""The finish: all free parameters of the drawing optimised against the pixels, through their exact coverage.
-
-The picture of a stack of shapes is composed pixel by pixel from exact coverages, as the engines and SVG viewers do. Its
-derivative by every parameter is as exact, so damped Gauss-Newton needs few steps where gradient descent takes hundreds.
-"""
+"""A drawing against its picture: its layers, what they are fitted to, and how far they are off it."""
 
 from __future__ import annotations
 
@@ -14,36 +10,16 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import (
-    NO_PINS,
-    Constraints,
-    CopyParameters,
-    Parameters,
-    Pins,
-    RingParameters,
-    parametrised,
-)
+from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces, Unknowns
+from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces
 from cubicsplat_cli.scene.paint import Rgba
 
-ROUNDS = 14
-# Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
-PIXEL_SIGMA, FREE = 0.02, 0.5
 # Residuals beyond count linearly: they are details that no shape draws. Times the error of shares, for edges in steps.
 HUBER, ERRORS = 0.15, 3.0
-# Relative gain of a round below which it is finished, and of an outline's step below which that rests.
-ENOUGH, RESTS = 2e-3, 2e-4
-CHANCE = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
-# Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
-START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
-TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
 BLUR_REACH = 3.0  # standard deviations of a blur, beyond which nothing is left of it
-LONGEST = 1.5  # px that a control point moves at most in a step
-NOTICED = 0.5 / 255.0  # change of the picture, at a pixel of an outline that rests, from which it is looked at again
 # Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
@@ -239,66 +215,10 @@ def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]
     return [layer_of(shape, goal, [parametrised(o, constraints) for o in shape.outlines]) for shape in drawing.shapes]
 
 
-def settle(state: State, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None) -> State:
-    """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter.
-
-    Outlines whose steps gain hardly anything rest, until the picture beneath them changes. changed: (outlines,) bool,
-    those that do not rest at first; by default all.
-    """
-    damping = np.full(len(state.outlines), START)
-    awake = np.ones(len(state.outlines), dtype=bool) if changed is None else changed
-    for _ in range(rounds):
-        work().at()
-        following, awake = _improved(state, damping, awake)
-        gain = state.value - following.value
-        state = trimmed(following, awake) if trim else following
-        retried = awake & (damping > RELAXED) & (damping < HOPELESS)
-        if not awake.any() or (gain < ENOUGH * state.value and not retried.any()):
-            break
-    return state
-
-
 def drawn(drawing: Drawing, state: State) -> Drawing:
     """The drawing with the outlines of a state."""
     shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in state.layers]
     return replace(drawing, shapes=tuple(shapes))
-
-
-def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[State, np.ndarray]:
-    """The state after a step of some outlines (outlines,) bool, without those that fit their own pixels worse by it,
-    and which are to move next; `damping` is brought up to date in place.
-
-    What one outline spoils is held against its neighbours too, so the worst ones are taken back first. Copies are
-    judged together with their model.
-    """
-    # Of each outline the number of the one whose variables move it: its model's, or its own.
-    families = np.array([o.source if isinstance(o, CopyParameters) else k for k, o in enumerate(state.outlines)])
-    following = _stepped(state, families, damping, awake)
-    moving = np.isin(np.arange(len(damping)), [*following])
-    if not following:
-        return state, moving
-    refused = np.zeros(len(damping), dtype=bool)
-    trial = state.with_outlines(following)
-    for left in reversed(range(TAKEN_BACK + 1)):
-        loss = np.bincount(families, state.growth(trial, moving, leaks=True), len(families))[families]
-        loss = np.where(refused | ~moving, 0.0, loss)
-        if left == 0 or not (loss > SAME).any():
-            break
-        worse = loss > (SAME if left == 1 else 0.2 * loss.max())
-        trial, refused = trial.taken_back(state, worse), refused | worse
-    changed = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
-    damping[moving] = changed[moving]
-    if trial.value >= state.value:
-        damping[moving] *= 10.0
-        return state, moving
-    noticed = trial.stack.changed(state.stack, families[trial.owners], len(families), NOTICED)[families]
-    return trial, moving | noticed
-
-
-def trimmed(state: State, moved: np.ndarray) -> State:
-    """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
-    may = {k: o for k in np.flatnonzero(moved).tolist() if isinstance(o := state.outlines[k], RingParameters)}
-    return state.with_outlines({k: fewer for k, o in may.items() if (fewer := o.trimmed()) is not o})
 
 
 def premultiplied(fill: Rgba) -> np.ndarray:
@@ -314,36 +234,3 @@ def layer_of(shape: Shape, goal: Goal, outlines: list[Parameters]) -> Layer:
         ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
         signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
     return Layer(shape, premultiplied(shape.fill) @ goal.space, outlines, signs)
-
-
-def _stepped(state: State, families: np.ndarray, damping: np.ndarray, awake: np.ndarray) -> dict[int, Parameters]:
-    """The outlines that have moved, by number, after a step of some (outlines,) bool and of their copies."""
-    outlines = state.outlines
-    awake = (np.bincount(families, awake, len(outlines)) > 0.0)[families]
-    jacobians = {k: own for k in np.flatnonzero(awake).tolist() if (own := outlines[k].jacobian).count}
-    if not jacobians:
-        return {}
-    free, starts = np.array([*jacobians]), np.zeros(len(outlines), int)
-    models = free[families[free] == free]
-    sizes = np.array([jacobians[k].count for k in models.tolist()])
-    starts[models] = np.cumsum(sizes) - sizes
-    found = state.stack.step(
-        Unknowns(
-            state.pieces[free],
-            np.diff(state.pieces)[free],
-            starts[families[free]],
-            [*jacobians.values()],
-            np.repeat(damping[models], sizes),
-            (PIXEL_SIGMA / FREE) ** 2,
-        ),
-        CHANCE,
-    )
-    moves = np.zeros(len(outlines))
-    np.maximum.at(moves, families[free], found.moves)
-    gained = np.add.reduceat(-found.values * found.gradient, starts[models])
-    moving = gained > RESTS * np.bincount(families[free], found.misfits, len(outlines))[models]
-    steps = found.values * np.repeat(LONGEST / np.maximum(moves[models], LONGEST), sizes)
-    parts = zip(models.tolist(), np.split(steps, starts[models[1:]]), moving.tolist(), strict=True)
-    following = {k: outlines[k].moved(step) for k, step, moves in parts if moves}
-    copies = {k: copy for k in jacobians if isinstance(copy := outlines[k], CopyParameters)}
-    return following | {k: c.following(following[c.source]) for k, c in copies.items() if c.source in following}
