@@ -140,6 +140,17 @@ def test_the_finish_of_a_jpeg_trusts_luma_more_than_chroma():
     assert off[0] > 0.3 and off[1] < 0.5 * off[0]
 
 
+def test_a_ring_is_not_turned_over_by_a_hidden_loop_that_outgrows_the_one_that_shows():
+    # A bow: its left loop shows, and is to become smaller than the right one, which runs the other way.
+    bow = polygon(np.array([[10.0, 8.0], [30.0, 20.0], [50.0, 31.0], [50.0, 9.0], [30.0, 20.0], [10.0, 32.0]]))
+    shown, cover = polygon(np.array([[16.0, 12.0], [26.0, 18.0], [26.0, 22.0], [16.0, 28.0]])), (26.0, 4.0, 30.0, 32.0)
+    goal = goal_of(picture([(shown, RED), (Rectangle(*cover), BLUE)], 40, 60))
+    drawing = Drawing(60, 40, (Shape(RED, (bow,), "red"), Shape(BLUE, (Rectangle(*cover),), "blue")))
+    after = settle(begin(drawing, goal))
+    assert after.value < begin(drawing, goal).value
+    assert begin(drawn(drawing, after), goal).value == pytest.approx(after.value)
+
+
 def test_the_finish_leaves_the_canvas_border_and_a_hole_in_place():
     ground = Rectangle(0.0, 0.0, 40.0, 40.0)
     hole = Circle(20.0, 20.0, 8.0)

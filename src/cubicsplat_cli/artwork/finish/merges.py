@@ -66,7 +66,7 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
         trial = settle(fewer, ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
     trial = trimmed(trial, changed)
-    refused = shorter(state, trial, changed, detail)
+    refused = shorter(state, trial, changed, detail) | (trial.clockwise != state.clockwise)
     if refused.any():
         trial = settle(trial.taken_back(state, refused), 2, changed=refused)
     return trial

@@ -58,8 +58,10 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     moving = np.isin(np.arange(len(damping)), [*following])
     if not following:
         return state, moving
-    refused = np.zeros(len(damping), dtype=bool)
     trial = state.with_outlines(following)
+    # A ring that crosses itself where it is hidden must not be turned over by what it encloses there.
+    refused = (trial.clockwise != state.clockwise)[families]
+    trial = trial.taken_back(state, refused & moving)
     for left in reversed(range(TAKEN_BACK + 1)):
         loss = np.bincount(families, state.growth(trial, moving, leaks=True), len(families))[families]
         loss = np.where(refused | ~moving, 0.0, loss)

@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, parametrised
-from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Ring, areas_beside, signed_area
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces
@@ -121,6 +121,11 @@ class State:
     def owners(self) -> np.ndarray:
         """(pieces,) the outline of each piece."""
         return np.repeat(np.arange(len(self.outlines)), np.diff(self.pieces))
+
+    @cached_property
+    def clockwise(self) -> np.ndarray:
+        """(outlines,) bool, as seen, by the area."""
+        return np.bincount(self.owners, areas_beside(self.drawn.cubics), len(self.outlines)) > 0.0
 
     @property
     def crossings(self) -> CoverageJacobian:

@@ -248,8 +248,12 @@ def dense(corners: np.ndarray, step: float) -> np.ndarray:
 def signed_area(ring: Ring) -> float:
     """Area in px^2, exact for the cubics; positive when it runs clockwise as seen (y grows downwards)."""
     # From the first anchor, so that what is far from the origin is as exact.
-    p = ring.cubics - ring.anchors[0]
-    return float(((p[..., 0] @ _GREEN) * p[..., 1]).sum())
+    return float(areas_beside(ring.cubics - ring.anchors[0]).sum())
+
+
+def areas_beside(cubics: np.ndarray) -> np.ndarray:
+    """(n,) px^2 that each of some cubics (n, 4, 2) adds to the area of the ring that it is of."""
+    return np.asarray(((cubics[..., 0] @ _GREEN) * cubics[..., 1]).sum(axis=1))
 
 
 def reversed_ring(ring: Ring) -> Ring:
