@@ -106,7 +106,7 @@ def _small(target: np.ndarray) -> PreparedInput:
 def _sketch(prepared: PreparedInput, settings: ArtworkSettings) -> Drawing:
     """The regions of a small picture as polygons."""
     with under_way(Work()):
-        plan = planned(_even(prepared.levels, prepared, settings), settings, prepared.scale, 0.0, None)
+        plan = planned(_even(Flattened(prepared.levels), prepared, settings), settings, prepared.scale, 0.0, None)
     height, width = plan.levels.shape[:2]
     return Drawing(width, height, polygons(plan.parts, (height, width), Flattened(prepared.levels)))
 
@@ -138,7 +138,7 @@ def _versions(
     work().at("finding gradients", 0.05)
     flat = without_gradients(prepared, settings)
     work().at("finding colours", 0.1)
-    even = _even(flat.levels, prepared, settings)
+    even = _even(flat, prepared, settings)
     placeholders = flat.fills if _may_shine_through(prepared, settings) else None
     plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders, condition.share_error)
     height, width = plan.levels.shape[:2]
@@ -214,12 +214,14 @@ def _may_shine_through(prepared: PreparedInput, settings: ArtworkSettings) -> bo
     return prepared.condition.clean and settings.free_fills and settings.stacking != CUTOUT
 
 
-def _even(levels: np.ndarray, prepared: PreparedInput, settings: ArtworkSettings) -> FlatPicture:
+def _even(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -> FlatPicture:
     """A picture without gradients as if it were clean, in the colours that are asked for."""
     if prepared.pens is not None:
-        even = FlatPicture(*sharpened(levels, prepared.pens))
+        even = FlatPicture(*sharpened(flat.levels, prepared.pens))
+    elif prepared.condition.clean:
+        even = FlatPicture(flat.levels)
     else:
-        even = FlatPicture(levels) if prepared.condition.clean else restored(levels, prepared.condition)
+        even = restored(flat.levels, prepared.condition, flat.fills)
     return even if settings.free_fills else _in_chosen_colours(even, settings)
 
 

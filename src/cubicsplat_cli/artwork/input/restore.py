@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.gradients.flattening import APART
 from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_shares
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
@@ -69,8 +70,12 @@ def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
     return bool(((levels - again) ** 2).sum() < CLEARER**2 * ((levels - plain) ** 2).sum())
 
 
-def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) -> FlatPicture:
-    """The picture (H, W, 4) in levels as a clean one. lines: whether thin lines that its colours lack are sought."""
+def restored(
+    levels: np.ndarray, condition: Condition, standing: np.ndarray | None = None, *, lines: bool = True
+) -> FlatPicture:
+    """The picture (H, W, 4) in levels as a clean one. standing: (G, 4) fills that stand for gradients, which stay as
+    they are; None for none. lines: whether thin lines that its colours lack are sought.
+    """
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
     space = seen_as(condition)
@@ -98,6 +103,10 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         palette = np.where(palette <= ROUNDED, 0.0, np.where(palette >= 255.0 - ROUNDED, 255.0, palette))
     else:
         palette = _settled_fills(levels, palette, labels, np.full(len(palette), np.inf))
+    for fill in () if standing is None else standing:
+        off = np.abs(palette - fill).max(axis=1)
+        if off.min() < 0.5 * APART:
+            palette[off.argmin()] = fill
     if lines:
         labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
     out = with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
