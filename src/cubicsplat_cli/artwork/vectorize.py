@@ -45,12 +45,14 @@ TRACED, SMALLEST = 512, 128
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
 
-def prepare(target: np.ndarray) -> PreparedInput:
-    """A picture prepared for `draw`; where the work under way is stopped, a small copy."""
+def prepare(target: np.ndarray, *, lossy: bool = False) -> PreparedInput:
+    """A picture prepared for `draw`; where the work under way is stopped, a small copy. lossy: whether
+    its file is compressed with loss.
+    """
     prepared = None
     with work().stoppable():
         work().at("looking at the picture")
-        prepared = analysed(target)
+        prepared = analysed(target, lossy=lossy)
     return prepared or _small(target)
 
 

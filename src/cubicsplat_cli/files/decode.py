@@ -53,11 +53,12 @@ _PROFILE_FITS = {"RGB": ("RGB", "RGBX", "L", "YCbCr"), "GRAY": ("L",), "CMYK": (
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """`rgb` (H, W, 3) and `alpha` (H, W) or None, float32 in [0, 1], straight; `notes` as in `Picture`."""
+    """`rgb` (H, W, 3) and `alpha` (H, W) or None, float32 in [0, 1], straight; `notes` and `lossy` as in `Picture`."""
 
     rgb: np.ndarray
     alpha: np.ndarray | None
     notes: tuple[str, ...]
+    lossy: bool = False
 
 
 def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chosen: bool = False) -> Decoded:
@@ -86,10 +87,15 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
     else:
         colour, alpha = _split_alpha(upright)
         rgb = _as_float(_to_srgb(colour, upright.info.get("icc_profile"), notes, shown))
-    return _finish(rgb, alpha, notes)
+    return _finish(rgb, alpha, notes, lossy=factor == 1 and _is_lossy(image, data))
 
 
-def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str]) -> Decoded:
+def _is_lossy(image: Image.Image, data: bytes) -> bool:
+    """Whether a file is a JPEG, or a WebP of nothing but a lossy picture."""
+    return image.format in ("JPEG", "MPO") or (image.format == "WEBP" and data[12:16] == b"VP8 ")
+
+
+def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str], *, lossy: bool) -> Decoded:
     """Drop an alpha that hides nothing, and blank the colours that alpha hides altogether."""
     if alpha is not None and bool((alpha >= 1.0).all()):
         alpha = None
@@ -97,7 +103,7 @@ def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str]) -> Deco
         rgb[alpha == 0.0] = 0.0
         if not alpha.any():
             notes.append("every pixel is transparent")
-    return Decoded(rgb=rgb, alpha=alpha, notes=tuple(notes))
+    return Decoded(rgb=rgb, alpha=alpha, notes=tuple(notes), lossy=lossy)
 
 
 def _turn_upright(image: Image.Image, notes: list[str]) -> Image.Image:

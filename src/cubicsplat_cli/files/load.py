@@ -39,7 +39,7 @@ class Picture:
     `alpha` is (H, W) float32 in [0, 1], or None when every pixel is opaque.
     `source` is the name for messages, `sha256` the digest of the file's bytes, `notes` what the user should
     know about how the file was read (one sentence each). `full_size` is the width and height of a picture that was
-    read smaller than it is, else None.
+    read smaller than it is, else None. `lossy`: whether its pixels are those of a JPEG or lossy WebP file.
     """
 
     rgb: np.ndarray
@@ -48,6 +48,7 @@ class Picture:
     sha256: str
     notes: tuple[str, ...] = ()
     full_size: tuple[int, int] | None = None
+    lossy: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -109,7 +110,8 @@ def load_picture(
     full, notes = None, decoded.notes
     if size != (width, height):
         full, notes = size, (*notes, f"read at {width} x {height} of its {size[0]} x {size[1]} pixels")
-    return Picture(decoded.rgb, decoded.alpha, shown, hashlib.sha256(data).hexdigest(), notes, full)
+    lossy = decoded.lossy and full is None
+    return Picture(decoded.rgb, decoded.alpha, shown, hashlib.sha256(data).hexdigest(), notes, full, lossy)
 
 
 @contextmanager
@@ -261,7 +263,7 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
         rgb = np.where(alpha[..., None] > 0, rgb / np.maximum(alpha, 1e-6)[..., None], 0.0)
         rgb = np.clip(rgb, 0.0, 1.0).astype(np.float32)
     note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
-    return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, notes=(*picture.notes, note))
+    return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, notes=(*picture.notes, note), lossy=False)
 
 
 def _resample(channel: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -59,8 +59,10 @@ class PreparedInput:
         return found
 
 
-def analysed(target: np.ndarray) -> PreparedInput:
-    """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
+def analysed(target: np.ndarray, *, lossy: bool = False) -> PreparedInput:
+    """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; lossy: whether
+    its file is compressed with loss.
+    """
     height, width = target.shape[:2]
     factor = reduction(height, width)
     came = as_levels(target)
@@ -68,13 +70,13 @@ def analysed(target: np.ndarray) -> PreparedInput:
     levels = without_linear_light(whole)
     of_light = levels is not whole
     levels = without_rim(levels, in_light=of_light)
-    prepared = _taken_in(reduced(levels, factor), factor, width, height)
+    prepared = _taken_in(reduced(levels, factor), factor, width, height, lossy=lossy and factor == 1)
     return replace(prepared, of_lcd=whole is not came, of_light=of_light)
 
 
-def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> PreparedInput:
+def _taken_in(levels: np.ndarray, factor: int, width: int, height: int, *, lossy: bool) -> PreparedInput:
     """The same of levels (H, W, 4), of which the picture has so many times as many each way."""
-    condition, times = condition_of(levels), 1
+    condition, times = condition_of(levels, lossy=lossy), 1
     scan = scan_of(levels)
     if scan is not None:
         pens = pens_of(scan.bare, scan.grain)
