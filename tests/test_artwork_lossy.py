@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 from image_files import encode
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.input.prepare import analysed
@@ -54,3 +54,12 @@ def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one
     levels[20:140, 20:140] = [[(red, 230 - y, 60) for x in range(120)] for y in range(120)]
     picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=90))
     assert len(draw(picture.target()).gradients) == 1
+
+
+def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():
+    image = Image.new("RGB", (128, 128), (255, 255, 255))
+    ImageDraw.Draw(image).rectangle([22, 21, 99, 97], fill=(34, 102, 153))
+    picture = load_picture(encode(image, "JPEG", quality=80))
+    assert (255.0 * picture.target()[60, 60]).round().tolist() == [34, 101, 153]
+    prepared = analysed(picture.target(), lossy=True)
+    assert (34, 102, 153, 255) in draw(picture.target(), prepared=prepared).fills

@@ -26,6 +26,7 @@ from cubicsplat_cli.raster.unmix import REACH, near_fills, nearest_fills
 # JPEG; residuals count up to MOST standard deviations.
 MISFIT, JPEG_TIMES, MOST = 1.0, 4.0, 4.0
 ROUNDED = 3.0  # levels that a channel of a fill is off at most, as luma and chroma are rounded in a JPEG of quality 70
+SHORT = 17.0  # levels between the colours that are written in three digits
 # Chroma of a JPEG, of half the size, tells that much less.
 CHROMA = 0.4
 # Nats for each neighbour of another fill, and for a fill of which nothing solid is near.
@@ -100,7 +101,7 @@ def restored(
         near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = _settled_fills(levels, palette, labels, near)
         # Of 1,400 channels of artists' colours 106 are 0 or 255, and 14 within ROUNDED of that.
-        palette = np.where(palette <= ROUNDED, 0.0, np.where(palette >= 255.0 - ROUNDED, 255.0, palette))
+        palette = np.where(palette <= ROUNDED, 0.0, np.where(palette >= 255.0 - ROUNDED, 255.0, _short(palette)))
     else:
         palette = _settled_fills(levels, palette, labels, np.full(len(palette), np.inf))
     for fill in () if standing is None else standing:
@@ -137,6 +138,15 @@ def _of_small_parts(
         palette = np.vstack([palette, new])
         labels = _labels(seen, palette @ space, sigma, thick)
     return kept
+
+
+def _short(palette: np.ndarray) -> np.ndarray:
+    """The palette (P, 4) of a JPEG in levels with colours that are written in three digits, as #269, in place of those
+    that round to the same luma and chroma: by chance one in a thousand does.
+    """
+    short = np.rint(palette / SHORT) * SHORT
+    same = np.rint(short @ LUMA_CHROMA) == np.rint(palette @ LUMA_CHROMA)
+    return np.where(same.all(axis=1, keepdims=True), short, palette)
 
 
 def _borders(labels: np.ndarray) -> int:
