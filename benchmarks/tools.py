@@ -78,7 +78,7 @@ def _ours(given: Given) -> bytes:
 
     picture = as_picture(given)
     target = picture.target()
-    drawing = draw(target, prepared=prepare(target, lossy=picture.lossy))
+    drawing = draw(target, prepared=prepare(target, picture.compression))
     return write_drawing(drawing, title="drawing.png", comment="benchmarks.artwork").encode()
 
 

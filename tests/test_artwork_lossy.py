@@ -27,17 +27,17 @@ def stripes() -> np.ndarray:
 def test_a_file_says_whether_it_was_compressed_with_loss():
     image = Image.fromarray(stripes())
     files = encode(image, "JPEG"), encode(image, "WEBP"), encode(image, "WEBP", lossless=True), encode(image)
-    assert [load_picture(file).lossy for file in files] == [True, True, False, False]
+    assert [load_picture(file).compression is not None for file in files] == [True, True, False, False]
     with Image.open(io.BytesIO(files[0])) as opened:
-        assert as_picture(opened).lossy
-    assert not as_picture(stripes()).lossy and not resize_picture(load_picture(files[0]), 50).lossy
+        assert as_picture(opened).compression == load_picture(files[0]).compression
+    assert as_picture(stripes()).compression is resize_picture(load_picture(files[0]), 50).compression is None
 
 
 def test_level_stripes_of_a_jpeg_are_drawn_without_its_ringing():
     """They have as few colours as a GIF, and coefficients along columns alone."""
     file = encode(Image.fromarray(stripes()), "JPEG", quality=80)
     picture = load_picture(file)
-    assert analysed(picture.target(), lossy=picture.lossy).condition.jpeg
+    assert analysed(picture.target(), picture.compression).condition.jpeg
     assert vectorize(file, measure=False).report.shapes == 3
 
 
@@ -45,7 +45,7 @@ def test_a_file_without_a_trace_of_loss_is_clean():
     levels = np.full((64, 64, 3), 240, np.uint8)
     levels[16:48, 16:48] = (80, 80, 80)  # whole blocks
     picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=95))
-    assert analysed(picture.target(), lossy=picture.lossy).condition.clean
+    assert analysed(picture.target(), picture.compression).condition.clean
 
 
 @pytest.mark.parametrize("red", [253, 2])
@@ -61,5 +61,5 @@ def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():
     ImageDraw.Draw(image).rectangle([22, 21, 99, 97], fill=(34, 102, 153))
     picture = load_picture(encode(image, "JPEG", quality=80))
     assert (255.0 * picture.target()[60, 60]).round().tolist() == [34, 101, 153]
-    prepared = analysed(picture.target(), lossy=True)
+    prepared = analysed(picture.target(), picture.compression)
     assert (34, 102, 153, 255) in draw(picture.target(), prepared=prepared).fills

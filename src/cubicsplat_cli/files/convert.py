@@ -72,4 +72,4 @@ def _of_image(image: Image.Image) -> Picture:
         raise InputError(f"the Pillow image cannot be read ({one_line(error)})") from error
     alpha = b"" if decoded.alpha is None else decoded.alpha.tobytes()
     digest = sha256_of(decoded.rgb.tobytes() + alpha)
-    return Picture(decoded.rgb, decoded.alpha, "<image>", digest, decoded.notes, lossy=decoded.lossy)
+    return Picture(decoded.rgb, decoded.alpha, "<image>", digest, decoded.notes, compression=decoded.compression)

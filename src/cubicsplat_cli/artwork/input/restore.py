@@ -95,7 +95,7 @@ def restored(
         palette = np.vstack([palette, square_fills(levels, seen, palette @ space, sigma, reach, apart)])
         hidden = hidden_fills(seen[far], palette @ space, STRANGE_FILL * sigma, ONE_COLOUR, FEWEST)
         palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
-    labels = _labels(seen, palette @ space, sigma, thick)
+    labels = labelled(seen, palette @ space, sigma, thick)
     if condition.jpeg:
         palette, labels = _of_small_parts(levels, seen, palette, labels, sigma, thick)
         near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
@@ -136,7 +136,7 @@ def _of_small_parts(
         if not len(new) or len(palette) > MOST_THICK:
             break
         palette = np.vstack([palette, new])
-        labels = _labels(seen, palette @ space, sigma, thick)
+        labels = labelled(seen, palette @ space, sigma, thick)
     return kept
 
 
@@ -182,7 +182,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     """
     palette = picture_fills(levels)
     thick = len(palette)
-    labels = _labels(levels, palette, MISFIT, thick)
+    labels = labelled(levels, palette, MISFIT, thick)
     out = with_shares(levels, palette, labels, MISFIT, blur, palette)
     for number in range(SHARPER):
         again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
@@ -192,12 +192,12 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
             far = gap > MOST * SHARP_MISFIT
             new = hidden_fills(sharp[far], palette, STRANGE_FILL * SHARP_MISFIT, ONE_COLOUR, FEWEST)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
-        labels = _labels(sharp, palette, SHARP_MISFIT, thick)
+        labels = labelled(sharp, palette, SHARP_MISFIT, thick)
         out = with_shares(sharp, palette, labels, MISFIT, 0.0, palette)
     return out
 
 
-def _labels(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np.ndarray:
+def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np.ndarray:
     """(H, W) int32 the fill that each pixel has most of; of fills from `thick` on there are only thin lines."""
     nearest, gap = nearest_fills(seen, fills, straight=True)
     pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
