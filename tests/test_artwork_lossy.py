@@ -10,8 +10,12 @@ from image_files import encode
 from PIL import Image, ImageDraw
 
 from cubicsplat_cli.api import vectorize
+from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.prepare import analysed
+from cubicsplat_cli.artwork.input.recompressed import before_compression
+from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import load_picture, resize_picture
 
@@ -24,6 +28,16 @@ def stripes() -> np.ndarray:
     return np.rint(levels).astype(np.uint8)
 
 
+def drawn(size: tuple[int, int]) -> np.ndarray:
+    """(H, W, 3) uint8 of a ring and a bar, with smooth edges, on a ground that is hardly lighter."""
+    large = Image.new("RGB", (8 * size[0], 8 * size[1]), (0, 143, 37))
+    pen, (right, bottom) = ImageDraw.Draw(large), large.size
+    pen.ellipse([83, 69, right - 150, bottom - 77], fill=(239, 45, 41))
+    pen.ellipse([210, 190, right - 290, bottom - 205], fill=(250, 240, 200))
+    pen.rectangle([0, bottom // 2 + 3, right, bottom // 2 + 43], fill=(60, 40, 160))
+    return np.asarray(large.resize(size, Image.Resampling.BOX))
+
+
 def test_a_file_says_whether_it_was_compressed_with_loss():
     image = Image.fromarray(stripes())
     files = encode(image, "JPEG"), encode(image, "WEBP"), encode(image, "WEBP", lossless=True), encode(image)
@@ -31,6 +45,35 @@ def test_a_file_says_whether_it_was_compressed_with_loss():
     with Image.open(io.BytesIO(files[0])) as opened:
         assert as_picture(opened).compression == load_picture(files[0]).compression
     assert as_picture(stripes()).compression is resize_picture(load_picture(files[0]), 50).compression is None
+
+
+@pytest.mark.parametrize("sampling", [0, 1, 2])
+def test_a_picture_is_compressed_again_as_its_file_was(sampling):
+    image = Image.fromarray(drawn((211, 93)))
+    read = load_picture(encode(image, "JPEG", quality=73, subsampling=sampling))
+    assert read.compression is not None
+    assert np.array_equal(read.compression.again(np.asarray(image)), np.rint(255.0 * read.rgb))
+
+
+def test_a_file_says_nothing_of_pixels_that_were_turned_nor_of_other_channels():
+    turned, image = Image.Exif(), Image.fromarray(drawn((80, 64)))
+    turned[0x0112] = 6
+    files = [encode(image, "JPEG", exif=turned), *(encode(image.convert(mode), "JPEG") for mode in ("L", "CMYK"))]
+    assert [load_picture(file).compression for file in files] == [Compression()] * 3
+
+
+def test_a_drawing_is_nearer_to_what_was_compressed_than_the_file_is():
+    levels = drawn((200, 160))
+    picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=60, subsampling=2))
+    prepared = analysed(picture.target(), picture.compression)
+    even = restored(prepared.levels, prepared.condition)
+    assert prepared.compression is not None
+    after, seen = before_compression(prepared.levels, Flattened(prepared.levels), even, prepared.compression)
+    error, before, asked, left = (
+        float(np.sqrt(((found[..., :3] - levels) ** 2).mean()))
+        for found in (prepared.levels, even.levels, seen, after.levels)
+    )
+    assert asked < 0.7 * error and left < 0.9 * before
 
 
 def test_level_stripes_of_a_jpeg_are_drawn_without_its_ringing():

@@ -12,7 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.chroma import Mixture, mixture_of
-from cubicsplat_cli.artwork.input.restore import OFF, THIN, labelled
+from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA, OFF, THIN, labelled
 from cubicsplat_cli.artwork.regions.hairlines import with_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.files.compression import Compression
@@ -31,18 +31,20 @@ def before_compression(
 
     levels: (H, W, 4) as they came; flat: the same without gradients; even: that restored, with palette and labels.
     """
-    palette, labels, seen = even.palette, even.labels, even.levels
+    palette, labels, before = even.palette, even.labels, even.levels
     assert palette is not None and labels is not None  # as what was restored has
+    space = LUMA_CHROMA
+    fills = palette @ space
     for number in range(ROUNDS + 1):
+        seen = (before @ space).astype(np.float32)
         if number:
-            labels = labelled(seen, palette, MISFIT, len(palette))
-            labels = with_lines(seen, palette, labels, OFF * MISFIT, THIN)
-        mixture = mixture_of(seen, palette, labels, MISFIT, 0.0)
+            labels = with_lines(seen, fills, labelled(seen, fills, MISFIT, len(fills)), OFF * MISFIT, THIN)
+        mixture = mixture_of(seen, fills, labels, MISFIT, 0.0)
         picture = mixture.painted(palette)
         again = compression.again(_with_gradients(picture, mixture, palette, flat)[..., :3])
-        seen = picture.copy()
-        seen[..., :3] += levels[..., :3] - again
-    return FlatPicture(picture, palette, labels), seen
+        before = picture.copy()
+        before[..., :3] += levels[..., :3] - again
+    return FlatPicture(picture, palette, labels), before
 
 
 def _with_gradients(picture: np.ndarray, mixture: Mixture, palette: np.ndarray, flat: Flattened) -> np.ndarray:
