@@ -3,7 +3,7 @@
 What a hypothesis lacks is told by compressing it just as the file was: where its coefficients round to those of the
 file, it lacks nothing, however much either rings. So the ringing is gone from the difference, which is added to the
 hypothesis and divided into fills and their shares once more, as a blur is undone (van Cittert's iteration, between
-projections onto what drawings are).
+projections onto what drawings are). The hypothesis that lacks least is kept.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.scene.paint import painted
 
 ROUNDS = 2
+SPACES = LUMA_CHROMA, np.eye(4)  # coordinates in which fills are told apart: in RGB chroma counts more
 # Levels by which pixels are off their fills then, and those on edges: half a step of the coefficients that matter.
 MISFIT, EDGE_ERROR = 3.0, 4.0
 
@@ -31,20 +32,22 @@ def before_compression(
 
     levels: (H, W, 4) as they came; flat: the same without gradients; even: that restored, with palette and labels.
     """
-    palette, labels, before = even.palette, even.labels, even.levels
-    assert palette is not None and labels is not None  # as what was restored has
-    space = LUMA_CHROMA
-    fills = palette @ space
-    for number in range(ROUNDS + 1):
-        seen = (before @ space).astype(np.float32)
-        if number:
-            labels = with_lines(seen, fills, labelled(seen, fills, MISFIT, len(fills)), OFF * MISFIT, THIN)
-        mixture = mixture_of(seen, fills, labels, MISFIT, 0.0)
-        picture = mixture.painted(palette)
-        again = compression.again(_with_gradients(picture, mixture, palette, flat)[..., :3])
-        before = picture.copy()
-        before[..., :3] += levels[..., :3] - again
-    return FlatPicture(picture, palette, labels), before
+    palette, found, least = even.palette, (even, levels), np.inf
+    assert palette is not None and even.labels is not None  # as what was restored has
+    for space in SPACES:
+        labels, before, fills = even.labels, even.levels, palette @ space
+        for number in range(ROUNDS + 1):
+            seen = (before @ space).astype(np.float32)
+            if number:
+                labels = with_lines(seen, fills, labelled(seen, fills, MISFIT, len(fills)), OFF * MISFIT, THIN)
+            mixture = mixture_of(seen, fills, labels, MISFIT, 0.0)
+            picture = mixture.painted(palette)
+            left = levels[..., :3] - compression.again(_with_gradients(picture, mixture, palette, flat)[..., :3])
+            before = picture.copy()
+            before[..., :3] += left
+        if (error := float((left**2).sum())) < least:
+            found, least = (FlatPicture(picture, palette, labels), before), error
+    return found
 
 
 def _with_gradients(picture: np.ndarray, mixture: Mixture, palette: np.ndarray, flat: Flattened) -> np.ndarray:
