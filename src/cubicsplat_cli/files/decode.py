@@ -73,7 +73,8 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
     notes: list[str] = []
     if not chosen and getattr(image, "is_animated", False):
         notes.append("several frames: only the first one is used; --frame chooses another")
-    if _reduced_from_16_bits(image, data):
+    # Pillow reads colour with 8 bits a channel; byte 24 of a PNG is IHDR's depth.
+    if image.format == "PNG" and data[24:25] == b"\x10" and not image.mode.startswith("I"):
         notes.append("16 bits per channel: read with 8")
     compression = compression_of(image, data) if factor == 1 else None
     image.load()
@@ -200,11 +201,6 @@ def _key_alpha(image: Image.Image) -> np.ndarray | None:
 
 def _depth(image: Image.Image) -> str:
     return "floating-point" if image.mode == "F" else "16-bit"
-
-
-def _reduced_from_16_bits(image: Image.Image, data: bytes) -> bool:
-    """Whether this is a 16-bit PNG that Pillow reads with 8, as it does colour; byte 24 is IHDR's depth."""
-    return image.format == "PNG" and data[24:25] == b"\x10" and not image.mode.startswith("I")
 
 
 def _as_float(image: Image.Image) -> np.ndarray:

@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA, OFF, THIN, labelle
 from cubicsplat_cli.artwork.regions.hairlines import with_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.scene.paint import painted
 
 ROUNDS = 2
@@ -37,6 +38,7 @@ def before_compression(
     for space in SPACES:
         labels, before, fills = even.labels, even.levels, palette @ space
         for number in range(ROUNDS + 1):
+            work().at()
             seen = (before @ space).astype(np.float32)
             if number:
                 labels = with_lines(seen, fills, labelled(seen, fills, MISFIT, len(fills)), OFF * MISFIT, THIN)
