@@ -91,6 +91,18 @@ def test_a_file_without_a_trace_of_loss_is_clean():
     assert analysed(picture.target(), picture.compression).condition.clean
 
 
+def test_a_jpeg_of_few_rows_is_known_as_one():
+    picture = load_picture(encode(Image.fromarray(drawn((64, 64))[26:38]), "JPEG"))
+    assert analysed(picture.target(), picture.compression).condition.jpeg
+
+
+@pytest.mark.parametrize(("width", "height"), [(12, 40), (8, 8), (3, 40), (1, 1)])
+def test_a_jpeg_of_few_pixels_is_drawn(width, height):
+    picture = load_picture(encode(Image.fromarray(drawn((64, 80))[26 : 26 + height, 5 : 5 + width]), "JPEG"))
+    drawing = draw(picture.target(), prepared=analysed(picture.target(), picture.compression))
+    assert drawing.shapes and (drawing.width, drawing.height) == (width, height)
+
+
 @pytest.mark.parametrize("red", [253, 2])
 def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one(red):
     levels = np.full((160, 160, 3), 255, np.uint8)

@@ -117,7 +117,7 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
     """The condition of a picture. lossy: whether its file says that it is compressed with loss, as it then is where it
     is rough at all.
     """
-    if min(levels.shape[:2]) < 2 * BLOCK:
+    if min(levels.shape[:2]) < (BLOCK if lossy else 2 * BLOCK):
         return CLEAN
     luma = levels @ SEEN
     second = second_differences(levels)
