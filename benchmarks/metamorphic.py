@@ -15,7 +15,7 @@ from benchmarks import main
 from benchmarks.artwork.degradations import jpeg, lay_over_white
 from benchmarks.artwork.document import SIZE, Document, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import count
-from benchmarks.tools import TOOLS
+from benchmarks.tools import TOOLS, Given, pixels_of
 from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, comma_parts, end_with, print_json
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet
@@ -68,7 +68,7 @@ class Variation:
     alike. tolerance: by which the difference to the truth may differ from the plain drawing's.
     """
 
-    draw: Callable[[Document], np.ndarray] = Document.draw
+    draw: Callable[[Document], Given] = Document.draw
     change: Callable[[np.ndarray, int], np.ndarray] = lambda pixels, _scale: pixels
     tolerance: float = DELTA_E
 
@@ -111,7 +111,7 @@ class Pair:
 
 def scored(document: Document, variation: Variation) -> tuple[int, float]:
     """Shapes of the vectorized drawing, and CIEDE2000 to the truth, over the pixels of the drawing without a margin."""
-    pixels = np.ascontiguousarray(variation.change(variation.draw(document), 1))
+    pixels = np.ascontiguousarray(variation.change(pixels_of(variation.draw(document)), 1))
     truth = np.ascontiguousarray(variation.change(document.draw(2), 2))
     made = Document(TOOLS["ours"](pixels), "the result", max(truth.shape[:2]) // 2)
     # A margin, where nothing is drawn, makes the mean as much smaller as it makes the picture larger.

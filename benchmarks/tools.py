@@ -35,7 +35,13 @@ VTRACER_SETTINGS: dict[str, dict[str, Any]] = {
     "finest": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 2},
 }
 
-Tool = Callable[[np.ndarray], bytes]
+Given = np.ndarray | bytes  # (H, W, 4) uint8 straight RGBA, or the bytes of a file
+Tool = Callable[[Given], bytes]
+
+
+def pixels_of(given: Given) -> np.ndarray:
+    """(H, W, 4) uint8 straight RGBA of what a tool is given."""
+    return given if isinstance(given, np.ndarray) else np.array(Image.open(io.BytesIO(given)).convert("RGBA"))
 
 
 def chosen_tools(names: Sequence[str], known: Sequence[str] | None = None) -> dict[str, Tool]:
@@ -64,32 +70,35 @@ def missing_piece(name: str) -> str | None:
     return None
 
 
-def _ours(pixels: np.ndarray) -> bytes:
+def _ours(given: Given) -> bytes:
     """The artwork style as it is without options."""
-    from cubicsplat_cli.artwork.vectorize import draw
+    from cubicsplat_cli.artwork.vectorize import draw, prepare
     from cubicsplat_cli.files.convert import as_picture
     from cubicsplat_cli.svg.drawing_writer import write_drawing
 
-    drawing = draw(as_picture(pixels).target())
+    picture = as_picture(given)
+    target = picture.target()
+    drawing = draw(target, prepared=prepare(target, picture.compression))
     return write_drawing(drawing, title="drawing.png", comment="benchmarks.artwork").encode()
 
 
-def _photo(pixels: np.ndarray) -> bytes:
+def _photo(given: Given) -> bytes:
     """The photo style with 64 curves."""
     from cubicsplat_cli.api import vectorize
 
-    return vectorize(pixels, style="photo", curves=PHOTO_CURVES, measure=False).svg.encode()
+    return vectorize(given, style="photo", curves=PHOTO_CURVES, measure=False).svg.encode()
 
 
-def vtracer_svg(pixels: np.ndarray, **settings: Any) -> bytes:
-    """By VTracer. pixels: (H, W, 4) uint8, straight. settings: as its function takes them."""
+def vtracer_svg(given: Given, **settings: Any) -> bytes:
+    """By VTracer. settings: as its function takes them."""
     vtracer: ModuleType = importlib.import_module("vtracer")
-    svg: str = vtracer.convert_raw_image_to_svg(_encoded(pixels, "PNG"), img_format="png", **settings)
+    svg: str = vtracer.convert_raw_image_to_svg(_encoded(pixels_of(given), "PNG"), img_format="png", **settings)
     return svg.encode()
 
 
-def potrace_svg(pixels: np.ndarray) -> bytes:
+def potrace_svg(given: Given) -> bytes:
     """By potrace, which knows black and white alone: what is darker than the middle, over white, is black."""
+    pixels = pixels_of(given)
     alpha = pixels[..., 3:] / 255.0
     grey = (pixels[..., :3] * alpha + 255.0 * (1.0 - alpha)) @ np.array([0.2126, 0.7152, 0.0722])
     bitmap = _encoded(grey >= 127.5, "PPM")
@@ -100,9 +109,9 @@ def potrace_svg(pixels: np.ndarray) -> bytes:
     return svg.replace(b"<g ", b'<rect width="100%" height="100%" fill="#fff"/><g ', 1) if opaque else svg
 
 
-def _diffvg(pixels: np.ndarray) -> bytes:
+def _diffvg(given: Given) -> bytes:
     """By diffvg, with 256 curves."""
-    return diffvg_svg(pixels, DIFFVG_CURVES)
+    return diffvg_svg(pixels_of(given), DIFFVG_CURVES)
 
 
 def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEPS, seed: int = 0) -> bytes:

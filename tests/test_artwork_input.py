@@ -367,7 +367,7 @@ def test_a_blur_is_what_explains_the_picture_better(noise):
 
 
 def test_a_blur_that_is_measured_but_not_there_is_not_drawn_through(monkeypatch):
-    monkeypatch.setattr(prepare, "condition_of", lambda _: Condition(blur=1.5))
+    monkeypatch.setattr(prepare, "condition_of", lambda _, **__: Condition(blur=1.5))
     assert analysed(target("clean")).condition == CLEAN
     assert analysed(target("blurred")).condition == Condition(blur=1.5)
 

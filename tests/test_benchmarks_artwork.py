@@ -333,9 +333,9 @@ def test_what_shows_where_a_piece_is_taken_away():
 # --- the command ---------------------------------------------------------------------------------------------
 
 
-def traced(pixels: np.ndarray) -> bytes:
+def traced(given: tools.Given) -> bytes:
     """A tool that knows the answer."""
-    height, width = pixels.shape[:2]
+    height, width = tools.pixels_of(given).shape[:2]
     return svg(BOX + '<path d="M50 2h10v10H50z" fill="#00f"/>', root=f'width="{width}" height="{height}"')
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.artwork.document import Document
+from benchmarks.tools import Given, pixels_of
 from cubicsplat_cli.errors import UsageError
 
 QUALITY = 80  # of JPEG and WebP
@@ -44,24 +45,24 @@ def lay_over_white(document: Document) -> None:
 
 
 def degraded(document: Document, kind: str) -> np.ndarray:
-    """(H, W, 4) uint8 straight RGBA: the drawing as a tool gets it."""
-    return DEGRADATIONS[kind](document)
+    """(H, W, 4) uint8 straight RGBA: the drawing as a tool sees it."""
+    return pixels_of(DEGRADATIONS[kind](document))
 
 
-def jpeg(document: Document, quality: int = QUALITY) -> np.ndarray:
+def jpeg(document: Document, quality: int = QUALITY) -> bytes:
     """Of a quality of 1 to 95, chroma at half the size (4:2:0)."""
     return _saved(document, "JPEG", quality=quality, subsampling=2)
 
 
-def _webp(document: Document) -> np.ndarray:
+def _webp(document: Document) -> bytes:
     """Lossy, quality 80."""
     return _saved(document, "WEBP", quality=QUALITY)
 
 
-def _saved(document: Document, kind: str, **options: int) -> np.ndarray:
+def _saved(document: Document, kind: str, **options: int) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(document.draw()[..., :3].copy()).save(buffer, kind, **options)
-    return np.array(Image.open(buffer).convert("RGBA"))
+    return buffer.getvalue()
 
 
 def _blurred(document: Document) -> np.ndarray:
@@ -104,7 +105,8 @@ def _straight(levels: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(np.concatenate([colours, levels[..., 3:]], axis=2)), 0, 255).astype(np.uint8)
 
 
-DEGRADATIONS: dict[str, Callable[[Document], np.ndarray]] = {
+# Pixels as `degraded` gives them, or the bytes of a file that says how it is compressed.
+DEGRADATIONS: dict[str, Callable[[Document], Given]] = {
     CLEAN: Document.draw,
     "jpeg": jpeg,
     "webp": _webp,

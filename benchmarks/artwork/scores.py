@@ -11,12 +11,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from benchmarks.artwork.degradations import CLEAN, degraded, with_background
+from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS, with_background
 from benchmarks.artwork.document import PRIMITIVES, Document
 from benchmarks.artwork.pieces import DrawingPieces, completed, pieces_of, visible_error
 from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
-from benchmarks.tools import Tool
+from benchmarks.tools import Given, Tool
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.svg.elements import XLINK_HREF, local_name
 from cubicsplat_cli.svg.paths import commands
@@ -138,7 +138,7 @@ class Truth:
         self.document = Document(data, name, size)
         self.counts: Counts = count(self.document)
         with_background(self.document, kind)
-        self.input: np.ndarray = degraded(self.document, kind)
+        self.input: Given = DEGRADATIONS[kind](self.document)
         self.drawn: dict[int, np.ndarray] = {scale: self.document.draw(scale) for scale in (1, 2, 4)}
         self.opaque: Opaque = opaque_inside(self.document)
         self.pieces: DrawingPieces | None = pieces_of(self.document)

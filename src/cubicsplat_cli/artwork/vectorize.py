@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, wi
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
+from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, before_compression
 from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
 from cubicsplat_cli.artwork.limits import blocks_of, enlarged, few_enough
@@ -34,6 +35,7 @@ from cubicsplat_cli.artwork.shadows.slices import with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing, shape_name
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced
 from cubicsplat_cli.artwork.translucent.parts import parts_of
+from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import mean_fill
@@ -45,12 +47,14 @@ TRACED, SMALLEST = 512, 128
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
 
-def prepare(target: np.ndarray) -> PreparedInput:
-    """A picture prepared for `draw`; where the work under way is stopped, a small copy."""
+def prepare(target: np.ndarray, compression: Compression | None = None) -> PreparedInput:
+    """A picture prepared for `draw`; where the work under way is stopped, a small copy. compression: that
+    of its file, if it has any loss.
+    """
     prepared = None
     with work().stoppable():
         work().at("looking at the picture")
-        prepared = analysed(target)
+        prepared = analysed(target, compression)
     return prepared or _small(target)
 
 
@@ -106,7 +110,7 @@ def _small(target: np.ndarray) -> PreparedInput:
 def _sketch(prepared: PreparedInput, settings: ArtworkSettings) -> Drawing:
     """The regions of a small picture as polygons."""
     with under_way(Work()):
-        plan = planned(_even(prepared.levels, prepared, settings), settings, prepared.scale, 0.0, None)
+        plan = planned(_even(Flattened(prepared.levels), prepared, settings), settings, prepared.scale, 0.0, None)
     height, width = plan.levels.shape[:2]
     return Drawing(width, height, polygons(plan.parts, (height, width), Flattened(prepared.levels)))
 
@@ -134,11 +138,13 @@ def _versions(
 ) -> Iterator[Drawing]:
     """The drawing of what was taken in, in px of that, and simpler versions of it; see `versions`."""
     condition = prepared.condition
-    error = condition.edge_error / 255.0
     work().at("finding gradients", 0.05)
     flat = without_gradients(prepared, settings)
     work().at("finding colours", 0.1)
-    even = _even(flat.levels, prepared, settings)
+    even, seen, error = _even(flat, prepared, settings), flat.levels, condition.edge_error / 255.0
+    if prepared.compression is not None and prepared.compression.tables and settings.free_fills and not condition.blur:
+        even, seen = before_compression(prepared.levels, flat, even, prepared.compression)
+        error = EDGE_ERROR / 255.0
     placeholders = flat.fills if _may_shine_through(prepared, settings) else None
     plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders, condition.share_error)
     height, width = plan.levels.shape[:2]
@@ -155,11 +161,11 @@ def _versions(
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
-        came = plan.levels if condition.clean else flat.levels
+        came = plan.levels if condition.clean else seen
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error, error)
         if not (condition.aliased or condition.blur or prepared.pens):
-            seen = replace(plan, levels=came) if settings.free_fills else plan
-            drawing, state = or_finer(drawing, goal, seen, scaled, flat, placeholders, condition.restored_error)
+            known = replace(plan, levels=came) if settings.free_fills else plan
+            drawing, state = or_finer(drawing, goal, known, scaled, flat, placeholders, condition.restored_error)
 
         def show(settled: Drawing) -> None:
             if len(plan.parts) > MANY:
@@ -215,12 +221,14 @@ def _may_shine_through(prepared: PreparedInput, settings: ArtworkSettings) -> bo
     return prepared.condition.clean and settings.free_fills and settings.stacking != CUTOUT
 
 
-def _even(levels: np.ndarray, prepared: PreparedInput, settings: ArtworkSettings) -> FlatPicture:
+def _even(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -> FlatPicture:
     """A picture without gradients as if it were clean, in the colours that are asked for."""
     if prepared.pens is not None:
-        even = FlatPicture(*sharpened(levels, prepared.pens))
+        even = FlatPicture(*sharpened(flat.levels, prepared.pens))
+    elif prepared.condition.clean:
+        even = FlatPicture(flat.levels)
     else:
-        even = FlatPicture(levels) if prepared.condition.clean else restored(levels, prepared.condition)
+        even = restored(flat.levels, prepared.condition, flat.fills)
     return even if settings.free_fills else _in_chosen_colours(even, settings)
 
 

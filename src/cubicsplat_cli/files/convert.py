@@ -71,4 +71,5 @@ def _of_image(image: Image.Image) -> Picture:
         # Pillow reads the pixels only now, and answers broken ones with nearly any exception.
         raise InputError(f"the Pillow image cannot be read ({one_line(error)})") from error
     alpha = b"" if decoded.alpha is None else decoded.alpha.tobytes()
-    return Picture(decoded.rgb, decoded.alpha, "<image>", sha256_of(decoded.rgb.tobytes() + alpha), decoded.notes)
+    digest = sha256_of(decoded.rgb.tobytes() + alpha)
+    return Picture(decoded.rgb, decoded.alpha, "<image>", digest, decoded.notes, compression=decoded.compression)

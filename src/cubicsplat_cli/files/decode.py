@@ -19,6 +19,7 @@ from PIL import Image, ImageCms
 from PIL.JpegImagePlugin import JpegImageFile
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.compression import Compression, compression_of
 from cubicsplat_cli.files.names import reads_heic
 from cubicsplat_cli.files.paths import is_file, read_head
 
@@ -53,11 +54,12 @@ _PROFILE_FITS = {"RGB": ("RGB", "RGBX", "L", "YCbCr"), "GRAY": ("L",), "CMYK": (
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
-    """`rgb` (H, W, 3) and `alpha` (H, W) or None, float32 in [0, 1], straight; `notes` as in `Picture`."""
+    """`rgb` (H, W, 3) and `alpha` (H, W) or None, float32 in [0, 1], straight; the rest as in `Picture`."""
 
     rgb: np.ndarray
     alpha: np.ndarray | None
     notes: tuple[str, ...]
+    compression: Compression | None = None
 
 
 def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chosen: bool = False) -> Decoded:
@@ -71,8 +73,10 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
     notes: list[str] = []
     if not chosen and getattr(image, "is_animated", False):
         notes.append("several frames: only the first one is used; --frame chooses another")
-    if _reduced_from_16_bits(image, data):
+    # Pillow reads colour with 8 bits a channel; byte 24 of a PNG is IHDR's depth.
+    if image.format == "PNG" and data[24:25] == b"\x10" and not image.mode.startswith("I"):
         notes.append("16 bits per channel: read with 8")
+    compression = compression_of(image, data) if factor == 1 else None
     image.load()
     upright = _turn_upright(image if factor == 1 else shrunk(image, factor), notes)
     if upright.mode.startswith("I") or upright.mode == "F":
@@ -85,11 +89,14 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
         rgb = np.repeat(grey[..., None], 3, axis=2)
     else:
         colour, alpha = _split_alpha(upright)
-        rgb = _as_float(_to_srgb(colour, upright.info.get("icc_profile"), notes, shown))
-    return _finish(rgb, alpha, notes)
+        colour = _to_srgb(colour, upright.info.get("icc_profile"), notes, shown)
+        if compression is not None and not np.array_equal(np.asarray(colour), np.asarray(image)):
+            compression = Compression()  # it says nothing of pixels that were turned, or of other colours
+        rgb = _as_float(colour)
+    return _finish(rgb, alpha, notes, compression)
 
 
-def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str]) -> Decoded:
+def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str], compression: Compression | None) -> Decoded:
     """Drop an alpha that hides nothing, and blank the colours that alpha hides altogether."""
     if alpha is not None and bool((alpha >= 1.0).all()):
         alpha = None
@@ -97,7 +104,7 @@ def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str]) -> Deco
         rgb[alpha == 0.0] = 0.0
         if not alpha.any():
             notes.append("every pixel is transparent")
-    return Decoded(rgb=rgb, alpha=alpha, notes=tuple(notes))
+    return Decoded(rgb=rgb, alpha=alpha, notes=tuple(notes), compression=compression)
 
 
 def _turn_upright(image: Image.Image, notes: list[str]) -> Image.Image:
@@ -194,11 +201,6 @@ def _key_alpha(image: Image.Image) -> np.ndarray | None:
 
 def _depth(image: Image.Image) -> str:
     return "floating-point" if image.mode == "F" else "16-bit"
-
-
-def _reduced_from_16_bits(image: Image.Image, data: bytes) -> bool:
-    """Whether this is a 16-bit PNG that Pillow reads with 8, as it does colour; byte 24 is IHDR's depth."""
-    return image.format == "PNG" and data[24:25] == b"\x10" and not image.mode.startswith("I")
 
 
 def _as_float(image: Image.Image) -> np.ndarray:

@@ -22,6 +22,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.files.decode import FORMATS_TEXT, MAX_DECODED_PIXELS, Decoded, decode, draft, factor_for, formats_of
 from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.formatting import counted, one_line, printable
@@ -39,7 +40,7 @@ class Picture:
     `alpha` is (H, W) float32 in [0, 1], or None when every pixel is opaque.
     `source` is the name for messages, `sha256` the digest of the file's bytes, `notes` what the user should
     know about how the file was read (one sentence each). `full_size` is the width and height of a picture that was
-    read smaller than it is, else None.
+    read smaller than it is, else None. `compression`: of a file that was compressed with loss, else None.
     """
 
     rgb: np.ndarray
@@ -48,6 +49,7 @@ class Picture:
     sha256: str
     notes: tuple[str, ...] = ()
     full_size: tuple[int, int] | None = None
+    compression: Compression | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -109,7 +111,8 @@ def load_picture(
     full, notes = None, decoded.notes
     if size != (width, height):
         full, notes = size, (*notes, f"read at {width} x {height} of its {size[0]} x {size[1]} pixels")
-    return Picture(decoded.rgb, decoded.alpha, shown, hashlib.sha256(data).hexdigest(), notes, full)
+    compression = decoded.compression if full is None else None
+    return Picture(decoded.rgb, decoded.alpha, shown, hashlib.sha256(data).hexdigest(), notes, full, compression)
 
 
 @contextmanager
@@ -261,7 +264,7 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
         rgb = np.where(alpha[..., None] > 0, rgb / np.maximum(alpha, 1e-6)[..., None], 0.0)
         rgb = np.clip(rgb, 0.0, 1.0).astype(np.float32)
     note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
-    return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, notes=(*picture.notes, note))
+    return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, notes=(*picture.notes, note), compression=None)
 
 
 def _resample(channel: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -100,7 +100,7 @@ def drawn_outlines(
     deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.pixels
-        prepared = prepare(target)
+        prepared = prepare(target, task.target.compression)
         noise = prepared.condition.noise
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 

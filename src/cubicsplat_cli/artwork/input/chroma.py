@@ -123,6 +123,14 @@ class Mixture:
         own = np.where(self.labels == fill, 1.0 - self.share, 0.0)
         return own + np.where(self.other == fill, self.share, 0.0)
 
+    def painted(self, palette: np.ndarray) -> np.ndarray:
+        """(H, W, 4) float32 of fills (P, 4)."""
+        out = palette[self.labels].astype(np.float32)
+        y, x = np.nonzero(self.share)
+        own, other = palette[self.labels[y, x]], palette[self.other[y, x]]
+        out[y, x] = own + self.share[y, x, None] * (other - own)
+        return out
+
 
 def with_shares(
     seen: np.ndarray,
@@ -134,12 +142,7 @@ def with_shares(
     snap: float = SNAP,
 ) -> np.ndarray:
     """(H, W, 4) the picture of the labels, with the shares that edges had; blurred ones as they were before."""
-    out = palette[labels].astype(np.float32)
-    mixture = mixture_of(seen, fills, labels, sigma, blur, snap)
-    y, x = np.nonzero(mixture.share)
-    own, other = palette[labels[y, x]], palette[mixture.other[y, x]]
-    out[y, x] = own + mixture.share[y, x, None] * (other - own)
-    return out
+    return mixture_of(seen, fills, labels, sigma, blur, snap).painted(palette)
 
 
 def mixture_of(

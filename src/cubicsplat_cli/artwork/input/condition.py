@@ -113,9 +113,11 @@ class Condition:
 CLEAN = Condition()
 
 
-def condition_of(levels: np.ndarray) -> Condition:
-    """The condition of a picture."""
-    if min(levels.shape[:2]) < 2 * BLOCK:
+def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
+    """The condition of a picture. lossy: whether its file says that it is compressed with loss, as it then is where it
+    is rough at all.
+    """
+    if min(levels.shape[:2]) < (BLOCK if lossy else 2 * BLOCK):
         return CLEAN
     luma = levels @ SEEN
     second = second_differences(levels)
@@ -126,7 +128,7 @@ def condition_of(levels: np.ndarray) -> Condition:
     # What spans no more than an even area may, as dither between two neighbouring levels does, is no noise.
     noise = _usual(second[quiet]) if np.median(spans[quiet]) > FLAT_RANGE else 0.0
     rough = quiet & (second >= ROUGH)
-    jpeg = _compressed(levels, luma, rough, quiet, noise)
+    jpeg = bool(rough.any()) if lossy else _compressed(levels, luma, rough, quiet, noise)
     if noise and not jpeg:
         whole = _within(levels)
         noise = max(noise, _usual(second[whole][_quiet(spans[whole])]))

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
+from cubicsplat_cli.files.compression import Compression
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,8 @@ class PreparedInput:
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
     flat: levels without gradients, where they had to be found to tell the condition; lifted: without their soft
     shadow, where that was. of_lcd: whether text was smoothed for an LCD's subpixels;
-    of_light: whether edges were blended in linear light.
+    of_light: whether edges were blended in linear light. compression: of the levels' file, of a JPEG that is known as
+    such.
     """
 
     levels: np.ndarray
@@ -41,6 +43,7 @@ class PreparedInput:
     lifted: Lifted | None = None
     of_lcd: bool = False
     of_light: bool = False
+    compression: Compression | None = None
 
     @property
     def notes(self) -> list[str]:
@@ -59,8 +62,10 @@ class PreparedInput:
         return found
 
 
-def analysed(target: np.ndarray) -> PreparedInput:
-    """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
+def analysed(target: np.ndarray, compression: Compression | None = None) -> PreparedInput:
+    """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1];
+    compression: that of its file, if it has any loss.
+    """
     height, width = target.shape[:2]
     factor = reduction(height, width)
     came = as_levels(target)
@@ -68,13 +73,15 @@ def analysed(target: np.ndarray) -> PreparedInput:
     levels = without_linear_light(whole)
     of_light = levels is not whole
     levels = without_rim(levels, in_light=of_light)
-    prepared = _taken_in(reduced(levels, factor), factor, width, height)
+    prepared = _taken_in(reduced(levels, factor), factor, width, height, lossy=compression is not None and factor == 1)
+    if levels is came and prepared.condition.jpeg and prepared.scale == 1 and not prepared.scanned:
+        prepared = replace(prepared, compression=compression)
     return replace(prepared, of_lcd=whole is not came, of_light=of_light)
 
 
-def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> PreparedInput:
+def _taken_in(levels: np.ndarray, factor: int, width: int, height: int, *, lossy: bool) -> PreparedInput:
     """The same of levels (H, W, 4), of which the picture has so many times as many each way."""
-    condition, times = condition_of(levels), 1
+    condition, times = condition_of(levels, lossy=lossy), 1
     scan = scan_of(levels)
     if scan is not None:
         pens = pens_of(scan.bare, scan.grain)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.gradients.flattening import APART
 from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_shares
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
@@ -25,6 +26,7 @@ from cubicsplat_cli.raster.unmix import REACH, near_fills, nearest_fills
 # JPEG; residuals count up to MOST standard deviations.
 MISFIT, JPEG_TIMES, MOST = 1.0, 4.0, 4.0
 ROUNDED = 3.0  # levels that a channel of a fill is off at most, as luma and chroma are rounded in a JPEG of quality 70
+SHORT = 17.0  # levels between the colours that are written in three digits
 # Chroma of a JPEG, of half the size, tells that much less.
 CHROMA = 0.4
 # Nats for each neighbour of another fill, and for a fill of which nothing solid is near.
@@ -69,8 +71,12 @@ def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
     return bool(((levels - again) ** 2).sum() < CLEARER**2 * ((levels - plain) ** 2).sum())
 
 
-def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) -> FlatPicture:
-    """The picture (H, W, 4) in levels as a clean one. lines: whether thin lines that its colours lack are sought."""
+def restored(
+    levels: np.ndarray, condition: Condition, standing: np.ndarray | None = None, *, lines: bool = True
+) -> FlatPicture:
+    """The picture (H, W, 4) in levels as a clean one. standing: (G, 4) fills that stand for gradients, which stay as
+    they are; None for none. lines: whether thin lines that its colours lack are sought.
+    """
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
     space = seen_as(condition)
@@ -89,15 +95,19 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         palette = np.vstack([palette, square_fills(levels, seen, palette @ space, sigma, reach, apart)])
         hidden = hidden_fills(seen[far], palette @ space, STRANGE_FILL * sigma, ONE_COLOUR, FEWEST)
         palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
-    labels = _labels(seen, palette @ space, sigma, thick)
+    labels = labelled(seen, palette @ space, sigma, thick)
     if condition.jpeg:
         palette, labels = _of_small_parts(levels, seen, palette, labels, sigma, thick)
         near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = _settled_fills(levels, palette, labels, near)
         # Of 1,400 channels of artists' colours 106 are 0 or 255, and 14 within ROUNDED of that.
-        palette = np.where(palette <= ROUNDED, 0.0, np.where(palette >= 255.0 - ROUNDED, 255.0, palette))
+        palette = np.where(palette <= ROUNDED, 0.0, np.where(palette >= 255.0 - ROUNDED, 255.0, _short(palette)))
     else:
         palette = _settled_fills(levels, palette, labels, np.full(len(palette), np.inf))
+    for fill in () if standing is None else standing:
+        off = np.abs(palette - fill).max(axis=1)
+        if off.min() < 0.5 * APART:
+            palette[off.argmin()] = fill
     if lines:
         labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
     out = with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
@@ -126,8 +136,17 @@ def _of_small_parts(
         if not len(new) or len(palette) > MOST_THICK:
             break
         palette = np.vstack([palette, new])
-        labels = _labels(seen, palette @ space, sigma, thick)
+        labels = labelled(seen, palette @ space, sigma, thick)
     return kept
+
+
+def _short(palette: np.ndarray) -> np.ndarray:
+    """The palette (P, 4) of a JPEG in levels with colours that are written in three digits, as #269, in place of those
+    that round to the same luma and chroma: by chance one in a thousand does.
+    """
+    short = np.rint(palette / SHORT) * SHORT
+    same = np.rint(short @ LUMA_CHROMA) == np.rint(palette @ LUMA_CHROMA)
+    return np.where(same.all(axis=1, keepdims=True), short, palette)
 
 
 def _borders(labels: np.ndarray) -> int:
@@ -163,7 +182,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     """
     palette = picture_fills(levels)
     thick = len(palette)
-    labels = _labels(levels, palette, MISFIT, thick)
+    labels = labelled(levels, palette, MISFIT, thick)
     out = with_shares(levels, palette, labels, MISFIT, blur, palette)
     for number in range(SHARPER):
         again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
@@ -173,12 +192,12 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
             far = gap > MOST * SHARP_MISFIT
             new = hidden_fills(sharp[far], palette, STRANGE_FILL * SHARP_MISFIT, ONE_COLOUR, FEWEST)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
-        labels = _labels(sharp, palette, SHARP_MISFIT, thick)
+        labels = labelled(sharp, palette, SHARP_MISFIT, thick)
         out = with_shares(sharp, palette, labels, MISFIT, 0.0, palette)
     return out
 
 
-def _labels(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np.ndarray:
+def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np.ndarray:
     """(H, W) int32 the fill that each pixel has most of; of fills from `thick` on there are only thin lines."""
     nearest, gap = nearest_fills(seen, fills, straight=True)
     pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)

@@ -1,0 +1,120 @@
+"""Drawings from files that were compressed with loss, and say so."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from image_files import encode
+from PIL import Image, ImageDraw
+
+from cubicsplat_cli.api import vectorize
+from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.input.prepare import analysed
+from cubicsplat_cli.artwork.input.recompressed import before_compression
+from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import load_picture, resize_picture
+
+
+def stripes() -> np.ndarray:
+    """(100, 150, 3) uint8 of three level stripes, with edges within rows."""
+    levels = np.empty((100, 150, 3))
+    levels[:33], levels[33:66], levels[66:] = (30, 181, 58), (255, 255, 255), (0, 114, 198)
+    levels[33], levels[66] = 0.6 * levels[32] + 0.4 * levels[34], 0.7 * levels[65] + 0.3 * levels[67]
+    return np.rint(levels).astype(np.uint8)
+
+
+def drawn(size: tuple[int, int]) -> np.ndarray:
+    """(H, W, 3) uint8 of a ring and a bar, with smooth edges, on a ground that is hardly lighter."""
+    large = Image.new("RGB", (8 * size[0], 8 * size[1]), (0, 143, 37))
+    pen, (right, bottom) = ImageDraw.Draw(large), large.size
+    pen.ellipse([83, 69, right - 150, bottom - 77], fill=(239, 45, 41))
+    pen.ellipse([210, 190, right - 290, bottom - 205], fill=(250, 240, 200))
+    pen.rectangle([0, bottom // 2 + 3, right, bottom // 2 + 43], fill=(60, 40, 160))
+    return np.asarray(large.resize(size, Image.Resampling.BOX))
+
+
+def test_a_file_says_whether_it_was_compressed_with_loss():
+    image = Image.fromarray(stripes())
+    files = encode(image, "JPEG"), encode(image, "WEBP"), encode(image, "WEBP", lossless=True), encode(image)
+    assert [load_picture(file).compression is not None for file in files] == [True, True, False, False]
+    with Image.open(io.BytesIO(files[0])) as opened:
+        assert as_picture(opened).compression == load_picture(files[0]).compression
+    assert as_picture(stripes()).compression is resize_picture(load_picture(files[0]), 50).compression is None
+
+
+@pytest.mark.parametrize("sampling", [0, 1, 2])
+def test_a_picture_is_compressed_again_as_its_file_was(sampling):
+    image = Image.fromarray(drawn((211, 93)))
+    read = load_picture(encode(image, "JPEG", quality=73, subsampling=sampling))
+    assert read.compression is not None
+    assert np.array_equal(read.compression.again(np.asarray(image)), np.rint(255.0 * read.rgb))
+
+
+def test_a_file_says_nothing_of_pixels_that_were_turned_nor_of_other_channels():
+    turned, image = Image.Exif(), Image.fromarray(drawn((80, 64)))
+    turned[0x0112] = 6
+    files = [encode(image, "JPEG", exif=turned), *(encode(image.convert(mode), "JPEG") for mode in ("L", "CMYK"))]
+    assert [load_picture(file).compression for file in files] == [Compression()] * 3
+
+
+def test_a_drawing_is_nearer_to_what_was_compressed_than_the_file_is():
+    levels = drawn((200, 160))
+    picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=60, subsampling=2))
+    prepared = analysed(picture.target(), picture.compression)
+    even = restored(prepared.levels, prepared.condition)
+    assert prepared.compression is not None
+    after, seen = before_compression(prepared.levels, Flattened(prepared.levels), even, prepared.compression)
+    error, before, asked, left = (
+        float(np.sqrt(((found[..., :3] - levels) ** 2).mean()))
+        for found in (prepared.levels, even.levels, seen, after.levels)
+    )
+    assert asked < 0.7 * error and left < 0.9 * before
+
+
+def test_level_stripes_of_a_jpeg_are_drawn_without_its_ringing():
+    """They have as few colours as a GIF, and coefficients along columns alone."""
+    file = encode(Image.fromarray(stripes()), "JPEG", quality=80)
+    picture = load_picture(file)
+    assert analysed(picture.target(), picture.compression).condition.jpeg
+    assert vectorize(file, measure=False).report.shapes == 3
+
+
+def test_a_file_without_a_trace_of_loss_is_clean():
+    levels = np.full((64, 64, 3), 240, np.uint8)
+    levels[16:48, 16:48] = (80, 80, 80)  # whole blocks
+    picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=95))
+    assert analysed(picture.target(), picture.compression).condition.clean
+
+
+def test_a_jpeg_of_few_rows_is_known_as_one():
+    picture = load_picture(encode(Image.fromarray(drawn((64, 64))[26:38]), "JPEG"))
+    assert analysed(picture.target(), picture.compression).condition.jpeg
+
+
+@pytest.mark.parametrize(("width", "height"), [(12, 40), (8, 8), (3, 40), (1, 1)])
+def test_a_jpeg_of_few_pixels_is_drawn(width, height):
+    picture = load_picture(encode(Image.fromarray(drawn((64, 80))[26 : 26 + height, 5 : 5 + width]), "JPEG"))
+    drawing = draw(picture.target(), prepared=analysed(picture.target(), picture.compression))
+    assert drawing.shapes and (drawing.width, drawing.height) == (width, height)
+
+
+@pytest.mark.parametrize("red", [253, 2])
+def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one(red):
+    levels = np.full((160, 160, 3), 255, np.uint8)
+    levels[20:140, 20:140] = [[(red, 230 - y, 60) for x in range(120)] for y in range(120)]
+    picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=90))
+    assert len(draw(picture.target()).gradients) == 1
+
+
+def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():
+    image = Image.new("RGB", (128, 128), (255, 255, 255))
+    ImageDraw.Draw(image).rectangle([22, 21, 99, 97], fill=(34, 102, 153))
+    picture = load_picture(encode(image, "JPEG", quality=80))
+    assert (255.0 * picture.target()[60, 60]).round().tolist() == [34, 101, 153]
+    prepared = analysed(picture.target(), picture.compression)
+    assert (34, 102, 153, 255) in draw(picture.target(), prepared=prepared).fills
