@@ -79,6 +79,14 @@ def test_objects_end_at_edges_and_not_where_shading_changes():
     assert labels[46, 30] != labels[20, 24] != labels[2, 2]
 
 
+def test_a_small_hole_is_no_part_of_what_is_around_it():
+    levels = 255.0 * ball()
+    levels[22:27, 40:45] = 0.0  # too small for pixels away from its edges
+    labels = objects_of(levels)
+    assert len({labels[24, 42], labels[24, 52], labels[46, 30]}) == 3
+    assert not silhouettes(levels, labels).levels[24, 42].any()
+
+
 def test_silhouettes_keep_the_shares_of_the_edges():
     levels = 255.0 * ball()
     flat = silhouettes(levels, objects_of(levels)).levels
