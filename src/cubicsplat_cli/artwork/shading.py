@@ -58,7 +58,7 @@ def objects_of(levels: np.ndarray) -> np.ndarray:
     areas, count = ndimage.large_parts(slopes.size < STEEP, LEAST_AREA)
     if not count:
         return np.zeros(levels.shape[:2], np.int32)
-    areas[(areas == 0) & (levels[..., 3] < 1.0)] = count + 1
+    areas[levels[..., 3] < 1.0] = count + 1
     labels = watershed(slopes.size, areas)
     while len(weak := _weak_borders(levels, labels, slopes)):
         labels = _united(labels, weak)
