@@ -33,11 +33,11 @@ SHAPES = "triangle"
 # more and fainter layers shows in even areas. A half takes the most from both.
 SHARED_OPACITY = 0.5
 SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
-PX_PER_CURVE = 45.0  # at first; fewer at the end are worse than as many from the beginning
+PX_PER_CURVE = 42.0  # at first: leaving out many at the end is worse than to begin with fewer
 # Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
 MOST_PIXELS = 2**18
 # What a curve must take away of the squared CIEDE2000, summed over pixels, to stay.
-PRICE = 60.0
+PRICE = 50.0
 # A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
