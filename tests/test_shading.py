@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from skimage.color import deltaE_ciede2000, rgb2lab
 from test_svg_viewers import AGREEMENT_DB, agreement, in_chromium
 
 from cubicsplat_cli.artwork.scene import picture_of
@@ -15,11 +16,13 @@ from cubicsplat_cli.artwork.shading import objects_of, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_scene
+from cubicsplat_cli.evaluate.perceptual import metric
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.pipeline.shaded import shaded_drawing, shaded_objects
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.request import request_of
@@ -79,6 +82,15 @@ def test_objects_end_at_edges_and_not_where_shading_changes():
     assert labels.max() == 2  # nothing, the ball, the square
     assert len(np.unique(labels[[20, 36, 60], [24, 60, 40]])) == 1
     assert labels[46, 30] != labels[20, 24] != labels[2, 2]
+
+
+def test_a_small_hole_is_no_part_of_what_is_around_it():
+    levels = 255.0 * ball()
+    levels[22:27, 40:45] = 0.0  # too small for pixels away from its edges
+    labels = objects_of(levels)
+    assert labels[24, 42] == labels[2, 2] != labels[24, 52]
+    assert len(np.unique(labels)) == 3
+    assert not silhouettes(levels, labels).levels[24, 42].any()
 
 
 def test_silhouettes_keep_the_shares_of_the_edges():
@@ -189,6 +201,52 @@ def test_a_ground_lies_behind_the_curves_of_the_engine():
     drawn = engine.render(scene_arrays(scene), RasterSettings("exact", 1.0, 8, 0.0))
     assert drawn[7, 7] == pytest.approx(ground[7, 7])
     assert drawn[1, 1] == pytest.approx(0.75 * ground[1, 1] + (0.25, 0.0, 0.0), abs=1e-6)
+
+
+def test_the_engine_charges_errors_by_the_metric_of_their_pixels():
+    draw, size, count = np.random.default_rng(0), 21, 4
+    points, colours, target = (
+        draw.random(shape).astype(np.float32) for shape in ((count, 9, 2), (count, 3), (size, size, 3))
+    )
+    roots = draw.normal(size=(size, size, 3, 3))
+    seen = roots @ roots.swapaxes(2, 3)
+    engine, exact = CpuEngine(1), RasterSettings("exact", 1.0, 12)
+    rows = [[seen[..., i, j] for i, j in row] for row in (((0, 0), (1, 1), (2, 2)), ((0, 1), (0, 2), (1, 2)))]
+    engine.metric = np.ascontiguousarray(np.moveaxis(np.array(rows), 1, 3), np.float32)
+
+    def scene(colours: np.ndarray, kept: np.ndarray) -> EngineScene:
+        own, opacities = np.ascontiguousarray(20.0 * points[kept]), np.full(len(kept), 0.7, np.float32)
+        black, fills = (0.0, 0.0, 0.0), np.ascontiguousarray(colours[kept])
+        return EngineScene(Mode.CLOSED, size, size, own, fills, opacities, 0.0 * opacities, black)
+
+    everything = np.arange(count)
+    error = (engine.render(scene(colours, everything), exact) - target).astype(float)
+    loss, found = engine.gradients(scene(colours, everything), exact, target=target, importance="loo")
+    assert loss == pytest.approx(np.einsum("hwi,hwij,hwj->", error, seen, error), rel=1e-5)
+    for curve in range(count):
+        without = engine.loss(scene(colours, np.delete(everything, curve)), exact, target)
+        assert without - loss == pytest.approx(float(found["importance"][curve]), rel=1e-3, abs=1e-3)
+        step = np.zeros_like(colours)
+        step[curve, 2] = 0.01
+        ends = [engine.loss(scene(colours + sign * step, everything), exact, target) for sign in (1, -1)]
+        assert (ends[0] - ends[1]) / 0.02 == pytest.approx(float(found["colours"][curve, 2]), rel=1e-2, abs=1e-2)
+
+
+def test_the_metric_is_the_square_of_small_differences_as_they_are_seen():
+    draw = np.random.default_rng(1)
+    colours, step = draw.uniform(20.0, 235.0, (200, 3)), draw.normal(size=(200, 3))
+    (a, b, c), (ab, ac, bc) = np.moveaxis(metric(colours), 2, 1)
+    x, y, z = step.T
+    square = a * x * x + b * y * y + c * z * z + 2.0 * (ab * x * y + ac * x * z + bc * y * z)
+    ends = (rgb2lab((colours + sign * step) / 255.0) for sign in (0.5, -0.5))
+    np.testing.assert_allclose(np.sqrt(square), deltaE_ciede2000(*ends), rtol=0.05, atol=0.02)
+
+
+def test_curves_of_all_objects_have_one_opacity(drawing):
+    shadings = [shape.shading for shape in drawing.shapes if shape.shading is not None]
+    assert shadings
+    for shading in shadings:
+        assert shading.opacities == pytest.approx(0.5, abs=1.0 / 255.0)
 
 
 def test_flat_pictures_and_textures_have_no_shading():

@@ -50,7 +50,7 @@ class _Slopes:
 def objects_of(levels: np.ndarray) -> np.ndarray:
     """(H, W) int32 the object of each pixel, numbered from 0 on, of a picture (H, W, 4) of premultiplied levels.
 
-    Thin lines and small spots are part of what they lie on.
+    Thin lines and small spots are part of what they lie on, but for those that show nothing: they are ground.
     """
     from skimage.segmentation import watershed  # which few pictures need
 
@@ -58,6 +58,7 @@ def objects_of(levels: np.ndarray) -> np.ndarray:
     areas, count = ndimage.large_parts(slopes.size < STEEP, LEAST_AREA)
     if not count:
         return np.zeros(levels.shape[:2], np.int32)
+    areas[levels[..., 3] < 1.0] = count + 1
     labels = watershed(slopes.size, areas)
     while len(weak := _weak_borders(levels, labels, slopes)):
         labels = _united(labels, weak)

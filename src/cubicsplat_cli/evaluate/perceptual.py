@@ -26,6 +26,7 @@ LEAST_MS_SSIM = 161
 LEAST_LPIPS = 32
 WHITE, BLACK = 255.0, 0.0
 STRIP_PIXELS = 1 << 20
+SMALL = 3.0  # levels
 
 
 def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> dict[str, float | None]:
@@ -145,3 +146,23 @@ def _mean_delta_e(first: np.ndarray, second: np.ndarray) -> float:
 def _packed(colours: np.ndarray) -> np.ndarray:
     red, green, blue = np.moveaxis(colours.astype(np.int64), -1, 0)
     return red << 16 | green << 8 | blue
+
+
+def metric(colours: np.ndarray) -> np.ndarray:
+    """(2, ..., 3) the square of CIEDE2000 for each squared level that colours (..., 3) in levels change by a little:
+    of a symmetric matrix the diagonal, then (0, 1), (0, 2) and (1, 2).
+    """
+    from skimage.color import deltaE_ciede2000, rgb2lab
+
+    def along(*step: int) -> np.ndarray:
+        change = SMALL * np.array(step)
+        ends = (rgb2lab(np.clip(colours, SMALL, 255.0 - SMALL) / 255.0 + sign * change / 255.0) for sign in (0.5, -0.5))
+        return np.asarray(np.square(deltaE_ciede2000(*ends) / SMALL))
+
+    one = [along(1, 0, 0), along(0, 1, 0), along(0, 0, 1)]
+    two = [
+        0.5 * (along(1, 1, 0) - one[0] - one[1]),
+        0.5 * (along(1, 0, 1) - one[0] - one[2]),
+        0.5 * (along(0, 1, 1) - one[1] - one[2]),
+    ]
+    return np.stack([np.stack(one, axis=-1), np.stack(two, axis=-1)])

@@ -22,12 +22,14 @@ class FitInputs:
     start: a scene, of any size, to begin with in place of discs; the fit gets as many curves as its settings say, by
     seeding more or by leaving out the least important. frozen: its curves stay as they are. ground: (H, W, 3) float32
     what lies behind the curves, in place of a colour; only for pictures without transparency, on the CPU.
+    metric: (2, H, W, 3) float32 what errors cost there in place of the loss, see `Engine`.
     """
 
     weights: np.ndarray | None = None
     start: Scene | None = None
     frozen: bool = False
     ground: np.ndarray | None = None
+    metric: np.ndarray | None = None
 
     @property
     def frozen_curves(self) -> int:

@@ -50,7 +50,7 @@ class FitLoop:
         if inputs.ground is not None:
             if self.engine.device != "cpu":
                 raise EngineError("only the CPU's engine fits curves over a picture; use --device cpu")
-            self.engine.ground = np.ascontiguousarray(inputs.ground, np.float32)
+            self.engine.ground, self.engine.metric = np.ascontiguousarray(inputs.ground, np.float32), inputs.metric
         self.step, self.stopped = 0, False  # stopped: before its last step
         self._look_at(target, inputs)
         self.start_loss = math.inf  # of the drawing to begin with, where all of it is in the fit

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
 from cubicsplat_cli.artwork.vectorize import draw_flat
+from cubicsplat_cli.evaluate.perceptual import metric
 from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
@@ -28,18 +29,22 @@ from cubicsplat_cli.settings import FitSettings, cpu_count
 
 # At equal bytes triangles come nearer to soft shading than curves of 2 cubics, by a tenth in root mean square.
 SHAPES = "triangle"
-SHARED_OPACITY = 0.78  # of an object's curves at first, so that none says its own
+# Of all curves, so that none says its own. It stays as it is: left to the fit it falls, and what renderers round off
+# more and fainter layers shows in even areas. A half takes the most from both.
+SHARED_OPACITY = 0.5
 SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
-PX_PER_CURVE = 30.0
+PX_PER_CURVE = 42.0  # at first: leaving out many at the end is worse than to begin with fewer
 # Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
 MOST_PIXELS = 2**18
-# What a curve must take away of the squared error, in levels^2 summed over pixels and channels, to stay.
-PRICE = 1500.0
+# What a curve must take away of the squared CIEDE2000, summed over pixels, to stay.
+PRICE = 50.0
 # A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
 LEAST_SHADED = 0.1  # of the picture's objects in px that have more than their paints
 REACH = 3  # px from a pixel at an edge to those whose colour it has
+# Of an error's cost that is the same in all directions: CIEDE2000 is a square for small errors only.
+PLAIN = 0.1
 FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones converge sooner
 LEAST_STEPS = 0.25  # of them
 
@@ -194,12 +199,12 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
     given = {**vars(FitSettings.from_preset(preset=settings.preset, shapes=SHAPES)), "curves": settings.curves}
     own = FitSettings(**given).with_(
         steps=steps, seed=settings.seed, threads=settings.threads, device="cpu", background="auto",
-        recipe=replace(settings.recipe, shared_opacity=SHARED_OPACITY),
+        recipe=replace(settings.recipe, shared_opacity=SHARED_OPACITY, rate_opacities=0.0),
     )  # fmt: skip
-    inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind)
+    inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind, metric=_seen(goal[window]))
     fitting = Fitting(target, own, inputs=inputs)
     if fitting.relax():
-        importance = fitting.importance() * 255.0**2
+        importance = fitting.importance()
         kept = np.flatnonzero(importance >= min(PRICE, float(importance.max())))
         if len(kept) < len(importance):
             fitting.resize(kept, len(kept))
@@ -209,3 +214,12 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
     scene = fitted.scene
     points = scene.points + np.array([columns[0], rows[0]], np.float32)
     return replace(scene, points=points, background=None, width=goal.shape[1], height=goal.shape[0])
+
+
+def _seen(colours: np.ndarray) -> np.ndarray:
+    """What the engine is to take for errors of colours (h, w, 3) in levels, the square of CIEDE2000: see `Engine`."""
+    rows = 255.0**2 * metric(colours)
+    plain = PLAIN * rows[0].mean(axis=2, keepdims=True)
+    rows *= 1.0 - PLAIN
+    rows[0] += plain
+    return np.ascontiguousarray(rows, np.float32)

@@ -21,7 +21,7 @@ from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
 
-ABI_VERSION = 7
+ABI_VERSION = 8
 
 
 def members(kind: Any, names: str) -> list[tuple[str, Any]]:
@@ -46,7 +46,7 @@ class _Settings(ctypes.Structure):
 
 
 class _Images(ctypes.Structure):
-    _fields_ = members(c_void_p, "target weights gradient image loss ground")
+    _fields_ = members(c_void_p, "target weights gradient image loss ground metric")
 
 
 class _Gradients(ctypes.Structure):
@@ -225,9 +225,9 @@ class CpuEngine(Engine):
         )  # fmt: skip
 
     def _images(self, scene: EngineScene, **pictures: Array) -> tuple[_Images, c_double]:
-        """Pictures by the names of the structure's fields, the ground, and where the loss will be."""
+        """Pictures by the names of the structure's fields, ground and metric, and where the loss will be."""
         loss = c_double(0.0)
-        pictures["ground"] = self.ground
+        pictures |= {"ground": self.ground, "metric": self.metric}
         return _Images(**scene.addresses(_pointer, pictures), loss=ctypes.addressof(loss)), loss
 
     @staticmethod

@@ -41,7 +41,7 @@ def _shapes(n: int, k: int, rings: int, stops: int, picture: tuple[int, int, int
         "moments": (n, values_per_curve(k), 4), "edge_moments": (n, 4), "ages": (n,),
         "points_gradient": (n, k, 2), "of_points": (n, k, 2), "rate_scale": (n, RATED),
         "target": picture, "gradient": picture, "image": picture, "image_gradient": picture, "weights": picture[:2],
-        "ground": picture,
+        "ground": picture, "metric": (2, *picture),
     }  # fmt: skip
 
 
@@ -179,14 +179,16 @@ class Engine(ABC):
 
     The CPU's takes arrays of either kind and gives what it is given, a GPU's takes torch tensors on its device. device:
     where they are, in the terms of their kind. runs_ahead: calls return before all is done, so that a look at a value
-    waits. ground: (H, W, C) what lies behind all curves in place of a scene's background, or None; the CPU's alone
-    knows one.
+    waits. Only the CPU's knows these, or None: ground (H, W, C), what lies behind all curves in place of a scene's
+    background; and metric (2, H, W, 3), what the error e of a pixel costs in place of its penalty: e' M e, of M the
+    diagonal, then (0, 1), (0, 2) and (1, 2).
     """
 
     name: str
     device: Any
     runs_ahead: bool = False
     ground: Array | None = None
+    metric: Array | None = None
 
     @abstractmethod
     def take(self, array: Array) -> Array:

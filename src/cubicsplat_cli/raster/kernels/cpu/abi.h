@@ -51,6 +51,7 @@ struct CsImages {
   float* image;           // H x W x C
   double* loss;           // 1: sum over the pixels
   const float* ground;    // H x W x C: what lies behind all curves, in place of the scene's background
+  const float* metric;    // 2 x H x W x 3: of three channels, what errors cost in place of the penalty, see Measure
 };
 
 // Gradients of the parameters as given (values, or logits where scene.logits is set). Null pointers are skipped.

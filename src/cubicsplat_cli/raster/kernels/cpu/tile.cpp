@@ -36,7 +36,7 @@ class BlockWork {
   void run(Lanes& loss, Lanes* background) {
     Finished<C> done;
     forward(done);
-    if (task_.images->target) loss = fused(pixel_loss<C>(done.error, penalty()), done.factor, loss);
+    if (task_.images->target) loss = fused(pixel_loss<C>(done.error, measure_), done.factor, loss);
     if (!task_.backward) return;
     for (int c = 0; c < C; c++) background[c] = fused(transmittance_, done.gradient[c], background[c]);
     backward(done);
@@ -49,11 +49,10 @@ class BlockWork {
   const Block block_;
   const Window window_;
   Lanes transmittance_, accumulated_[C];
+  Measure<Lanes> measure_;
   uint32_t visited_;  // pairs, in the order of the visible ones, before every pixel was finished
 
   bool mixed(const Outline& o) const { return o.mixed >> block_.number & 1; }
-
-  Penalty penalty() const { return {task_.settings->squares, task_.settings->robust, task_.settings->knee}; }
 
   void start() {
     transmittance_ = window_.inside();
@@ -101,9 +100,15 @@ class BlockWork {
     window_.template load<C>(images.target, target);
     const Lanes inside = window_.inside();
     for (int c = 0; c < C; c++) done.error[c] = (done.colour[c] - target[c]) * inside;
+    measure_.penalty = {task_.settings->squares, task_.settings->robust, task_.settings->knee};
+    measure_.metric = C == 3 && images.metric;
+    if (measure_.metric) {
+      window_.template load<3>(images.metric, measure_.rows);
+      window_.template load<3>(images.metric + task_.scene->height * window_.stride, measure_.rows + 3);
+    }
     if (images.weights) done.factor = window_.plane(images.weights, C);
     if (!images.gradient) {
-      pixel_loss_gradient<C>(done.error, penalty(), done.gradient);
+      pixel_loss_gradient<C>(done.error, measure_, done.gradient);
       for (int c = 0; c < C; c++) done.gradient[c] = done.gradient[c] * done.factor;
     }
   }
@@ -137,7 +142,7 @@ class BlockWork {
 
   CS_INLINE Lanes importance(Lanes alpha, Lanes weight, const Fill& fill, const Finished<C>& done) {
     if (task_.settings->importance == 1) return weight * done.factor;
-    return leave_one_out<C>(alpha, weight, fill.colour, done.colour, done.error, penalty(), accumulated_) * done.factor;
+    return leave_one_out<C>(alpha, weight, fill.colour, done.colour, done.error, measure_, accumulated_) * done.factor;
   }
 };
 

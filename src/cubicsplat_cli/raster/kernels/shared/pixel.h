@@ -167,6 +167,36 @@ CS_INLINE void pixel_loss_gradient(const F* e, const Penalty& p, F* g) {
   if (C == 4) g[C - 1] = alpha;
 }
 
+// In place of a penalty of each channel: the error's square in a metric of the pixel's own, e' M e. M is symmetric, in
+// two rows of three: what lies on its diagonal, then (0, 1), (0, 2) and (1, 2).
+template <class F>
+struct Measure {
+  Penalty penalty;
+  bool metric;  // whether there is one; else the penalty counts
+  F rows[6];
+
+  CS_INLINE void times(const F* e, F* out) const {
+    out[0] = fused(rows[0], e[0], fused(rows[3], e[1], rows[4] * e[2]));
+    out[1] = fused(rows[3], e[0], fused(rows[1], e[1], rows[5] * e[2]));
+    out[2] = fused(rows[4], e[0], fused(rows[5], e[1], rows[2] * e[2]));
+  }
+};
+
+template <int C, class F>
+CS_INLINE F pixel_loss(const F* e, const Measure<F>& measure) {
+  if (C == 4 || !measure.metric) return pixel_loss<C>(e, measure.penalty);
+  F product[3];
+  measure.times(e, product);
+  return fused(e[0], product[0], fused(e[1], product[1], e[2] * product[2]));
+}
+
+template <int C, class F>
+CS_INLINE void pixel_loss_gradient(const F* e, const Measure<F>& measure, F* g) {
+  if (C == 4 || !measure.metric) return pixel_loss_gradient<C>(e, measure.penalty, g);
+  measure.times(e, g);
+  for (int c = 0; c < 3; c++) g[c] = g[c] + g[c];
+}
+
 // Colour channel c of a curve; the fourth channel of a premultiplied picture is the coverage itself.
 template <class K>
 CS_INLINE K channel(const K* colour, int c) {
@@ -207,8 +237,8 @@ CS_INLINE F composite_backward(F alpha, const K* colour, const F* g, Backward<F>
 
 // Leave-one-out importance: the rise of the pixel's loss if the curve were deleted now. The picture without it is
 // acc_{i-1} + (F - acc_i) / (1 - alpha). `before` is acc_{i-1} and becomes acc_i; e = F - target.
-template <int C, class F, class K>
-CS_INLINE F leave_one_out(F alpha, F weight, const K* colour, const F* final_colour, const F* e, const Penalty& p,
+template <int C, class F, class K, class Costs>
+CS_INLINE F leave_one_out(F alpha, F weight, const K* colour, const F* final_colour, const F* e, const Costs& p,
                           F* before) {
   F inverse = quotient(F(1.0f), F(1.0f) - select(weight > F(0.0f), alpha, F(0.0f)));
   F without[C];
