@@ -7,15 +7,24 @@ residual, which needs no labelling and treats all pixels at once.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.photo.initial import colour_to_logits, control_points, new_curves, picture_colours_at, random_ring
+from cubicsplat_cli.photo.initial import (
+    colour_to_logits,
+    control_points,
+    first_opacity,
+    new_curves,
+    picture_colours_at,
+    random_ring,
+)
+from cubicsplat_cli.photo.placing import TRIES, place_shapes
 from cubicsplat_cli.photo.state import Background, FitCurves
-from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, namespace
-from cubicsplat_cli.settings import FitSettings, Mode
+from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, copied, like, namespace
+from cubicsplat_cli.settings import ANY, FitSettings, Mode
 
 RESIDUAL_BLUR = 5  # px; a single pixel's residual is noise
 GRID = 12  # samples of a patch on each side of its centre
@@ -58,6 +67,8 @@ class Seeder:
         """New curves where the picture (H, W, C) is far from the target."""
         recipe = self.settings.recipe
         density = error_density(image, self.target, recipe.seed_blur, recipe.seed_power, self.weights)
+        if self.settings.shapes != ANY and self.target.shape[2] == 3:
+            return self._placed(count, image, density)
         centres = draw_pixels(density, count, self.generator)
         size = recipe.seed_size * self.unit
         if recipe.seeding == "blobs":
@@ -65,6 +76,17 @@ class Seeder:
             return self._curves(blob_points(blobs, self.settings, self.generator), blobs.colour_logits)
         points = control_points(centres, size, self.settings, self.generator)
         return self._curves(points, picture_colours_at(centres, self.target))
+
+    def _placed(self, count: int, image: Array, density: Array) -> FitCurves:
+        """Restricted shapes, tried on the host at places of this density (H, W)."""
+        settings, weights = self.settings, None if self.weights is None else as_numpy(self.weights)
+        centres = as_numpy(draw_pixels(density, count * TRIES, self.generator)).reshape(count, TRIES, 2)
+        opacity = 1.0 / (1.0 + math.exp(-first_opacity(settings.recipe)))
+        points, colours = place_shapes(
+            settings.shapes, settings.segments, as_numpy(self.target), as_numpy(image), weights, centres, self.unit,
+            opacity, self.generator,
+        )  # fmt: skip
+        return self._curves(like(image, points), colour_to_logits(like(image, colours)))
 
     def _curves(self, points: Array, colours: Array) -> FitCurves:
         height, width, _ = self.target.shape
