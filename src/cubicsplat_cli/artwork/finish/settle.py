@@ -17,7 +17,7 @@ ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
 PIXEL_SIGMA, FREE = 0.02, 0.5
 # Relative gain of a round below which it is finished, and of an outline's step below which that rests.
-ENOUGH, RESTS = 2e-3, 2e-4
+ENOUGH, RESTS = 4e-3, 5e-4
 CHANCE = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
 START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
