@@ -18,8 +18,8 @@ from cubicsplat_cli.progress import nothing, work
 from cubicsplat_cli.raster.stack import Goal
 
 PASSES = 3  # of moves, and of merges, at most
-# Pieces beyond which there are fewer rounds; merges only after the moves, and these once; neither of the two, which
-# take some ms a piece; fewer rounds still; and nothing is fitted, for its memory.
+# Pieces beyond which there are fewer rounds; merges only after the moves, and one pass of each; neither of the two,
+# which take some ms a piece; fewer rounds still; and nothing is fitted, for its memory.
 CROWDED, FULL, CHANGED, MANY, MOST = 400, 4000, 16_000, 40_000, 100_000
 TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
 
@@ -67,7 +67,7 @@ def polish(
             state = settle(state, TRIAL_ROUNDS)
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:
-            state = _repeated(merged, state, PASSES)
+            state = _repeated(merged, state, PASSES if pieces <= FULL else 1)
     return drawn(drawing, state)
 
 
