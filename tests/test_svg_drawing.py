@@ -138,6 +138,14 @@ def test_in_a_drawing_of_few_fills_each_is_one_path_unless_it_is_primitives_alon
     assert np.array_equal(drawn[0][:, 160:], drawn[1][:, 160:])
 
 
+def test_a_ring_that_crosses_itself_cuts_no_hole_into_another_of_its_fill():
+    bow = shape(polygon(np.array([[10.0, 10.0], [60.0, 50.0], [60.0, 30.0], [10.0, 60.0]])))
+    box = shape(polygon(np.array([[50.0, 28.0], [70.0, 28.0], [70.0, 52.0], [49.0, 52.0]])))
+    assert len(written(bow, box, *letters(2))) == 2
+    drawn = rerender(svg_of(bow, box).encode(), 200, 100, renderer="resvg").pixels
+    assert (drawn[40, 55:60] == [255, 0, 0, 255]).all()
+
+
 def test_what_lies_between_shapes_keeps_them_apart():
     first, *rest = letters(3)
     apart = shape(Ellipse(5, 80, 5, 3), fill=BLACK)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring, reversed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 
@@ -18,6 +18,7 @@ _OPAQUE = 255
 Pen = tuple[float, str, str, bool]
 # Shapes nearer to each other than this keep their order.
 _MARGIN = 1.0  # px
+_LOOP = 1.0  # px^2 of a loop that is seen
 
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
@@ -35,7 +36,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     sign = len(number_of) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
-    free = np.array([_opaque(shape) and (sign or not _primitive(shape)) for shape in shapes], dtype=bool)
+    free = np.array([_opaque(s) and (sign or not _primitive(s)) and not _crosses(s) for s in shapes], dtype=bool)
     while True:
         leaders = _leaders(boxes, numbers, free)
         # Groups of too few, and of primitives alone, are none.
@@ -79,6 +80,12 @@ def _opaque(shape: Shape) -> bool:
     """Two translucent shapes are not one where they overlap."""
     fills = [shape.fill] if shape.gradient is None else [stop.colour for stop in shape.gradient.stops]
     return all(fill[3] == _OPAQUE for fill in fills)
+
+
+def _crosses(shape: Shape) -> bool:
+    """Whether a ring crosses itself: where a loop runs the other way round, it would cut holes into others."""
+    rings = [outline for outline in shape.outlines if isinstance(outline, Ring)]
+    return shape.stroke is None and any(reversed_area(ring) >= _LOOP for ring in rings)
 
 
 def _near(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.raster.outlines import coverage
+
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
 # (4, 4, 2) the quarters of a unit circle, from the rightmost point on, in the direction of growing angles.
@@ -254,6 +256,15 @@ def signed_area(ring: Ring) -> float:
 def areas_beside(cubics: np.ndarray) -> np.ndarray:
     """(n,) px^2 that each of some cubics (n, 4, 2) adds to the area of the ring that it is of."""
     return np.asarray(((cubics[..., 0] @ _GREEN) * cubics[..., 1]).sum(axis=1))
+
+
+def reversed_area(ring: Ring) -> float:
+    """Area in px^2 of the loops in which a ring that crosses itself runs the other way round."""
+    points = ring.cubics.reshape(-1, 2)
+    low, high = np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
+    (left, top), (width, height) = low.tolist(), (high - low).tolist()
+    covered = coverage(ring.cubics, ring.lines, top, left, height, width).sum()
+    return 0.5 * float(covered - abs(signed_area(ring)))
 
 
 def reversed_ring(ring: Ring) -> Ring:
