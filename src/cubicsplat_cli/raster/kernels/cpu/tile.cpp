@@ -24,11 +24,35 @@ struct Finished {
   }
 };
 
-template <int C, class Fill>
+// What errors cost: all the same, by the settings; or by the metric of each pixel, of three channels.
+class ByPenalty {
+ public:
+  ByPenalty(const TileTask& task, const Window&) : settings_(*task.settings) {}
+  Penalty of() const { return {settings_.squares, settings_.robust, settings_.knee}; }
+
+ private:
+  const CsSettings& settings_;
+};
+
+class ByMetric {
+ public:
+  ByMetric(const TileTask& task, const Window& window) {
+    if (window.empty()) return;
+    window.template load<3>(task.images->metric, metric_.rows);
+    window.template load<3>(task.images->metric + task.scene->height * window.stride, metric_.rows + 3);
+  }
+  const Metric<Lanes>& of() const { return metric_; }
+
+ private:
+  Metric<Lanes> metric_;
+};
+
+template <int C, class Fill, class Costs>
 class BlockWork {
  public:
   BlockWork(const TileTask& task, const Outlines& outlines, Record* records, int number)
-      : task_(task), outlines_(outlines), records_(records), block_(number), window_(task, block_) {}
+      : task_(task), outlines_(outlines), records_(records), block_(number), window_(task, block_),
+        costs_(task, window_) {}
 
   bool empty() const { return window_.empty(); }
 
@@ -36,7 +60,7 @@ class BlockWork {
   void run(Lanes& loss, Lanes* background) {
     Finished<C> done;
     forward(done);
-    if (task_.images->target) loss = fused(pixel_loss<C>(done.error, measure_), done.factor, loss);
+    if (task_.images->target) loss = fused(pixel_loss<C>(done.error, costs_.of()), done.factor, loss);
     if (!task_.backward) return;
     for (int c = 0; c < C; c++) background[c] = fused(transmittance_, done.gradient[c], background[c]);
     backward(done);
@@ -48,8 +72,8 @@ class BlockWork {
   Record* records_;  // of the mixed pairs, in their order
   const Block block_;
   const Window window_;
+  const Costs costs_;
   Lanes transmittance_, accumulated_[C];
-  Measure<Lanes> measure_;
   uint32_t visited_;  // pairs, in the order of the visible ones, before every pixel was finished
 
   bool mixed(const Outline& o) const { return o.mixed >> block_.number & 1; }
@@ -100,15 +124,9 @@ class BlockWork {
     window_.template load<C>(images.target, target);
     const Lanes inside = window_.inside();
     for (int c = 0; c < C; c++) done.error[c] = (done.colour[c] - target[c]) * inside;
-    measure_.penalty = {task_.settings->squares, task_.settings->robust, task_.settings->knee};
-    measure_.metric = C == 3 && images.metric;
-    if (measure_.metric) {
-      window_.template load<3>(images.metric, measure_.rows);
-      window_.template load<3>(images.metric + task_.scene->height * window_.stride, measure_.rows + 3);
-    }
     if (images.weights) done.factor = window_.plane(images.weights, C);
     if (!images.gradient) {
-      pixel_loss_gradient<C>(done.error, measure_, done.gradient);
+      pixel_loss_gradient<C>(done.error, costs_.of(), done.gradient);
       for (int c = 0; c < C; c++) done.gradient[c] = done.gradient[c] * done.factor;
     }
   }
@@ -142,11 +160,12 @@ class BlockWork {
 
   CS_INLINE Lanes importance(Lanes alpha, Lanes weight, const Fill& fill, const Finished<C>& done) {
     if (task_.settings->importance == 1) return weight * done.factor;
-    return leave_one_out<C>(alpha, weight, fill.colour, done.colour, done.error, measure_, accumulated_) * done.factor;
+    return leave_one_out<C>(alpha, weight, fill.colour, done.colour, done.error, costs_.of(), accumulated_) *
+           done.factor;
   }
 };
 
-template <int C, class Fill>
+template <int C, class Fill, class Costs>
 void raster(const TileTask& task) {
   Arena arena{task.scratch};
   const Outlines outlines = Gatherer(task, arena).run();
@@ -154,7 +173,7 @@ void raster(const TileTask& task) {
   Lanes loss(0.0f), background[C];
   for (Lanes& b : background) b = Lanes(0.0f);
   for (int number = 0; number < kBlocks; number++) {
-    BlockWork<C, Fill> work(task, outlines, records, number);
+    BlockWork<C, Fill, Costs> work(task, outlines, records, number);
     if (!work.empty()) work.run(loss, background);
     ask_for_next_row(task, task.images->target, number);
   }
@@ -173,10 +192,12 @@ size_t tile_scratch(const TileTask& task) {
 
 void raster_tile(const TileTask& task) {
   const bool flat = !task.scene->kinds;
-  if (task.scene->channels == 3)
-    flat ? raster<3, FlatFill>(task) : raster<3, GradientFill>(task);
+  if (task.scene->channels == 4)
+    flat ? raster<4, FlatFill, ByPenalty>(task) : raster<4, GradientFill, ByPenalty>(task);
+  else if (task.images->metric)
+    flat ? raster<3, FlatFill, ByMetric>(task) : raster<3, GradientFill, ByMetric>(task);
   else
-    flat ? raster<4, FlatFill>(task) : raster<4, GradientFill>(task);
+    flat ? raster<3, FlatFill, ByPenalty>(task) : raster<3, GradientFill, ByPenalty>(task);
 }
 
 }  // namespace CS_ISA

@@ -170,9 +170,7 @@ CS_INLINE void pixel_loss_gradient(const F* e, const Penalty& p, F* g) {
 // In place of a penalty of each channel: the error's square in a metric of the pixel's own, e' M e. M is symmetric, in
 // two rows of three: what lies on its diagonal, then (0, 1), (0, 2) and (1, 2).
 template <class F>
-struct Measure {
-  Penalty penalty;
-  bool metric;  // whether there is one; else the penalty counts
+struct Metric {
   F rows[6];
 
   CS_INLINE void times(const F* e, F* out) const {
@@ -183,17 +181,15 @@ struct Measure {
 };
 
 template <int C, class F>
-CS_INLINE F pixel_loss(const F* e, const Measure<F>& measure) {
-  if (C == 4 || !measure.metric) return pixel_loss<C>(e, measure.penalty);
+CS_INLINE F pixel_loss(const F* e, const Metric<F>& metric) {
   F product[3];
-  measure.times(e, product);
+  metric.times(e, product);
   return fused(e[0], product[0], fused(e[1], product[1], e[2] * product[2]));
 }
 
 template <int C, class F>
-CS_INLINE void pixel_loss_gradient(const F* e, const Measure<F>& measure, F* g) {
-  if (C == 4 || !measure.metric) return pixel_loss_gradient<C>(e, measure.penalty, g);
-  measure.times(e, g);
+CS_INLINE void pixel_loss_gradient(const F* e, const Metric<F>& metric, F* g) {
+  metric.times(e, g);
   for (int c = 0; c < 3; c++) g[c] = g[c] + g[c];
 }
 
