@@ -6,11 +6,10 @@ A patch of similar error, as free curves begin at, says nothing about how well a
 from __future__ import annotations
 
 import math
-from ctypes import c_float, c_int32, c_void_p
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.scene.shapes import TEMPLATES, polygon_points
 
 TRIES, MOVES = 200, 100  # of each shape; five times as many make fits no better (docs/lab/photos.md)
@@ -39,16 +38,9 @@ def place_shapes(
         angles[..., 1], moves[..., 5] = 0.0, 0.0
     tries = np.concatenate((centres / scale, angles[..., :1], sizes, angles[..., 1:]), axis=-1).astype(np.float32)
     found = np.empty((count, 9), np.float32)
-    call = library().cs_place
-    call.restype = None
-    call.argtypes = [
-        *[c_void_p] * 3, c_int32, c_int32, c_void_p, c_int32, c_float, c_void_p, c_int32, c_void_p, c_int32, c_int32,
-        c_void_p,
-    ]  # fmt: skip
-    call(
-        goal.ctypes.data, None if importance is None else importance.ctypes.data, canvas.ctypes.data, *goal.shape[:2],
-        outline.ctypes.data, len(outline), opacity, tries.ctypes.data, TRIES, moves.ctypes.data, MOVES, count,
-        found.ctypes.data,
+    native(
+        "placing", "cs_place", goal, importance, canvas, *goal.shape[:2], outline, len(outline), float(opacity), tries,
+        TRIES, moves, MOVES, count, found, result=None,
     )  # fmt: skip
     found = found[::-1]  # from front to back
     axes = scale * np.exp(found[:, None, 3:5])

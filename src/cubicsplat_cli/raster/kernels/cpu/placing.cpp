@@ -136,21 +136,21 @@ class Placing {
 // target, picture: height x width x 3, of which the picture is painted on; weights: height x width, or null. outline:
 // corners x 2, convex. tries: count x try_count x 6, as in Place; moves: count x move_count x 6, of mean 0 and standard
 // deviation 1. Writes to found, count x 9, places and colours from back to front.
-CS_EXPORT void cs_place(const float* target, const float* weights, float* picture, int32_t height, int32_t width,
-                        const float* outline, int32_t corners, float opacity, const float* tries, int32_t try_count,
-                        const float* moves, int32_t move_count, int32_t count, float* found) {
-  Placing placing(target, weights, picture, height, width, outline, corners, opacity);
-  for (int n = 0; n < count; ++n, tries += 6 * try_count, moves += 6 * move_count, found += 9) {
+CS_EXPORT void cs_place(const float* target, const float* weights, float* picture, int64_t height, int64_t width,
+                        const float* outline, int64_t corners, double opacity, const float* tries, int64_t try_count,
+                        const float* moves, int64_t move_count, int64_t count, float* found) {
+  Placing placing(target, weights, picture, int(height), int(width), outline, int(corners), float(opacity));
+  for (int64_t n = 0; n < count; ++n, tries += 6 * try_count, moves += 6 * move_count, found += 9) {
     Place best{};
     Found known;
-    for (int i = 0; i < try_count; ++i) {
+    for (int64_t i = 0; i < try_count; ++i) {
       const float* t = tries + 6 * i;
       const Place place{t[0], t[1], t[2], t[3], t[4], t[5]};
       const Found now = placing.gain(place);
       if (i == 0 || now.gain > known.gain) best = place, known = now;
     }
     float step = 1;
-    for (int i = 0; i < move_count; ++i) {
+    for (int64_t i = 0; i < move_count; ++i) {
       const float *m = moves + 6 * i, shift = step * kShift * std::exp(0.5f * (best.across + best.down));
       const Place place{best.x + shift * m[0],
                         best.y + shift * m[1],
