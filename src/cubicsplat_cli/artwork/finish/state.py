@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, parametrised
-from cubicsplat_cli.artwork.geometry.outlines import Ring, areas_beside, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import areas_beside
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces
@@ -234,8 +234,6 @@ def premultiplied(fill: Rgba) -> np.ndarray:
 
 def layer_of(shape: Shape, goal: Goal, outlines: list[Parameters]) -> Layer:
     """The layer of a shape with its outlines, the outer one first, in the coordinates of a goal."""
-    signs = []
-    for i, outline in enumerate(outlines):
-        ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
-        signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
+    areas = [areas_beside(outline.cubics - outline.cubics[0, 0]).sum() for outline in outlines]
+    signs = [1.0 if (area > 0.0) == (i == 0) else -1.0 for i, area in enumerate(areas)]
     return Layer(shape, premultiplied(shape.fill) @ goal.space, outlines, signs)

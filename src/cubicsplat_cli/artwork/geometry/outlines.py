@@ -21,6 +21,7 @@ _QUARTER = np.array([[1.0, 0.0], [1.0, QUARTER_HANDLE], [QUARTER_HANDLE, 1.0], [
 _UNIT_CIRCLE = np.stack(
     [_QUARTER @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), turns) for turns in range(4)]
 )
+COPY = 512  # px
 # Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
 _GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0
 
@@ -259,12 +260,14 @@ def areas_beside(cubics: np.ndarray) -> np.ndarray:
 
 
 def reversed_area(ring: Ring) -> float:
-    """Area in px^2 of the loops in which a ring that crosses itself runs the other way round."""
+    """Area in px^2 of the loops in which a ring that crosses itself runs the other way round, found on a copy of at
+    most `COPY` px a side."""
     points = ring.cubics.reshape(-1, 2)
-    low, high = np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
-    (left, top), (width, height) = low.tolist(), (high - low).tolist()
-    covered = coverage(ring.cubics, ring.lines, top, left, height, width).sum()
-    return 0.5 * float(covered - abs(signed_area(ring)))
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    factor = max(1.0, float(extent.max()) / COPY)
+    width, height = np.ceil(extent / factor).astype(int).tolist()
+    covered = coverage((ring.cubics - low) / factor, ring.lines, 0, 0, height, width).sum()
+    return 0.5 * (factor**2 * float(covered) - abs(signed_area(ring)))
 
 
 def reversed_ring(ring: Ring) -> Ring:
