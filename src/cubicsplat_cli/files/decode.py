@@ -90,7 +90,8 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
     else:
         colour, alpha = _split_alpha(upright)
         colour = _to_srgb(colour, upright.info.get("icc_profile"), notes, shown)
-        if compression is not None and not np.array_equal(np.asarray(colour), np.asarray(image)):
+        same = upright is image and not upright.info.get("icc_profile")
+        if compression is not None and not (same or np.array_equal(np.asarray(colour), np.asarray(image))):
             compression = Compression()  # it says nothing of pixels that were turned, or of other colours
         rgb = _as_float(colour)
     return _finish(rgb, alpha, notes, compression)
