@@ -14,7 +14,8 @@ from skimage import data
 
 from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.artwork import style
-from cubicsplat_cli.artwork.input.evenness import evenness, in_blocks
+from cubicsplat_cli.artwork.channels import in_blocks
+from cubicsplat_cli.artwork.input.evenness import evenness
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.files.load import load_picture
@@ -136,7 +137,7 @@ def test_evenness_is_the_share_of_neighbours_that_are_alike_and_of_those_that_di
 
 def test_blocks_have_the_means_of_their_pixels():
     levels = np.arange(5 * 7 * 2, dtype=np.float32).reshape(5, 7, 2)
-    blocks = in_blocks(levels, 2)
+    blocks = in_blocks(levels, 2).mean((2, 3))
     assert blocks.shape == (2, 3, 2)
     assert np.array_equal(blocks[1, 2], levels[2:4, 4:6].mean((0, 1)))
 

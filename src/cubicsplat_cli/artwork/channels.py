@@ -1,4 +1,4 @@
-"""Pictures' channels, the last axis of their arrays, and what light their values stand for."""
+"""Pictures as arrays: their channels, the last axis; what light their values stand for; their blocks of pixels."""
 
 from __future__ import annotations
 
@@ -27,6 +27,13 @@ def light_of_srgb(values: np.ndarray) -> np.ndarray:
 def srgb_of_light(light: np.ndarray) -> np.ndarray:
     """The sRGB values of linear light, both in [0, 1]: the inverse of `light_of_srgb`."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
+
+
+def in_blocks(values: np.ndarray, side: int) -> np.ndarray:
+    """(H // side, W // side, side, side, ...) the whole blocks of side x side px of values (H, W, ...)."""
+    rows, columns = (length // side for length in values.shape[:2])
+    part = values[: rows * side, : columns * side]
+    return part.reshape(rows, side, columns, side, *values.shape[2:]).swapaxes(1, 2)
 
 
 def blend_of(

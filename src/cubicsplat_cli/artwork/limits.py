@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import in_blocks
 from cubicsplat_cli.artwork.regions.regions import PixelFills, Regions, pixel_fills
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
@@ -43,8 +44,7 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
     """
     height, width = levels.shape[:2]
     padded = np.pad(levels, ((0, -height % factor), (0, -width % factor), (0, 0)), mode="edge")
-    blocks = padded.reshape(padded.shape[0] // factor, factor, padded.shape[1] // factor, factor, 4)
-    return blocks.mean(axis=(1, 3), dtype=np.float32)
+    return in_blocks(padded, factor).mean(axis=(2, 3), dtype=np.float32)
 
 
 def bounded_regions(

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import packed
+from cubicsplat_cli.artwork.channels import in_blocks, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
-from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even, in_blocks
+from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
 from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
 from cubicsplat_cli.files.load import Picture
@@ -108,7 +108,7 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
 
 def _like_paper(levels: np.ndarray) -> bool:
     """Whether most of a picture may be paper: light, and of one tint. In numpy alone, as most photos are not."""
-    blocks = in_blocks(levels[..., :3], min(PAPER_BLOCK, *levels.shape[:2])).reshape(-1, 3)
+    blocks = in_blocks(levels[..., :3], min(PAPER_BLOCK, *levels.shape[:2])).mean((2, 3)).reshape(-1, 3)
     light = blocks.mean(axis=1)
     bright = light >= LEAST_LIGHT * np.percentile(light, 90)
     tints = blocks / np.maximum(light, 1.0)[:, None]

@@ -59,10 +59,12 @@ def copied(array: Array) -> Array:
     return array.copy() if isinstance(array, np.ndarray) else array.clone()
 
 
-def with_channels(picture: Array, channels: int) -> Array:
-    """A picture (H, W, 3) or (H, W, 4) with so many channels at least: of RGB alone the fourth is an opacity of 1."""
+def with_channels(picture: Array, channels: int, whole: float = 1.0) -> Array:
+    """A picture (H, W, 3) or (H, W, 4) with so many channels at least: of RGB alone the fourth is a whole opacity."""
     xp = namespace(picture)
-    return picture if picture.shape[2] >= channels else xp.concat([picture, xp.ones_like(picture[..., :1])], axis=-1)
+    if picture.shape[-1] >= channels:
+        return picture
+    return xp.concat([picture, xp.full_like(picture[..., :1], whole)], axis=-1)
 
 
 def contiguous(array: Array) -> Array:

@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import distinct, steps
+from cubicsplat_cli.scene.arrays import with_channels
 
 # Colours that any picture may have; larger ones as many as the square root of their cells. Chosen on drawn sprites and
 # scenes (K <= 0.6 sqrt(N)) against unsmoothed flags and emoji (1.1 sqrt(N) and more).
@@ -146,7 +147,7 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
     noise, step = float(np.sqrt(np.mean(off**2))), _step(middle)
     if not 0.0 < noise <= MOST_NOISE * step or (off > step).mean() > MOST_STRANGE:
         return None
-    colours, numbers = _distinct(np.concatenate([middle, np.full_like(middle[..., :1], 255.0)], axis=2))
+    colours, numbers = _distinct(middle)
     areas = np.bincount(numbers.ravel())
     colours, owner = fewer_colours(colours, areas, None, SAME, (SAME_NOISE * noise) ** 2)
     cells = Cells(owner[numbers], colours, grid.x.astype(float), grid.y.astype(float), grid.side)
@@ -178,9 +179,7 @@ def _distinct(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The different colours (K, 4) of cells (R, C, 3 or 4) in levels, and (R, C) which of them each has."""
     first, numbers = distinct(_keys(levels))
     colours = levels.reshape(-1, levels.shape[2])[first].astype(np.float64)
-    if colours.shape[1] == 3:
-        colours = np.concatenate([colours, np.full((len(colours), 1), 255.0)], axis=1)
-    return colours, numbers
+    return with_channels(colours, 4, 255.0), numbers
 
 
 def _most_colours(cells: int) -> int:

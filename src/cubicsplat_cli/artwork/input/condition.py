@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, packed
+from cubicsplat_cli.artwork.channels import LUMA, in_blocks, packed
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
@@ -187,7 +187,7 @@ def _zeros(coefficients: np.ndarray) -> tuple[float, int]:
 
 def _coefficients(luma: np.ndarray, start: int) -> np.ndarray:
     """(n, 7, 7) the sizes of those other than along rows or columns alone, of the blocks from a row and column on."""
-    return np.abs(WAVES @ _blocks(luma, start) @ WAVES.T)
+    return np.abs(WAVES @ in_blocks(luma[start:, start:], BLOCK).reshape(-1, BLOCK, BLOCK) @ WAVES.T)
 
 
 def _busy(coefficients: np.ndarray) -> np.ndarray:
@@ -201,7 +201,7 @@ def _even(levels: np.ndarray, busy: np.ndarray) -> float:
     busy: (n,) bool, which of the blocks have edges.
     """
     alike = (levels[..., 3] > 0.0) & (spread(levels, 3, 3) == 0.0)
-    found = _blocks(alike, 0)[busy, 1:-1, 1:-1]
+    found = in_blocks(alike, BLOCK).reshape(-1, BLOCK, BLOCK)[busy, 1:-1, 1:-1]
     return float(found.any(axis=(1, 2)).mean()) if found.size else 0.0
 
 
@@ -219,13 +219,6 @@ def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
     if rough[band].sum() < LEAST_RINGING * band.sum() or not band.any():
         return False
     return (edge_blur(levels) or 0.0) < LEAST_BLUR_OF_JPEG
-
-
-def _blocks(values: np.ndarray, start: int) -> np.ndarray:
-    """(n, 8, 8) the whole blocks of values (H, W), from a row and column on."""
-    rows, columns = ((length - start) // BLOCK for length in values.shape)
-    part = values[start : start + rows * BLOCK, start : start + columns * BLOCK]
-    return part.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)
 
 
 def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import in_blocks
 from cubicsplat_cli.raster.observed import steps
 
 ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge
@@ -61,7 +62,7 @@ def even(levels: np.ndarray) -> tuple[bool, Evenness]:
     clean = _drawn(found, LEAST_ALIKE, MOST_LITTLE)
     if clean or shorter < 2 * side:
         return clean, found
-    blocks = in_blocks(levels, side)
+    blocks = in_blocks(levels, side).mean((2, 3))
     noise = _usual_step(levels) / side
     white = _usual_step(blocks) <= WHITE * noise
     found = evenness(blocks, BLOCKS, max(ALIKE, NOISE * noise) if white else ALIKE)
@@ -94,13 +95,6 @@ def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
         return Evenness(1.0, 0.0)
     total = float(pairs[busy].sum())
     return Evenness(float(alike[busy].sum()) / total, float(little[busy].sum()) / total)
-
-
-def in_blocks(levels: np.ndarray, side: int) -> np.ndarray:
-    """(H // side, W // side, C): the means of whole blocks of side x side px."""
-    height, width = (length // side for length in levels.shape[:2])
-    blocks = levels[: height * side, : width * side].reshape(height, side, width, side, -1)
-    return blocks.mean((1, 3))
 
 
 def _tiled(counts: np.ndarray, tile: int) -> np.ndarray:

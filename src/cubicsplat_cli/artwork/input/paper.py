@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA
+from cubicsplat_cli.artwork.channels import LUMA, in_blocks
 from cubicsplat_cli.raster import ndimage
 
 LEAST_SIDE, CELLS = 96, 48  # px, and along the longer side
@@ -91,9 +91,8 @@ def _ink(white: np.ndarray, grain: float) -> np.ndarray:
 
 def _cells(values: np.ndarray, cell: int) -> np.ndarray:
     """(rows, columns, cell x cell) the pixels of each cell of values (H, W), which end with the last whole one."""
-    rows, columns = values.shape[0] // cell, values.shape[1] // cell
-    part = values[: rows * cell, : columns * cell].reshape(rows, cell, columns, cell)
-    return part.swapaxes(1, 2).reshape(rows, columns, cell * cell)
+    blocks = in_blocks(values, cell)
+    return blocks.reshape(*blocks.shape[:2], cell * cell)
 
 
 def _powers(shape: tuple[int, int]) -> np.ndarray:

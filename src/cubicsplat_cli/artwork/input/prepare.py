@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.scene.arrays import with_channels
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,4 @@ def _taken_in(levels: np.ndarray, factor: int, width: int, height: int, *, lossy
 
 def as_levels(target: np.ndarray) -> np.ndarray:
     """(H, W, 4) float32 premultiplied RGBA in levels of 0..255."""
-    levels = np.asarray(target, dtype=np.float32) * np.float32(255.0)
-    if levels.shape[-1] == 3:
-        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=-1)
-    return levels
+    return np.asarray(with_channels(np.asarray(target, dtype=np.float32), 4) * np.float32(255.0))

@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import planes
+from cubicsplat_cli.scene.arrays import with_channels
 
 # Px of a window, wider where there is more noise than NOISY levels.
 WINDOW, WIDER, NOISY = 5, 9, 2.0
@@ -115,8 +116,7 @@ def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
 
     tries: at most so many are sought.
     """
-    if levels.shape[2] == 3:
-        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=2)
+    levels = with_channels(levels, 4, 255.0)
     explained = np.zeros(levels.shape[:2], dtype=bool)
     for area in gradient_areas(levels, *smooth_parts(levels), tries, MOST_PARTS):
         explained[area.patch.window] |= area.patch.mask
