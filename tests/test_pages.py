@@ -114,7 +114,7 @@ def test_a_round_photo_keeps_its_form():
     assert found is not None
     (part,) = found.parts
     assert not part.rectangular
-    assert part.area == pytest.approx(np.pi * 54**2, rel=0.05)
+    assert part.size == pytest.approx(np.pi * 54**2, rel=0.05)
     result = vectorize(pixels, **QUICK)
     shape = next(shape for shape in read_drawing(result.svg).shapes if shape.shading is not None)
     assert shape.name == "photo"

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed
+from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import bends_and_steps
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.scene.arrays import with_channels
 
 LEAST_SIDE = 4 * TILE  # px
 FRAME = 8  # px of a frame around a photo, at most, and of an edge's blends
@@ -37,29 +39,16 @@ Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
 
 @dataclass(frozen=True, eq=False)
-class PhotoPart:
-    """A photograph in a picture: mask (h, w) bool of the window's pixels, its left and top, px; stand_in: three levels
-    of a fill that differs from all that is around it, under which it is drawn.
+class PhotoPart(Patch):
+    """A photograph in a picture. stand_in: three levels of a fill that differs from all that is around it, under which
+    it is drawn.
     """
 
-    left: int
-    top: int
-    mask: np.ndarray
     stand_in: np.ndarray
-
-    @property
-    def window(self) -> tuple[slice, slice]:
-        height, width = self.mask.shape
-        return slice(self.top, self.top + height), slice(self.left, self.left + width)
 
     @property
     def rectangular(self) -> bool:
         return bool(self.mask.all())
-
-    @property
-    def area(self) -> int:
-        """In px."""
-        return int(self.mask.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +157,7 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
             box = whole
             mask = _mask_of(own, even, box)
         if min(mask.shape) >= LEAST_SIDE and mask.sum() >= LEAST_SIDE**2:
-            parts.append(PhotoPart(box[0], box[1], mask, _stand_in(levels, box, mask, parts)))
+            parts.append(PhotoPart(box[1], box[0], mask, _stand_in(levels, box, mask, parts)))
     return parts
 
 
@@ -257,10 +246,10 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
     if (largest(np.abs(values - commonest)) <= UNSEEN).mean() > MOST_IN_ONE:
         return False
     if not part.rectangular:
-        bends, _ = bends_and_steps(np.pad(levels[part.window], ((0, 0), (0, 0), (0, 1)), constant_values=255.0))
+        bends, _ = bends_and_steps(with_channels(levels[part.window], 4, 255.0))
         if float(np.median(bends[part.mask])) < GRAINY:
             return False
-        crop = np.concatenate([crop, np.ones_like(crop[..., :1])], axis=2) * part.mask[..., None]
+        crop = with_channels(crop, 4) * part.mask[..., None]
     found = choose_style(crop)
     return found.name == PHOTO and not found.doubtful
 

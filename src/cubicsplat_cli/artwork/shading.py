@@ -5,7 +5,6 @@ flat fills, from which their outlines follow; what shows of them, and their base
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_off
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 BLUR = 0.8  # px, before slopes are measured: about what smoothing has blurred an edge by
@@ -38,15 +38,6 @@ FEWEST = 8  # px that a gradient is fitted to
 FULL = 0.995  # of a pixel that a shape covers: all of it
 
 
-@dataclass(frozen=True, eq=False)
-class _Slopes:
-    """(H, W) the steepest channel's slope in levels per px, and its direction."""
-
-    size: np.ndarray
-    across: np.ndarray
-    down: np.ndarray
-
-
 def objects_of(levels: np.ndarray) -> np.ndarray:
     """(H, W) int32 the object of each pixel, numbered from 0 on, of a picture (H, W, 4) of premultiplied levels.
 
@@ -54,37 +45,39 @@ def objects_of(levels: np.ndarray) -> np.ndarray:
     """
     from skimage.segmentation import watershed  # which few pictures need
 
-    slopes = _slopes(levels)
-    areas, count = ndimage.large_parts(slopes.size < STEEP, LEAST_AREA)
+    size, ways = _slopes(levels)
+    areas, count = ndimage.large_parts(size < STEEP, LEAST_AREA)
     if not count:
         return np.zeros(levels.shape[:2], np.int32)
     areas[levels[..., 3] < 1.0] = count + 1
-    labels = watershed(slopes.size, areas)
-    while len(weak := _weak_borders(levels, labels, slopes)):
+    labels = watershed(size, areas)
+    while len(weak := _weak_borders(levels, labels, ways)):
         labels = _united(labels, weak)
     _, labels = np.unique(labels, return_inverse=True)
     return np.asarray(labels.reshape(levels.shape[:2]), np.int32)
 
 
-def _slopes(levels: np.ndarray) -> _Slopes:
+def _slopes(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) the steepest channel's slope in levels per px, and (2, H, W) its direction across and down."""
     smooth = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
     down, across = np.gradient(smooth, axis=(0, 1))
     sizes = np.hypot(across, down)
     steepest = sizes.argmax(axis=2)[..., None]
     size, u, v = (np.take_along_axis(each, steepest, 2)[..., 0] for each in (sizes, across, down))
-    scale = np.maximum(size, 1e-6)
-    return _Slopes(size, u / scale, v / scale)
+    return size, np.stack([u, v]) / np.maximum(size, 1e-6)
 
 
-def _weak_borders(levels: np.ndarray, labels: np.ndarray, slopes: _Slopes) -> np.ndarray:
-    """(n, 2) the pairs of neighbouring labels between which there is a ramp rather than an edge, the weakest first."""
+def _weak_borders(levels: np.ndarray, labels: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """(n, 2) the pairs of neighbouring labels between which there is a ramp rather than an edge, the weakest first.
+    ways: (2, H, W) as of `_slopes`.
+    """
     height, width = labels.shape
     pairs, steps = [], []
     for dy, dx in ((0, 1), (1, 0)):
         first, second = labels[: height - dy, : width - dx], labels[dy:, dx:]
         y, x = np.nonzero(first != second)
         pairs.append(np.sort(np.stack([first[y, x], second[y, x]], axis=1), axis=1))
-        steps.append(_steps(levels, slopes, y, x, (y + 0.5 * dy, x + 0.5 * dx)))
+        steps.append(_steps(levels, ways[:, y, x], y + 0.5 * dy, x + 0.5 * dx))
     each, step = np.concatenate(pairs), np.concatenate(steps)
     if not len(each):
         return each
@@ -96,22 +89,16 @@ def _weak_borders(levels: np.ndarray, labels: np.ndarray, slopes: _Slopes) -> np
     return known[weakest[medians[weakest] < LEAST_STEP]]
 
 
-def _steps(
-    levels: np.ndarray, slopes: _Slopes, y: np.ndarray, x: np.ndarray, middle: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """(n,) levels by which the picture changes across borders at pixels y, x, beyond what a ramp would."""
+def _steps(levels: np.ndarray, ways: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n,) levels by which the picture changes along ways (2, n) across borders at y, x, beyond what a ramp would."""
     height, width = levels.shape[:2]
-    u, v = slopes.across[y, x], slopes.down[y, x]
+
+    def at(reach: float) -> np.ndarray:
+        row = np.clip(np.rint(y + reach * ways[1]), 0, height - 1).astype(int)
+        return levels[row, np.clip(np.rint(x + reach * ways[0]), 0, width - 1).astype(int)]
 
     def change(reach: float) -> np.ndarray:
-        places = [
-            (
-                np.clip(np.rint(middle[0] + sign * v), 0, height - 1).astype(int),
-                np.clip(np.rint(middle[1] + sign * u), 0, width - 1).astype(int),
-            )
-            for sign in (reach, -reach)
-        ]
-        return np.asarray(np.abs(levels[places[0]] - levels[places[1]]).max(axis=1))
+        return np.asarray(np.abs(at(reach) - at(-reach)).max(axis=1))
 
     return change(NEAR) - NEAR / FAR * change(FAR)
 
@@ -213,8 +200,7 @@ def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, 
     fill = (red, green, blue, 255)
     if len(x) < FEWEST:
         return fill, None
-    opaque = np.concatenate([values, np.full((len(values), 1), 255.0)], axis=1)
-    pixels = Pixels(x + 0.5, y + 0.5, opaque)
+    pixels = Pixels(x + 0.5, y + 0.5, with_channels(values, 4, 255.0))
     shades = [_along(math.pi * k / ANGLES, stops, pixels) for k in range(ANGLES) for stops in (2, STOPS)]
     flat = float(((values - middle) ** 2).mean())
     off = (colours_off(shade.frame, False, shade.ramp.knots, shade.ramp.colours, pixels)[:, :3] for shade in shades)

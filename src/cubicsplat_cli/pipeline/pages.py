@@ -54,7 +54,7 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
     ends the drawing. Raises PartIsLost where there is no shape for a photograph.
     """
     without = _of_pixels(task, page.flat)
-    curves = task.settings().for_size(sum(part.area for part in page.parts), 1).curves
+    curves = task.settings().for_size(sum(part.size for part in page.parts), 1).curves
     interrupted, embedded = False, task.request.photo_parts == IMAGE
 
     def with_photos(drawing: Drawing) -> Drawing:
@@ -67,7 +67,7 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
             if embedded:
                 shapes[index] = _with_photo(page, shapes[index], part, _image(page, part))
                 continue
-            share = max(1, round(curves * part.area / sum(each.area for each in page.parts)))
+            share = max(1, round(curves * part.size / sum(each.size for each in page.parts)))
             photo = _photo(task, page, part, share)
             interrupted |= photo.interrupted
             assert isinstance(photo.scene, Scene)
