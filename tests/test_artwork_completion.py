@@ -216,8 +216,8 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
 @pytest.mark.parametrize(("top", "left"), [(0, 0), (200, 200), (55, 55), (0, 200), (40, 45)])
 def test_only_what_an_outline_reaches_of_a_window_is_looked_at(top, left):
     wedge = polygon(np.array([(50.0, 50.5), (60.2, 50.0), (55.0, 70.0)]))
-    reached, own = enclosed(wedge, top, left, (40, 20))
     whole = np.zeros((40, 20), dtype=bool)
+    reached, own = enclosed(wedge, Extent(0, top, left, whole, whole, whole, ()))
     whole[reached] = own
     assert (whole == (coverage(wedge.cubics, wedge.lines, top, left, 40, 20) > 0.5)).all()
     assert own.size <= 11 * 20  # px
@@ -232,7 +232,7 @@ def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():
         for a, b, hole in ((10, 30, False), (12, 28, True))
     ]
     extent = Extent(0, 0, 0, shown, shown, holes_of(shown), tuple(contours))
-    window = Window.of(extent, (40, 40)).hole(contours[1], extent)
+    window = Window.of(extent, (40, 40)).hole(contours[1])
     assert len(window.wrong(polygon(contours[1].points))) == 0
     # Nothing of the thin shape itself is so far from its edges that a hole surely must not have it.
     assert len(window.wrong(Circle(20.0, 4.0, 24.0)))

@@ -7,17 +7,15 @@ way is good when the outline covers what shows and nothing else does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, partial
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
-from cubicsplat_cli.artwork.layers.min_link import SLACK, Room
+from cubicsplat_cli.artwork.layers.min_link import SLACK
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
-from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import fewer_points
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
@@ -64,7 +62,7 @@ def outlines_of_all(
         sigmas = [contour.sigma if sought else _known(contour.sigma) for contour in plain]
         fitted = iter(fit_outlines([contour.points for contour in plain], sigmas, detail))
         for extent in some:
-            surroundings = _Surroundings(extent, canvas)
+            window = cache(partial(Window.of, extent, canvas))  # which only hidden contours need to know
             outlines = []
             for contour in extent.contours:
                 if _is_dot(contour, extent):
@@ -74,7 +72,7 @@ def outlines_of_all(
                 elif len(contour.points) < FEWEST:
                     outlines.append(few_lines(contour.points if sought else _thinned(contour)))
                 else:
-                    outlines.append(_completed(contour, surroundings, detail, whole, ASTRAY * steps**2))
+                    outlines.append(_completed(contour, window(), detail, whole, ASTRAY * steps**2))
             yield without_stray_holes(tuple(outlines), extent, steps) if sought else tuple(outlines)
 
 
@@ -93,35 +91,10 @@ def _shows_all(contour: Contour, sought: bool) -> bool:
     return len(contour.points) >= FEWEST and (not sought or bool(np.isfinite(contour.sigma).all()))
 
 
-def polygons_of(extent: Extent) -> tuple[Outline, ...]:
-    """The outlines of a part of a layer as polygons of few lines, the outer one first: in a thousandth of the time."""
-    return tuple(few_lines(contour.points) for contour in extent.contours)
-
-
-@dataclass(frozen=True)
-class _Surroundings:
-    """Surroundings of the contours of an extent, which only hidden ones need to know. canvas: height and width."""
-
-    extent: Extent
-    canvas: tuple[int, int]
-
-    @cached_property
-    def window(self) -> Window:
-        """That of the outer contour."""
-        return Window.of(self.extent, self.canvas)
-
-    @cached_property
-    def room(self) -> Room:
-        """The pixels in which hidden outlines may run."""
-        e = self.extent
-        spare = ndimage.binary_dilation(e.allowed, ndimage.SQUARE) & ~self.window.must
-        return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
-
-
-def _completed(contour: Contour, surroundings: _Surroundings, detail: float, whole: bool, astray: int) -> Outline:
-    runs = hidden_runs(contour.sigma)
-    window, room = surroundings.window, surroundings.room
-    window = window.hole(contour, surroundings.extent) if contour.hole else window
+def _completed(contour: Contour, window: Window, detail: float, whole: bool, astray: int) -> Outline:
+    """window: that of the outer contour."""
+    runs, room = hidden_runs(contour.sigma), window.room
+    window = window.hole(contour) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
         return few_lines(contour.points, SLACK)
 

@@ -78,7 +78,11 @@ def continued(
     before, after = end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
     first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
     span = float(np.hypot(*(last - first)))
-    if leaving is None or arriving is None or span < 1.0 or _turn(last - first, leaving, arriving) > most:
+    if leaving is None or arriving is None or span < 1.0:
+        return None
+    # By which the way from one end to the other turns off the tangents.
+    turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
+    if turns.sum() > most:
         return None
     cubics = np.array(
         [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
@@ -89,12 +93,6 @@ def continued(
         if wrong(trial) <= TOLERATED:
             return trial[run]
     return None
-
-
-def _turn(way: np.ndarray, leaving: np.ndarray, arriving: np.ndarray) -> float:
-    """By how much the way from one end to the other turns off both tangents, radians."""
-    cosines = np.array([way @ leaving, -(way @ arriving)]) / max(float(np.hypot(*way)), 1e-9)
-    return float(np.arccos(np.clip(cosines, -1.0, 1.0)).sum())
 
 
 def _bending(cubics: np.ndarray) -> np.ndarray:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flattened, polygon
+from cubicsplat_cli.artwork.layers.min_link import Room
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -59,8 +61,7 @@ def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Ex
         rows, columns = _widened(box)
         view = depth[rows, columns]
         shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
-        joined = len(stack.layers[place].members) > 1
-        yield from _parts(place, (rows.start, columns.start), shown, above, found, joined)
+        yield from _parts(place, (rows.start, columns.start), shown, above, found, len(stack.layers[place]) > 1)
 
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:
@@ -97,9 +98,10 @@ def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
     return rows, columns
 
 
-def enclosed(ring: Ring, top: int, left: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
-    """The rows and columns of a window, by its corner and size in px, that a ring reaches; and (h, w) bool, of these:
-    the pixels of which it encloses half or more."""
+def enclosed(ring: Ring, extent: Extent) -> tuple[tuple[slice, slice], np.ndarray]:
+    """The rows and columns of an extent's window that a ring reaches; and (h, w) bool, of these: the pixels of which it
+    encloses half or more."""
+    top, left, size = extent.top, extent.left, extent.shown.shape
     ends = np.stack([np.floor(ring.cubics.min(axis=(0, 1))), np.ceil(ring.cubics.max(axis=(0, 1)))])
     (x, y), (right, bottom) = np.clip(ends - [left, top], 0, size[::-1]).astype(int).tolist()
     inside = coverage(ring.cubics, ring.lines, top + y, left + x, bottom - y, right - x) > 0.5
@@ -112,8 +114,7 @@ class Window:
     shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
     lies outside of the outer one. box: rows and columns beyond which there is nothing that it must."""
 
-    top: int
-    left: int
+    extent: Extent
     must: np.ndarray
     may: np.ndarray
     canvas: tuple[int, int]
@@ -122,42 +123,46 @@ class Window:
     @classmethod
     def of(cls, extent: Extent, canvas: tuple[int, int]) -> Window:
         """That of the outer outline of an extent, on a canvas of such a height and width."""
-        edge = np.pad(extent.shown, 1, mode="edge")
-        must = ndimage.binary_erosion(edge, ndimage.SQUARE)[1:-1, 1:-1]
+        must = ndimage.binary_erosion(extent.shown, ndimage.SQUARE, border_value=1)
         # Where upper layers hide the edge it runs beneath them, not along it.
         beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
         must |= beneath & ~ndimage.binary_dilation(~extent.allowed, ndimage.SQUARE, 2)
         # An outer outline may go around holes, which have outlines of their own.
         may = ndimage.binary_dilation(extent.allowed | extent.holes, ndimage.SQUARE)
-        return cls(extent.top, extent.left, must, may, canvas, (slice(0, must.shape[0]), slice(0, must.shape[1])))
+        return cls(extent, must, may, canvas, (slice(0, must.shape[0]), slice(0, must.shape[1])))
 
-    def hole(self, contour: Contour, extent: Extent) -> Window:
+    @cached_property
+    def room(self) -> Room:
+        """The pixels in which hidden outlines may run, by the window of the outer one."""
+        e = self.extent
+        spare = ndimage.binary_dilation(e.allowed, ndimage.SQUARE) & ~self.must
+        return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
+
+    def hole(self, contour: Contour) -> Window:
         """The same of a contour of a hole of the extent."""
-        box, free = enclosed(polygon(contour.points), self.top, self.left, self.must.shape)
+        box, free = enclosed(polygon(contour.points), self.extent)
         must = np.zeros_like(self.must)
-        must[box] = ndimage.binary_erosion(free & ~extent.allowed[box], ndimage.SQUARE)
+        must[box] = ndimage.binary_erosion(free & ~self.extent.allowed[box], ndimage.SQUARE)
         return replace(self, must=must, may=self.may & ~self.must, box=box)
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
         ring = outline.ring()
-        points = dense(flattened(ring, 1.0), 1.0) - [self.left, self.top]
-        reached, own = enclosed(ring, self.top, self.left, self.must.shape)
+        points = dense(flattened(ring, 1.0), 1.0)
+        reached, own = enclosed(ring, self.extent)
         both = zip(self.box, reached, strict=True)
         rows, columns = box = tuple(slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
         inside = np.zeros_like(self.must)
         inside[reached] = own
         y, x = np.nonzero((inside[box] & ~self.may[box]) | (~inside[box] & self.must[box]))
-        within = np.stack([x + columns.start, y + rows.start], axis=1) + 0.5
-        return np.concatenate([within, points[self._astray(points)]]) + np.array([self.left, self.top])
+        within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
+        return np.concatenate([within, points[self._astray(points)]])
 
     def _astray(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: points of an outline beyond the window, though on the canvas."""
-        height, width = self.must.shape
-        x, y = points.T
-        beyond = (x < -1.0) | (y < -1.0) | (x > width + 1.0) | (y > height + 1.0)
-        x, y = x + self.left, y + self.top
-        return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
+        low = np.array([self.extent.left, self.extent.top])
+        beyond = (points < low - 1.0) | (points > low + self.must.shape[::-1] + 1.0)
+        return np.asarray(beyond.any(axis=1) & ((points > 0.0) & (points < self.canvas[::-1])).all(axis=1))
 
 
 def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent, steps: int = 1) -> tuple[Outline, ...]:
@@ -169,10 +174,10 @@ def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent, steps: int 
     if len(fitted) == 1 or np.isfinite(extent.contours[0].sigma).all():
         return fitted
     inside = np.zeros_like(extent.shown)
-    box, inside[box] = enclosed(fitted[0].ring(), extent.top, extent.left, inside.shape)
+    box, inside[box] = enclosed(fitted[0].ring(), extent)
     kept, wrong = [fitted[0]], 0
     for outline, contour in zip(fitted[1:], extent.contours[1:], strict=True):
-        box, own = enclosed(polygon(contour.points), extent.top, extent.left, inside.shape)
+        box, own = enclosed(polygon(contour.points), extent)
         around = bool(inside[box][own].mean() >= 0.5) if own.any() else True
         wrong += int((own & ~extent.allowed[box] & (inside[box] != around)).sum())
         if around:

@@ -11,16 +11,14 @@ within its errors, therefore lies above its neighbours.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, fit_primitive, parameter_price
+from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, parameter_price
 from cubicsplat_cli.raster.borders import passings
 from cubicsplat_cli.raster.contours import independent
-from cubicsplat_cli.raster.outlines import EdgePositions, loop_points
+from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, EdgePositions, loop_points, nearest_primitive
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
@@ -33,46 +31,30 @@ LEAST = 100  # px^2 of the box around a region, below which anything is round
 FULLNESS = 0.02
 
 
-@dataclass(frozen=True)
-class _Passing:
-    """Course of one region's outline through a meeting point. others: the regions before and after; at: (2,) vertex x,
-    y; turn: radians; error: its standard error."""
-
-    region: int
-    others: tuple[int, int]
-    at: tuple[int, int]
-    turn: float
-    error: float
-
-    @property
-    def likelihood(self) -> float:
-        """Of this turn where the outline goes straight on, over that of any turn up to a right angle."""
-        return math.exp(-0.5 * (self.turn / self.error) ** 2) * math.sqrt(0.5 * math.pi) / self.error
-
-
 def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:
     """Votes that a region lies above another: for (above, below) the sum over their meeting points with a
     third, each from LEAST_VOTE to 1.
     """
-    places: dict[tuple[int, ...], list[_Passing]] = {}
+    # Of the outlines that pass between three regions: own region, the others, the vertex, and the likelihood.
+    places: dict[tuple[int, ...], list[tuple[int, tuple[int, int], int, int, float]]] = {}
     known = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)
     for (region, before, after, x, y), turn in zip(*(each.tolist() for each in known), strict=True):
-        passing = _Passing(region, (before, after), (x, y), *turn)
-        names = tuple(sorted((passing.region, *passing.others)))
-        places.setdefault(names, []).append(passing)
+        names = tuple(sorted((region, before, after)))
+        places.setdefault(names, []).append((region, (before, after), x, y, _likelihood(*turn)))
     votes: dict[tuple[int, int], float] = {}
     for same in places.values():
-        for passing in same:
-            x, y = passing.at
-            near = [p for p in same if max(abs(p.at[0] - x), abs(p.at[1] - y)) <= MEETING]
-            rivals = [p for p in near if p.region != passing.region]
-            if len(rivals) != 2:
-                continue
-            sure = passing.likelihood / (1.0 + passing.likelihood + sum(p.likelihood for p in rivals))
-            if sure >= LEAST_VOTE:
-                for other in passing.others:
-                    votes[passing.region, other] = votes.get((passing.region, other), 0.0) + sure
+        for region, others, x, y, own in same:
+            rivals = [p for r, _, u, v, p in same if r != region and max(abs(u - x), abs(v - y)) <= MEETING]
+            sure = own / (1.0 + own + sum(rivals))
+            if len(rivals) == 2 and sure >= LEAST_VOTE:
+                for other in others:
+                    votes[region, other] = votes.get((region, other), 0.0) + sure
     return votes
+
+
+def _likelihood(turn: float, error: float) -> float:
+    """Of a turn, radians, where the outline goes straight on, over that of any turn up to a right angle."""
+    return math.exp(-0.5 * (turn / error) ** 2) * math.sqrt(0.5 * math.pi) / error
 
 
 def round_votes(regions: Regions, found: EdgePositions, clear: np.ndarray) -> dict[tuple[int, int], float]:
@@ -107,5 +89,5 @@ def _full(cracks: np.ndarray) -> bool:
 def _round(cracks: np.ndarray, found: EdgePositions) -> bool:
     points, sigma, _ = loop_points(cracks, found)
     weights = independent(points, np.maximum(sigma, FINEST_SIGMA) ** -2.0)
-    fitted = fit_primitive(points, weights, parameter_price(points, 1.0))
-    return fitted is not None and isinstance(fitted[0], Circle | Ellipse) and fitted[2] <= PLAIN_MISFIT
+    fitted = nearest_primitive(points, weights, parameter_price(points, 1.0))
+    return fitted is not None and fitted[0] in (CIRCLE, ELLIPSE) and fitted[3] <= PLAIN_MISFIT

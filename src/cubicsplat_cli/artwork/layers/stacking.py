@@ -34,18 +34,11 @@ MOST_WAITING = 8  # how many groups may wait for each other in a row
 
 
 @dataclass(frozen=True)
-class StackedShape:
-    """One shape to be drawn. members: the regions that show of it, ascending. region: the largest of them."""
-
-    members: tuple[int, ...]
-    region: int
-
-
-@dataclass(frozen=True)
 class Stack:
-    """layers: back to front. rank: (R,) the layer of each region, -1 where nothing is drawn."""
+    """layers: back to front, each the regions of one fill that show of it, ascending. rank: (R,) the layer of each
+    region, -1 where nothing is drawn."""
 
-    layers: tuple[StackedShape, ...]
+    layers: tuple[tuple[int, ...], ...]
     rank: np.ndarray
 
 
@@ -58,14 +51,10 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
     group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
     order = _ordered(facts, group)
     rank = np.full(regions.count, -1)
-    layers = []
-    areas = regions.areas()
     of = _members(group)
     for place, name in enumerate(order):
-        members = of[name]
-        rank[members] = place
-        layers.append(StackedShape(tuple(int(m) for m in members), int(members[areas[members].argmax()])))
-    return Stack(tuple(layers), rank)
+        rank[of[name]] = place
+    return Stack(tuple(tuple(of[name].tolist()) for name in order), rank)
 
 
 class _Facts:

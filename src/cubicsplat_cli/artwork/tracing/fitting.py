@@ -27,7 +27,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, polygon
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster.contours import fitted_contours
-from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, fewer_points, nearest_primitive
+from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, fewer_points
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
@@ -102,19 +102,6 @@ def _fitted(
         otherwise = few_lines(points) if astray and each.doubtful and (sigma < HIDDEN_SIGMA).all() else None
         outlines.append(Ring(each.anchors, each.controls, each.lines, each.smooth, otherwise))
     return outlines
-
-
-def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Outline, float, float] | None:
-    """The cheapest primitive through a closed loop, its description length, and its misfit; None when none comes near.
-
-    points: (n, 2) px. weights: (n,) 1/px^2, 0 where unknown. price: of a parameter, in nats. The misfit is the mean
-    squared residual in sigmas.
-    """
-    found = nearest_primitive(points, weights, price)
-    if found is None:
-        return None
-    kind, values, cost, misfit = found
-    return primitive_of(kind, values), cost, misfit
 
 
 def primitive_of(form: int, values: np.ndarray) -> Outline:

@@ -51,8 +51,7 @@ def parts_of(regions: Regions, found: EdgePositions, joined: bool, fixed: np.nda
         regions, overlays = without_overlays(regions, found, fixed)
     layers = stack(regions, found, joined)
     parts = [
-        TranslucentPart(regions.fills[layers.layers[each.layer].region], each)
-        for each in extents(regions, layers, found)
+        TranslucentPart(regions.fills[layers.layers[each.layer][0]], each) for each in extents(regions, layers, found)
     ]
     return _with_overlays(parts, overlays, layers, regions, found) if overlays else parts
 
@@ -79,14 +78,6 @@ def _with_overlays(
         if k + 1 == len(parts) or parts[k + 1].extent.layer != part.extent.layer:
             out.extend(behind.get(part.extent.layer, []))
     return out
-
-
-@dataclass(frozen=True)
-class _Crossing:
-    """grounds: region that is covered: region beneath it, at one X. sure: both edges are seen to go straight on."""
-
-    grounds: dict[int, int]
-    sure: bool
 
 
 @dataclass(frozen=True)
@@ -131,49 +122,48 @@ def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> _Ca
     return max(good, key=lambda s: (sum(areas[c] for c in s.grounds), -min(s.grounds)))
 
 
-def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> list[_Crossing]:
+def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> list[tuple[dict[int, int], int]]:
+    """Regions that an overlay may cover, and beneath each what it lies on (dictionary), of one X; and 1 where both
+    edges are seen to go straight on there, else 0.
+    """
     out = []
-    for place in meetings(regions.labels):
-        if fixed[list(place.regions)].any():
+    for at, around in meetings(regions.labels):
+        if fixed[list(around)].any():
             continue
         for k in range(4):
-            c1, c2, g2, g1 = (place.regions[(k + i) % 4] for i in range(4))
+            c1, c2, g2, g1 = around[k:] + around[:k]
             if paint_of(regions.fills[[c1, c2]], regions.fills[[g1, g2]]) is None:
                 continue
-            own = goes_on(regions.labels, found, place.at, ((g1, c1), (g2, c2)))
-            beneath = goes_on(regions.labels, found, place.at, ((g1, g2), (c1, c2)))
+            own = goes_on(regions.labels, found, at, ((g1, c1), (g2, c2)))
+            beneath = goes_on(regions.labels, found, at, ((g1, g2), (c1, c2)))
             if own is not False and beneath is not False:
-                out.append(_Crossing({c1: g1, c2: g2}, bool(own and beneath)))
+                out.append(({c1: g1, c2: g2}, int(bool(own and beneath))))
     return out
 
 
-def _overlays(regions: Regions, crossings: list[_Crossing]) -> list[_Candidate]:
+def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> list[_Candidate]:
     """Overlays of crossings that share a region and are of one paint, the surest ones first."""
     out = []
-    left = sorted(crossings, key=lambda c: not c.sure)
+    left = sorted(crossings, key=lambda crossing: -crossing[1])
     while left:
-        first = left.pop(0)
-        grounds, sure = dict(first.grounds), int(first.sure)
+        grounds, sure = left.pop(0)
         paint = _paint(regions, grounds)
         growing = True
         while growing:
             growing = False
             for each in list(left):
-                if grounds.keys().isdisjoint(each.grounds) or not _agree(grounds, each.grounds):
+                # Both may be of one overlay if what one covers lies on nothing that the other covers.
+                apart = each[0].keys().isdisjoint(grounds.values()) and grounds.keys().isdisjoint(each[0].values())
+                if grounds.keys().isdisjoint(each[0]) or not apart:
                     continue
-                trial = grounds | each.grounds
+                trial = grounds | each[0]
                 better = _paint(regions, trial)
                 if better is not None:
-                    grounds, paint, sure, growing = trial, better, sure + each.sure, True
+                    grounds, paint, sure, growing = trial, better, sure + each[1], True
                     left.remove(each)
         assert paint is not None
         out.append(_Candidate(paint, grounds, sure))
     return out
-
-
-def _agree(one: dict[int, int], other: dict[int, int]) -> bool:
-    """Whether what one covers lies on nothing that the other covers, so that both may be of one overlay."""
-    return one.keys().isdisjoint(other.values()) and other.keys().isdisjoint(one.values())
 
 
 def _paint(regions: Regions, grounds: dict[int, int]) -> Paint | None:
@@ -186,16 +176,10 @@ def _plausible(regions: Regions, overlay: _Candidate) -> bool:
     return overlay.sure > 0 and ndimage.label(cover)[1] < len(overlay.grounds)
 
 
-@dataclass(frozen=True)
-class Meeting:
-    """at: (2,) px, x and y; regions: the four in their order around it."""
-
-    at: np.ndarray
-    regions: tuple[int, int, int, int]
-
-
-def meetings(labels: np.ndarray) -> list[Meeting]:
-    """The places where exactly four different regions of a map (H, W) meet."""
+def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
+    """The places (2,), x and y in px, where exactly four different regions of a map (H, W) meet, and these regions in
+    their order around it.
+    """
     first, *others = labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]
     several = np.any([first != other for other in others], axis=0)
     corners = np.sort([each[several] for each in (first, *others)], axis=0)
@@ -204,26 +188,23 @@ def meetings(labels: np.ndarray) -> list[Meeting]:
     near = near[MEETING:-MEETING, MEETING:-MEETING]
     if count == 0:
         return []
-    out = []
-    for y, x in ndimage.center_of_mass(several, near, np.arange(1, count + 1)):
-        found = _around(labels, np.array([x + 1.0, y + 1.0]))
-        if found is not None:
-            out.append(found)
-    return out
+    middles = ndimage.center_of_mass(several, near, np.arange(1, count + 1))
+    places = [np.array([x + 1.0, y + 1.0]) for y, x in middles]
+    return [(at, around) for at in places if (around := _around(labels, at))]
 
 
-def _around(labels: np.ndarray, at: np.ndarray) -> Meeting | None:
+def _around(labels: np.ndarray, at: np.ndarray) -> list[int]:
+    """The four regions around a place in their order; none where others meet there."""
     turn = np.linspace(0.0, 2.0 * math.pi, STEPS, endpoint=False)
     for radius in RADII:
         x, y = np.floor(at[0] + radius * np.cos(turn)).astype(int), np.floor(at[1] + radius * np.sin(turn)).astype(int)
         if x.min() < 0 or y.min() < 0 or x.max() >= labels.shape[1] or y.max() >= labels.shape[0]:
-            return None
+            return []
         seen = labels[y, x]
         runs = seen[seen != np.roll(seen, 1)]
         if len(runs) == 4 and len(set(runs.tolist())) == 4:
-            a, b, c, d = (int(v) for v in runs)
-            return Meeting(at, (a, b, c, d))
-    return None
+            return runs.tolist()
+    return []
 
 
 def goes_on(
