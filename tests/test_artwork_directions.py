@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, Pins, parametr
 from cubicsplat_cli.artwork.finish.settle import LONGEST
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.regularities.directions import Slope, directed, has_diagonal
+from cubicsplat_cli.artwork.regularities.directions import directed, has_diagonal
 from cubicsplat_cli.artwork.regularities.ties import null_basis, tied_ring
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg.drawing_reader import read_drawing
@@ -71,7 +71,7 @@ def house(jitter=0.0):
     return Ring(ring.anchors, controls, np.array([True, True, True, True, False]), ring.smooth)
 
 
-SLOPES = [Slope(0, math.radians(135.0)), Slope(1, math.radians(45.0))]
+SLOPES = [(0, math.radians(135.0)), (1, math.radians(45.0))]
 
 
 @given(st.lists(st.floats(-1.4, 1.4), min_size=20, max_size=20))
@@ -105,7 +105,7 @@ def test_the_jacobian_of_a_directed_ring_matches_finite_differences():
 def test_a_line_between_fixed_points_is_left_alone():
     ring = polygon(np.array([[0.0, 20.0], [30.0, 0.0], [64.0, 40.0], [0.0, 50.0]]))
     constraints = Constraints(64, 64, Pins(x=(30.0,), y=(20.0,)))
-    assert directed(tied_ring(parametrised(ring, constraints)), [Slope(0, math.radians(150.0))]) is None
+    assert directed(tied_ring(parametrised(ring, constraints)), [(0, math.radians(150.0))]) is None
 
 
 @given(st.lists(st.dictionaries(st.integers(0, 7), st.sampled_from([-2.0, -1.0, 0.5, 1.0]), min_size=1), max_size=9))

@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.input.pens import Pens, pens_of, sharpened
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
-from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.artwork.vectorize import draw, versions
 from cubicsplat_cli.evaluate.rerender import rerender
 
 SIDE, FILL = 600, np.array([26.0, 43.0, 109.0])
@@ -107,7 +107,7 @@ def test_pens_of_scans_become_strokes_of_their_width_and_ink(name, width, blur, 
     prepared = analysed(picture)
     assert prepared.pens is not None and prepared.condition.coarse
     assert prepared.scanned and prepared.notes[0] == "drawn as ink on white paper under even light"
-    ground, *shapes = draw(picture, prepared=prepared, strokes=True).shapes
+    ground, *shapes = next(versions(picture, prepared=prepared, strokes=True)).shapes
     assert ground.fill == (255, 255, 255, 255)
     pens = scaled_pens(ICONS[name], width * SIZE / SIDE)
     assert len(shapes) == len(pens)

@@ -13,7 +13,7 @@ from outline_loops import corners_of
 from test_artwork_fitting import sampled, star
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, bernstein, derivatives, points_at
-from cubicsplat_cli.artwork.tracing.variables import Feet, Pieces, refine
+from cubicsplat_cli.artwork.tracing.variables import Pieces, refine
 from cubicsplat_cli.raster.cubics import divided_run, held_ring, tied_coordinates
 
 SIGMA = 0.02
@@ -103,7 +103,7 @@ def test_pieces_moved_off_their_points_find_back() -> None:
     step = np.random.default_rng(0).normal(0.0, 0.2, truth.joints.variables)
     step[numbers.angle[numbers.angle >= 0]] *= 0.05
     start = truth.moved(step)
-    found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), Feet(piece, u))
+    found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), (piece, u))
     assert misfit < 5.0
     assert np.abs(found.anchors[0] - truth.anchors[0]).max() < 0.05
 
@@ -122,17 +122,17 @@ def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) ->
     rng = np.random.default_rng(3)
     points = (bernstein(u)[:, None, :] @ truth.cubics[piece])[:, 0] + rng.normal(0.0, 0.05, (len(u), 2))
     weights = rng.uniform(0.5, 2.0, len(u))
-    start, feet, before = refine(truth, points, weights, Feet(piece, u), 0)
-    slopes, _ = derivatives(start.cubics[feet.piece], feet.u[:, None])
+    start, (owner, at), before = refine(truth, points, weights, (piece, u), 0)
+    slopes, _ = derivatives(start.cubics[owner], at[:, None])
     normals = np.stack([-slopes[:, 0, 1], slopes[:, 0, 0]], axis=1) / np.hypot(*slopes[:, 0].T)[:, None]
-    rest = ((points_at(start.cubics[feet.piece], feet.u[:, None])[:, 0] - points) * normals).sum(axis=1)
+    rest = ((points_at(start.cubics[owner], at[:, None])[:, 0] - points) * normals).sum(axis=1)
     rows = np.zeros((len(u), count * repeats, 8))
-    rows[np.arange(len(u)), feet.piece] = (bernstein(feet.u)[:, :, None] * normals[:, None]).reshape(-1, 8)
+    rows[np.arange(len(u)), owner] = (bernstein(at)[:, :, None] * normals[:, None]).reshape(-1, 8)
     jacobian = rows.reshape(len(u), -1) @ start.jacobian.toarray()
     gram = jacobian.T @ (weights[:, None] * jacobian)
     gram += np.diag(1e-3 * (gram.diagonal() + 1e-4 * gram.diagonal().max()) + 0.3)
     step = np.linalg.solve(gram, -jacobian.T @ (weights * rest))
-    found, _, after = refine(start, points, weights, Feet(piece, u), 1)
+    found, _, after = refine(start, points, weights, (piece, u), 1)
     assert after < before
     assert found.cubics == pytest.approx(start.moved(step).cubics, abs=1e-7)
 

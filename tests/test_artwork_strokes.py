@@ -26,7 +26,7 @@ from cubicsplat_cli.artwork.strokes import parameters as strokes
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_strokes
-from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.artwork.vectorize import versions
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.request import Request
@@ -39,7 +39,7 @@ FILL = (26, 43, 109, 255)
 
 
 def strokes_in(picture: np.ndarray) -> list[Stroke]:
-    drawing = draw(picture.astype(np.float32) / 255.0, strokes=True)
+    drawing = next(versions(picture.astype(np.float32) / 255.0, strokes=True))
     return [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
 
 
@@ -177,7 +177,7 @@ def test_outlines_are_those_that_viewers_draw(d, cap, join):
 
 
 def test_a_file_with_strokes_is_read_back():
-    found = draw(picture_of(ICONS["house"]).astype(np.float32) / 255.0, strokes=True)
+    found = next(versions(picture_of(ICONS["house"]).astype(np.float32) / 255.0, strokes=True))
     text = write_drawing(found, title="t", comment="c")
     again = read_drawing(text)
     assert write_drawing(again, title="t", comment="c") == text

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
 from cubicsplat_cli.artwork.regularities.alike import Track, symmetry_of
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_parameters, mirrored_rings
-from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
+from cubicsplat_cli.artwork.regularities.ties import tie_matrix
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.svg.drawing_reader import read_drawing
@@ -119,6 +119,6 @@ def test_a_ring_that_crosses_its_axis_four_times_has_no_halves():
 
 
 def test_what_is_tied_to_something_fixed_or_to_its_own_opposite_is_fixed():
-    matrix = tie_matrix(6, [Tie(0, 1, -1.0), Tie(1, 2, 1.0), Tie(3, -1, 1.0), Tie(4, 4, -1.0)]).toarray()
+    matrix = tie_matrix(6, [(0, 1, -1.0), (1, 2, 1.0), (3, -1, 1.0), (4, 4, -1.0)]).toarray()
     assert matrix[3:5].tolist() == [[0.0, 0.0], [0.0, 0.0]]
     assert (matrix[0] == -matrix[1]).all() and (matrix[1] == matrix[2]).all() and matrix[5].tolist() == [0.0, 1.0]

@@ -15,13 +15,14 @@ from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients
+from cubicsplat_cli.artwork.input.chroma import mixture_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
 from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, before_compression
-from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
+from cubicsplat_cli.artwork.input.restore import MISFIT, restored, seen_as
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
-from cubicsplat_cli.artwork.limits import blocks_of, enlarged, few_enough
+from cubicsplat_cli.artwork.limits import blocks_of, enlarged
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.artwork.regions.fills import picture_fills
@@ -32,7 +33,7 @@ from cubicsplat_cli.artwork.residual.added import with_added
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.slices import with_shadow
-from cubicsplat_cli.artwork.shapes import Drawing, shape_name
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced
 from cubicsplat_cli.artwork.translucent.parts import parts_of
 from cubicsplat_cli.files.compression import Compression
@@ -58,15 +59,9 @@ def prepare(target: np.ndarray, compression: Compression | None = None) -> Prepa
     return prepared or _small(target)
 
 
-def draw(
-    target: np.ndarray,
-    settings: ArtworkSettings | None = None,
-    prepared: PreparedInput | None = None,
-    *,
-    strokes: bool = False,
-) -> Drawing:
+def draw(target: np.ndarray, settings: ArtworkSettings | None = None, prepared: PreparedInput | None = None) -> Drawing:
     """The drawing of a flat picture; the first of `versions`."""
-    return next(versions(target, settings, prepared, strokes=strokes))
+    return next(versions(target, settings, prepared))
 
 
 def versions(
@@ -172,9 +167,7 @@ def _versions(
                 on_sketch(enlarged(_painted(settled), prepared.scale, prepared.width, prepared.height))
 
         drawing = polish(drawing, goal, settings.detail, state, show)
-        if few_enough(drawing):
-            work().at("regularising", 0.8)
-            drawing = regularised(drawing, goal, settings.detail, grid)
+        drawing = regularised(drawing, goal, settings.detail, grid)
         if condition.aliased:
             drawing = with_pixels(drawing, plan)
         # What was given up for fewer fills or shapes is no detail that was lost.
@@ -208,10 +201,8 @@ def draw_flat(picture: FlatPicture, settings: ArtworkSettings) -> Drawing:
     with work().stoppable():
         goal = goal_of(plan.levels.astype(float) / 255.0)
         drawing = polish(drawing, goal, settings.detail)
-        if few_enough(drawing):
-            work().at("regularising", 0.8)
-            drawing = regularised(drawing, goal, settings.detail)
-    return drawing
+        drawing = regularised(drawing, goal, settings.detail)
+    return drawing  # noqa: RET504 (a stop leaves it as it was before)
 
 
 def _may_shine_through(prepared: PreparedInput, settings: ArtworkSettings) -> bool:
@@ -243,7 +234,8 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
     if settings.palette:
         colours, becomes = nearest_colours(colours, settings.palette, settings.palette_tolerance)
         owner = becomes[owner]
-    return FlatPicture(in_colours(levels, labels, own, colours[owner]), colours)
+    # Blends keep their shares.
+    return FlatPicture(mixture_of(levels, own, labels, MISFIT, 0.0, snap=0.0).painted(colours[owner]), colours)
 
 
 def without_gradients(prepared: PreparedInput, settings: ArtworkSettings) -> Flattened:
@@ -262,10 +254,9 @@ def without_gradients(prepared: PreparedInput, settings: ArtworkSettings) -> Fla
 
 def _painted(drawing: Drawing) -> Drawing:
     """The drawing with each fill that stands for a gradient replaced by what the gradient looks like from far away."""
-    shapes = []
-    for shape in drawing.shapes:
-        if shape.gradient is not None:
-            fill = mean_fill(shape.gradient)
-            shape = replace(shape, fill=fill, name=shape_name(fill, shape.outlines, drawing.width, drawing.height))
-        shapes.append(shape)
+    size = drawing.width, drawing.height
+    shapes = [
+        s if s.gradient is None else replace(s.filled(mean_fill(s.gradient), *size), gradient=s.gradient)
+        for s in drawing.shapes
+    ]
     return replace(drawing, shapes=tuple(shapes))

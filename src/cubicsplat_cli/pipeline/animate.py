@@ -192,7 +192,7 @@ def drawn_clip(task: ClipTask, work: Work) -> Animation:
 def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
     """Each frame with its drawing, until the work is stopped; the first one in any case."""
     from cubicsplat_cli.artwork.settings import ArtworkSettings
-    from cubicsplat_cli.artwork.vectorize import draw, prepare
+    from cubicsplat_cli.artwork.vectorize import draw
 
     chosen, before = ArtworkSettings(curves=task.request.settings.curves), None
     for index, frame in enumerate(task.frames()):
@@ -200,7 +200,7 @@ def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
         if before is None or not np.array_equal(before[0], target):
             one = Work(_of_frame(task, index), work.deadline, work.threads)
             with under_way(one):
-                drawing = draw(target, chosen, prepare(target))
+                drawing = draw(target, chosen)
             work.interrupted = work.interrupted or one.interrupted
             if one.stopped and before is not None:
                 return

@@ -115,35 +115,28 @@ class Visibility:
         return np.where(crossed & self.seen[near], self.sigma**-2, HIDDEN_SIGMA**-2)
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Points along a ring, one piece after the other. points: (n, 2) px; weights: (n,) 1/px^2; px: (n,) the length that
-    each stands for: one, unless its piece is short or long; ends: (pieces,) where those of each piece end."""
-
-    points: np.ndarray
-    weights: np.ndarray
-    px: np.ndarray
-    ends: np.ndarray
-
-
-def samples_along(ring: Ring, visibility: Visibility, most: int) -> Samples:
-    """The samples of a ring: of each piece one per px, but at least 4 and at most so many."""
+def samples_along(
+    ring: Ring, visibility: Visibility, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points (n, 2), px, along a ring, of each piece one per px, but at least 4 and at most so many; their weights
+    (n,), 1/px^2, the px (n,) that each stands for, and where those of each piece end (pieces,).
+    """
     lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     counts = np.clip(np.ceil(lengths), 4, most).astype(int)
-    at = feet_of(counts)
-    points = np.einsum("nk,nkc->nc", bernstein(at.u), ring.cubics[at.piece])
-    return Samples(points, visibility.weights(at.piece, at.u), (lengths / counts)[at.piece], np.cumsum(counts))
+    piece, u = feet_of(counts)
+    points = np.einsum("nk,nkc->nc", bernstein(u), ring.cubics[piece])
+    return points, visibility.weights(piece, u), (lengths / counts)[piece], np.cumsum(counts)
 
 
 def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: float) -> list[Merge]:
     """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
-    samples = samples_along(ring, visibility, FEW)
+    points, weights, px, ends = samples_along(ring, visibility, FEW)
     border = np.array([constraints.width, constraints.height])
     fixed = (np.abs(ring.anchors) < ON_BORDER).any(axis=1) | (np.abs(ring.anchors - border) < ON_BORDER).any(axis=1)
     shows = np.isin(np.arange(ring.pieces), visibility.piece[visibility.seen])
     numbers, cubics, nets = found_merges(
         (ring.cubics, ring.lines, ring.smooth, fixed, shows),
-        (samples.points, samples.weights * samples.px, samples.ends),
+        (points, weights * px, ends),
         (PRICE / detail, HOPEFUL, MOST_TURN),
         (LONGEST_RUN, LONGEST_HIDDEN, FEWEST_PIECES),
     )

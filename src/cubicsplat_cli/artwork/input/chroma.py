@@ -28,20 +28,14 @@ SNAP = 0.08  # shares this near to 0 or 1 are
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two fills to be told
 
 
-@dataclass(frozen=True, eq=False)
-class Explained:
-    """Fills as luma and chroma (P, 4), and what they leave. cost: of all residuals, in nats; missing: (k, 4) colours,
-    as luma and chroma, that pixels with large residuals would have.
-    """
+def explained(
+    seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """The fills (P, 4) that explain a picture best, what all they leave costs, in nats, and the colours (k, 4) that
+    pixels of which they leave much would have; all as luma, chroma and opacity in levels.
 
-    fills: np.ndarray
-    cost: float
-    missing: np.ndarray
-
-
-def explained(seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float) -> Explained:
-    """The fills that explain a picture best. seen: (H, W, 4) its luma, chroma and opacity in levels; fills: (P, 4)
-    alike; free: (P,) bool, those that are to be fitted; sigma: levels by which luma is off near edges.
+    seen: (H, W, 4) the picture; fills: (P, 4); free: (P,) bool, those that are to be fitted; sigma: levels by which
+    luma is off near edges.
     """
     fills, small = fills.copy(), _halved(seen)
     mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels]
@@ -55,7 +49,7 @@ def explained(seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.nd
     strange = off > max(RESIDUAL, TIMES * usual)
     missing = values[strange].astype(np.float64)
     missing[:, 1:3] += LACKS * rest[strange]
-    return Explained(fills, luma_cost + float(np.log1p((off / sigma) ** 2).sum()), missing)
+    return fills, luma_cost + float(np.log1p((off / sigma) ** 2).sum()), missing
 
 
 def missing_fills(missing: np.ndarray, palette: np.ndarray) -> np.ndarray:
@@ -132,23 +126,12 @@ class Mixture:
         return out
 
 
-def with_shares(
-    seen: np.ndarray,
-    fills: np.ndarray,
-    labels: np.ndarray,
-    sigma: float,
-    blur: float,
-    palette: np.ndarray,
-    snap: float = SNAP,
-) -> np.ndarray:
-    """(H, W, 4) the picture of the labels, with the shares that edges had; blurred ones as they were before."""
-    return mixture_of(seen, fills, labels, sigma, blur, snap).painted(palette)
-
-
 def mixture_of(
     seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = SNAP
 ) -> Mixture:
-    """What the pixels of a picture (H, W, 4) are blends of: of labels' fills (P, 4), alike, with one beside them."""
+    """What the pixels of a picture (H, W, 4) are blends of: of labels' fills (P, 4), alike, with one beside them; of
+    blurred edges as it was before.
+    """
     mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
     reach = 1 if not blur else 2
     y, x = np.nonzero(~ndimage.alike(labels, 2 * reach + 1))

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import APART
-from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_shares
+from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
@@ -110,8 +110,8 @@ def restored(
             palette[off.argmin()] = fill
     if lines:
         labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-    out = with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
-    return FlatPicture(out, palette, labels)
+    out = mixture_of(seen, palette @ space, labels, sigma, condition.blur)
+    return FlatPicture(out.painted(palette), palette, labels)
 
 
 def _of_small_parts(
@@ -126,13 +126,14 @@ def _of_small_parts(
     for _ in range(PROPOSALS):
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
-        found = explained(colours, mixture, palette @ LUMA_CHROMA, ~_deep(labels, len(palette)), sigma)
-        cost = found.cost + NEIGHBOUR * _borders(lined)
+        free = ~_deep(labels, len(palette))
+        fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma)
+        cost += NEIGHBOUR * _borders(lined)
         if cost >= best:
             break
-        palette = np.clip(found.fills @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0)
+        palette = np.clip(fills @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0)
         kept, best = (palette, labels), cost
-        new = missing_fills(found.missing @ np.linalg.inv(LUMA_CHROMA), palette)
+        new = missing_fills(missing @ np.linalg.inv(LUMA_CHROMA), palette)
         if not len(new) or len(palette) > MOST_THICK:
             break
         palette = np.vstack([palette, new])
@@ -166,14 +167,6 @@ def _depth(labels: np.ndarray) -> np.ndarray:
     return ndimage.distance_transform_cdt(ndimage.alike(labels, 3), metric="chessboard")
 
 
-def in_colours(levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, painted: np.ndarray) -> np.ndarray:
-    """A clean picture (H, W, 4) in levels with other colours in place of its own, float32; blends keep their shares.
-
-    labels: (H, W) int, which of the colours (K, 4) each pixel has most of. painted: (K, 4) what becomes of these.
-    """
-    return with_shares(levels, fills, labels, MISFIT, 0.0, painted, snap=0.0)
-
-
 def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     """A picture (H, W, 4) in levels that is only blurred as it was before.
 
@@ -183,7 +176,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     palette = picture_fills(levels)
     thick = len(palette)
     labels = labelled(levels, palette, MISFIT, thick)
-    out = with_shares(levels, palette, labels, MISFIT, blur, palette)
+    out = mixture_of(levels, palette, labels, MISFIT, blur).painted(palette)
     for number in range(SHARPER):
         again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
         sharp = np.clip(out + levels - again, 0.0, 255.0)
@@ -193,7 +186,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
             new = hidden_fills(sharp[far], palette, STRANGE_FILL * SHARP_MISFIT, ONE_COLOUR, FEWEST)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
         labels = labelled(sharp, palette, SHARP_MISFIT, thick)
-        out = with_shares(sharp, palette, labels, MISFIT, 0.0, palette)
+        out = mixture_of(sharp, palette, labels, MISFIT, 0.0).painted(palette)
     return out
 
 

@@ -35,9 +35,9 @@ class Track:
     @classmethod
     def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
-        samples = samples_along(ring, visibility, MOST)
-        shown = samples.weights > 0.5 * visibility.sigma**-2
-        return cls(points, PointTree(points), samples.points[shown], bool(shown.all()))
+        samples, weights, _, _ = samples_along(ring, visibility, MOST)
+        shown = weights > 0.5 * visibility.sigma**-2
+        return cls(points, PointTree(points), samples[shown], bool(shown.all()))
 
     @cached_property
     def extent(self) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,19 +20,11 @@ MOST_MODELS = 32  # of about its size that an outline is compared with, the firs
 FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
 
 
-@dataclass(frozen=True)
-class Copy:
-    """That an outline is like another one. model: its number; transform: how it comes to lie where it does."""
-
-    model: int
-    transform: RigidTransform
-
-
 def found_copies(
     tracks: Mapping[int, Track], numbers: Mapping[int, int], step: float, mirrors: tuple[float, float]
-) -> dict[int, Copy]:
-    """The outlines that are copies, by number; tracks: those of all, in the order in which they are to be models.
-    numbers: how many variables each has.
+) -> dict[int, tuple[int, RigidTransform]]:
+    """The outlines that are copies, by number: the number of the model of each, and how that comes to lie where it
+    does. tracks: those of all, in the order in which they are to be models. numbers: how many variables each has.
 
     step: of the file's grid, px, of which shifts are whole multiples but after a turn. mirrors: twice where the axes of
     the canvas are, across which pairs lie that are nearly there.
@@ -50,7 +41,7 @@ def found_copies(
     widths = np.sqrt(np.array([steps.real**2, steps.imag**2]).mean(axis=2))
     radii = np.hypot(*widths)
     whole = np.array([track.whole for track in tracks.values()], dtype=bool)
-    level: dict[int, Copy] = {}
+    level: dict[int, tuple[int, RigidTransform]] = {}
     turns: dict[int, dict[int, Turn]] = {}  # by model
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
     first, models = (np.zeros(len(names), dtype=bool) for _ in range(2))
@@ -64,7 +55,7 @@ def found_copies(
         transforms = ((m, _transform(tracks[m], track, step, mirrors)) for m in able)
         found = next(((m, each) for m, each in transforms if each is not None), None)
         if found is not None:
-            level[k] = Copy(*found)
+            level[k] = found
             continue
         first[i] = True
         long = models & (np.abs(lengths - lengths[i]) <= LENGTH_OFF) & (np.abs(radii - radii[i]) <= NEAR)
@@ -76,12 +67,12 @@ def found_copies(
             turns[k], models[i] = {}, True
         else:
             turns[rotated[0]][k] = rotated[1]
-    copies: dict[int, Copy] = {}
+    copies: dict[int, tuple[int, RigidTransform]] = {}
     for model, own in turns.items():
-        copies |= {k: Copy(model, each) for k, each in zip(own, evenly(list(own.values()), step), strict=True)}
-    for k, copy in level.items():
-        between = copies.get(copy.model)
-        copies[k] = copy if between is None else Copy(between.model, copy.transform.after(between.transform))
+        copies |= {k: (model, each) for k, each in zip(own, evenly(list(own.values()), step), strict=True)}
+    for k, (model, transform) in level.items():
+        between = copies.get(model)
+        copies[k] = (model, transform) if between is None else (between[0], transform.after(between[1]))
     return copies
 
 

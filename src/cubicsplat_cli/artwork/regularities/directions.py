@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,12 +24,7 @@ LEVEL = 1e-6  # px
 EXACT = 1e-9  # px by which a tied line may still be off
 
 
-@dataclass(frozen=True)
-class Slope:
-    """A line of a ring in one of the directions. piece: its number; angle: radians."""
-
-    piece: int
-    angle: float
+Slope = tuple[int, float]  # the number of a line of a ring, and its direction, radians
 
 
 def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list[Slope]]:
@@ -46,7 +40,7 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list
             hit = length * math.sin(_between(angle, math.radians(nearest))) <= allowed
             chance = min(len(family) * 2.0 * allowed / (math.pi * length), 1.0)
             score += math.log((OFTEN / chance if hit else 0.0) + 1.0 - OFTEN)
-            hits += [(k, Slope(piece, math.radians(nearest)))] if hit else []
+            hits += [(k, (piece, math.radians(nearest)))] if hit else []
         if score > CLEAR:
             for k, slope in hits:
                 found.setdefault(k, []).append(slope)
@@ -74,9 +68,8 @@ def directed(ring: TiedRing, slopes: Iterable[Slope]) -> TiedRing | None:
     """A ring with some lines brought into their directions and kept there; None where other ties do not let them."""
     p = ring.pieces
     rows = []
-    for slope in slopes:
-        i, j = slope.piece, (slope.piece + 1) % len(p.anchors)
-        across = _across(slope.angle)
+    for i, angle in slopes:
+        j, across = (i + 1) % len(p.anchors), _across(angle)
         row = np.zeros(p.joints.variables + 1)
         # The last entry stands for all that is fixed.
         for c in (0, 1):
@@ -102,7 +95,7 @@ def _across(angle: float) -> tuple[float, float]:
 def _off(anchors: np.ndarray, slopes: Iterable[Slope]) -> np.ndarray:
     """(lines,) by how much, about px, lines between anchors (A, 2) miss their directions."""
     ways = np.roll(anchors, -1, axis=0) - anchors
-    return np.array([ways[slope.piece] @ _across(slope.angle) for slope in slopes])
+    return np.array([ways[i] @ _across(angle) for i, angle in slopes])
 
 
 def has_diagonal(ring: Ring) -> bool:

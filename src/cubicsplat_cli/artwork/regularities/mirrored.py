@@ -191,9 +191,9 @@ def _ties(pieces: Pieces, found: MirroredRing) -> list[Tie]:
     across, ties, tied, v = found.axis.across, [], pieces.tied, pieces.joints.numbers
     signs = np.where(np.arange(2) == across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):
-        ties += [Tie(int(tied[i, c]), int(tied[j, c]), float(signs[c])) for c in (0, 1)]
-        ties.append(Tie(int(v.angle[i]), int(v.angle[j]), -1.0))
-        ties.append(Tie(int(v.length_out[i]), int(v.length_in[j]), 1.0))
+        ties += [(int(tied[i, c]), int(tied[j, c]), float(signs[c])) for c in (0, 1)]
+        ties.append((int(v.angle[i]), int(v.angle[j]), -1.0))
+        ties.append((int(v.length_out[i]), int(v.length_in[j]), 1.0))
         if v.vector_out[i] >= 0 and v.vector_in[j] >= 0:
-            ties += [Tie(int(v.vector_out[i]) + c, int(v.vector_in[j]) + c, float(signs[c])) for c in (0, 1)]
+            ties += [(int(v.vector_out[i]) + c, int(v.vector_in[j]) + c, float(signs[c])) for c in (0, 1)]
     return ties

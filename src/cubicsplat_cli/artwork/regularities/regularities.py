@@ -31,6 +31,7 @@ from cubicsplat_cli.artwork.finish.state import State, begin, drawn, layer_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
+from cubicsplat_cli.artwork.limits import few_enough
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, MEAN, SIGMAS, SYSTEMATIC, Symmetry, Track, symmetry_of
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
@@ -39,6 +40,7 @@ from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mir
 from cubicsplat_cli.artwork.regularities.rotational import rotated
 from cubicsplat_cli.artwork.regularities.ties import TiedRing, tied_ring
 from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
 LEVEL = 1e-9  # px, of a line along an axis
@@ -49,12 +51,13 @@ MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the rin
 
 
 def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0) -> Drawing:
-    """The drawing with its regularities, fitted to its goal; detail as in ArtworkSettings.
+    """The drawing with its regularities, fitted to its goal, unless it is too large; detail as in ArtworkSettings.
 
     grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas.
     """
-    if not drawing.shapes:
+    if not drawing.shapes or not few_enough(drawing):
         return drawing
+    work().at("regularising", 0.8)
     state = begin(drawing, goal)
     done, pins = on_grid(drawing, state, 1.0 / grid if grid else 0.0)
     if pins != NO_PINS:
@@ -130,7 +133,7 @@ def with_copies(state: State, constraints: Constraints, detail: float) -> State:
     order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
     numbers = {k: outlines[k].jacobian.shape[1] for k in order}
     copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
-    tied = {k: CopyParameters(outlines[copy.model], copy.transform, copy.model) for k, copy in copies.items()}
+    tied = {k: CopyParameters(outlines[model], transform, model) for k, (model, transform) in copies.items()}
     return _tied(state, tied, detail)
 
 

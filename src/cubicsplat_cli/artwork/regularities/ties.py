@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,13 +16,8 @@ ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one
 LEAST = 1e-9  # a coefficient below this is of the arithmetic
 
 
-@dataclass(frozen=True)
-class Tie:
-    """One variable is sign times another, sign 1 or -1; numbers below 0 are of what is fixed."""
-
-    one: int
-    other: int
-    sign: float
+# One variable's number, another's, and the sign, 1 or -1, times which that is the first; below 0 for what is fixed.
+Tie = tuple[int, int, float]
 
 
 def tie_matrix(count: int, ties: Sequence[Tie]) -> SparseRows:
@@ -40,14 +34,14 @@ def tie_matrix(count: int, ties: Sequence[Tie]) -> SparseRows:
             i = root[i]
         return i, factor
 
-    for tie in ties:
-        (a, own), (b, other) = (find(k if k >= 0 else count) for k in (tie.one, tie.other))
+    for *numbers, factor in ties:
+        (a, own), (b, other) = (find(k if k >= 0 else count) for k in numbers)
         if a == b:
-            if a != count and own != tie.sign * other:
+            if a != count and own != factor * other:
                 root[a] = count
             continue
         low, high = (a, b) if b == count else (b, a)
-        root[low], sign[low] = high, own * tie.sign * other
+        root[low], sign[low] = high, own * factor * other
     found = [find(i) for i in range(count)]
     free = np.unique([r for r, _ in found if r != count])
     rows = np.array([i for i, (r, _) in enumerate(found) if r != count], dtype=int)

@@ -12,9 +12,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
-from cubicsplat_cli.artwork.strokes.centre_line import closed_line, open_line, with_corners
+from cubicsplat_cli.artwork.strokes.centre_line import SIGMA, open_line, with_corners
 from cubicsplat_cli.artwork.strokes.ends import with_ends
 from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
+from cubicsplat_cli.artwork.tracing.fitting import fit_outline
 
 LEAST_EVEN = 0.5  # share of a shape's skeleton that must have an even width
 SHORTEST = 1.2  # widths, of a shape's skeleton
@@ -104,7 +105,8 @@ def _stroke(
     line, corners = with_corners(line, gaps, closed)
     if closed and len(line) < 8:
         return None
-    path = closed_line(line, detail, slack) if closed else open_line(line, corners, detail, slack)
+    sigma = np.full(len(line), math.hypot(SIGMA, slack))
+    path = fit_outline(line, sigma, detail) if closed else open_line(line, corners, detail, slack)
     return Stroke(path, width, cap, _join(line, corners, width, sides))
 
 

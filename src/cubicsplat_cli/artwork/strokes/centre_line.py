@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, arc_lengths
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
-from cubicsplat_cli.artwork.tracing.fitting import fit_outline, parameter_price
+from cubicsplat_cli.artwork.tracing.fitting import parameter_price
 from cubicsplat_cli.artwork.tracing.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
@@ -21,11 +21,6 @@ END_ERRORS = (0.05, 0.05)  # px and radians
 FEWEST = 6  # points
 LEAST_LENGTH = 1e-6  # px, of a run of points that has a direction
 HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
-
-
-def closed_line(points: np.ndarray, detail: float, slack: float = 0.0) -> Outline:
-    """The closed centre line through a loop of points (n, 2), about one per px, that may be `slack` px farther off."""
-    return fit_outline(points, np.full(len(points), math.hypot(SIGMA, slack)), detail)
 
 
 def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: float = 0.0) -> Chain:

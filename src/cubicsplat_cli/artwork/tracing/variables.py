@@ -92,19 +92,14 @@ class Pieces:
         return found
 
 
-@dataclass(frozen=True)
-class Feet:
-    """The places of n points: piece (n,) int and parameter (n,) in [0, 1]."""
-
-    piece: np.ndarray
-    u: np.ndarray
+Feet = tuple[np.ndarray, np.ndarray]  # places of n points: piece (n,) int and parameter (n,) in [0, 1]
 
 
 def feet_of(sizes: np.ndarray) -> Feet:
     """Places evenly along pieces, so many on each (S,)."""
     piece = np.repeat(np.arange(len(sizes)), sizes)
     place = np.arange(len(piece)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return Feet(piece, (place + 0.5) / sizes[piece])
+    return piece, (place + 0.5) / sizes[piece]
 
 
 def refine(
@@ -114,7 +109,5 @@ def refine(
 
     points: (n, 2) px; weights: (n,) 1/px^2.
     """
-    (anchors, incoming, outgoing), (piece, u), chi = refined(
-        pieces.joints, pieces.outline, points, weights, (feet.piece, feet.u), rounds
-    )
-    return replace(pieces, anchors=anchors, incoming=incoming, outgoing=outgoing), Feet(piece, u), chi
+    (anchors, incoming, outgoing), feet, chi = refined(pieces.joints, pieces.outline, points, weights, feet, rounds)
+    return replace(pieces, anchors=anchors, incoming=incoming, outgoing=outgoing), feet, chi
