@@ -176,8 +176,8 @@ class _Tracker:
         for index, (number, _) in found.items():
             length = bisect.bisect_left(ends, places[number])
             before[index] = last[length - 1] if length else None
-            ends[length:] = [places[number], *ends[length + 1 :]] if length < len(ends) else [places[number]]
-            last[length:] = [index, *last[length + 1 :]] if length < len(last) else [index]
+            ends[length : length + 1] = [places[number]]
+            last[length : length + 1] = [index]
         kept: dict[int, tuple[int, np.ndarray]] = {}
         at: int | None = last[-1] if last else None
         while at is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
@@ -21,17 +22,10 @@ def picture_of(drawing: Drawing) -> Scene | LayeredScene:
     """`scene_of` a drawing without shading; of one with shading those and the others in layers."""
     if all(shape.shading is None for shape in drawing.shapes):
         return scene_of(drawing)
-    layers, plain = [], list[Shape]()
-    for shape in drawing.shapes:
-        if shape.shading is None:
-            plain.append(shape)
-        else:
-            if plain:
-                layers.append(SceneLayer(_part(drawing, plain)))
-            layers.append(_shaded(drawing, shape))
-            plain = []
-    if plain:
-        layers.append(SceneLayer(_part(drawing, plain)))
+    layers = list[SceneLayer]()
+    for plain, group in groupby(drawing.shapes, lambda shape: shape.shading is None):
+        shapes = list(group)
+        layers += [SceneLayer(_part(drawing, shapes))] if plain else [_shaded(drawing, shape) for shape in shapes]
     return LayeredScene(drawing.width, drawing.height, tuple(layers))
 
 

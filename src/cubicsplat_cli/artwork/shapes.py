@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented
-from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
@@ -110,7 +110,7 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
             outlines=tuple(scaled_outline(outline, across, down) for outline in shape.outlines),
             gradient=shape.gradient and shape.gradient.scaled(across, down),
             # A pen is round: where sides grow differently its outline is all that is left.
-            stroke=scaled_stroke(shape.stroke, across) if shape.stroke and _alike(across, down) else None,
+            stroke=_scaled_stroke(shape.stroke, across) if shape.stroke and _alike(across, down) else None,
             shading=shape.shading and resized(shape.shading, width, height),
         )
         for shape in drawing.shapes
@@ -120,6 +120,15 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
 
 def _alike(across: float, down: float) -> bool:
     return abs(across / down - 1.0) <= _ALIKE
+
+
+def _scaled_stroke(stroke: Stroke, factor: float) -> Stroke:
+    path = stroke.path
+    if isinstance(path, Chain):
+        path = replace(path, anchors=path.anchors * factor, controls=path.controls * factor)
+    else:
+        path = scaled_outline(path, factor, factor)
+    return replace(stroke, path=path, width=stroke.width * factor)
 
 
 def scaled_outline(outline: Outline, across: float, down: float) -> Outline:

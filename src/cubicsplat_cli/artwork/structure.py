@@ -56,10 +56,9 @@ def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
 
 def by_lightness(drawing: Drawing) -> Drawing:
     """A cutout whose shapes come by colour, the lightest first, as a printer prints them."""
-    paints = list(dict.fromkeys(map(paint_of, drawing.shapes)))
     # Luma of Rec. 709.
     luma = {paint_of(s): 0.2126 * s.fill[0] + 0.7152 * s.fill[1] + 0.0722 * s.fill[2] for s in drawing.shapes}
-    order = {paint: place for place, paint in enumerate(sorted(paints, key=lambda paint: -luma[paint]))}
+    order = {paint: place for place, paint in enumerate(sorted(luma, key=lambda paint: -luma[paint]))}
     return replace(drawing, shapes=tuple(sorted(drawing.shapes, key=lambda shape: order[paint_of(shape)])))
 
 

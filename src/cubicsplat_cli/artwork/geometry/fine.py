@@ -25,11 +25,13 @@ class _Template:
     lines: np.ndarray
 
 
-def fine_ring(shape: Outline) -> Ring:
-    """A ring itself; that of a primitive, its arcs in eighths of a turn or less, true to 1e-5 of a radius."""
+def fine_ring(shape: Outline, arcs: int = SIXTEENTHS) -> Ring:
+    """A ring itself; that of a primitive, its arcs in eighths of a turn or less, true to 1e-5 of a radius. arcs: those
+    of a circle or ellipse.
+    """
     if isinstance(shape, Ring):
         return shape
-    template, middle, half, radius, angle = _parts(shape)
+    template, middle, half, radius, angle = _parts(shape, arcs)
     cubics = (template.half * half + template.round * radius) @ _turn(angle) + middle
     smooth = np.full(len(cubics), not (isinstance(shape, Rectangle) and shape.radius <= 0.0))
     return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), template.lines.copy(), smooth)
@@ -51,12 +53,14 @@ def changes(shape: Circle | Ellipse | Rectangle) -> list[np.ndarray]:
     return [east, south, 0.5 * (across + east), 0.5 * (down + south), rounded, turned]
 
 
-def _parts(shape: Circle | Ellipse | Rectangle) -> tuple[_Template, np.ndarray, np.ndarray, float, float]:
+def _parts(
+    shape: Circle | Ellipse | Rectangle, arcs: int = SIXTEENTHS
+) -> tuple[_Template, np.ndarray, np.ndarray, float, float]:
     """Template, middle (2,), half sides (2,), radius and angle."""
     if isinstance(shape, Circle):
-        return _round(False), np.array([shape.cx, shape.cy]), np.zeros(2), shape.r, 0.0
+        return _round(False, arcs), np.array([shape.cx, shape.cy]), np.zeros(2), shape.r, 0.0
     if isinstance(shape, Ellipse):
-        return _round(True), np.array([shape.cx, shape.cy]), np.array([shape.rx, shape.ry]), 0.0, shape.angle
+        return _round(True, arcs), np.array([shape.cx, shape.cy]), np.array([shape.rx, shape.ry]), 0.0, shape.angle
     half = 0.5 * np.array([shape.width, shape.height])
     template = _box(shape.radius > 0.0)
     return template, np.array([shape.x, shape.y]) + half, half, shape.radius, shape.angle
@@ -75,9 +79,9 @@ def arc(start: float, stop: float, count: int) -> np.ndarray:
     return np.stack([unit[:-1], (unit + reach)[:-1], (unit - reach)[1:], unit[1:]], axis=1)
 
 
-@lru_cache(maxsize=2)
-def _round(ellipse: bool) -> _Template:
-    unit = arc(0.0, 2.0 * np.pi, SIXTEENTHS)
+@lru_cache(maxsize=4)
+def _round(ellipse: bool, arcs: int) -> _Template:
+    unit = arc(0.0, 2.0 * np.pi, arcs)
     unit[-1, 3] = unit[0, 0]
     nothing = np.zeros_like(unit)
     lines = np.zeros(len(unit), dtype=bool)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,17 +69,6 @@ def line_chain(points: np.ndarray) -> Chain:
     steps = np.diff(points, axis=0)
     controls = points[:-1, None] + steps[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
     return Chain(points, controls, np.ones(len(steps), dtype=bool), np.zeros(len(points), dtype=bool))
-
-
-def scaled_stroke(stroke: Stroke, factor: float) -> Stroke:
-    """The stroke on a canvas that is `factor` times as large."""
-    path = stroke.path
-    if isinstance(path, (Chain, Ring)):
-        scaled: Path = replace(path, anchors=path.anchors * factor, controls=path.controls * factor)
-    else:
-        # Every number of a primitive but its angle is a length.
-        scaled = replace(path, **{f.name: getattr(path, f.name) * factor for f in fields(path) if f.name != "angle"})
-    return replace(stroke, path=scaled, width=stroke.width * factor)
 
 
 def pieces_of(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ Trapping: shapes may also reach beneath those drawn later, so that a misplaced p
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -139,15 +139,19 @@ def overlapping(drawing: Drawing, ranks: np.ndarray, reach: float, precision: in
     ranks: (shapes,) int >= 0, ascending; shapes of one rank have one paint, and may become one. precision: decimals of
     the file, in px.
     """
-    pieces = _pieces(drawing, ranks, reach)
+    pieces, rank_of, grown = _pieces(drawing, ranks, reach)
+    across, canvas = _across(pieces, ~grown, rank_of), pieces.shape == CANVAS
     shapes: list[Shape] = []
     for rank in np.unique(ranks).tolist():
         own = [shape for shape, number in zip(drawing.shapes, ranks.tolist(), strict=True) if number == rank]
         if rank == ranks.max():
             shapes += own
             continue
-        sources, live = pieces.seen_from(rank)
-        faces = faces_of(snapped_segments(sources, live), sources.shape)
+        mine = rank_of == rank
+        sources = replace(pieces, shape=np.select([canvas, mine & grown, mine], [CANVAS, GROWN, OWN], LATER))
+        # An edge between two of the later shapes is none of them all.
+        later = (rank_of > rank) & (across <= rank) & ~grown
+        faces = faces_of(snapped_segments(sources, canvas | mine | later), sources.shape)
         # The shapes that reach beneath others.
         inside = np.array([OWN in covers or {GROWN, LATER} <= set(covers) for covers in faces.covers])
         region = connected(inside.astype(np.int64), faces.face[0::2], faces.face[1::2])
@@ -157,27 +161,10 @@ def overlapping(drawing: Drawing, ranks: np.ndarray, reach: float, precision: in
     return replace(drawing, shapes=tuple(shapes))
 
 
-@dataclass(frozen=True)
-class _Pieces:
-    """The pieces of all shapes, of the same grown, and of the canvas. rank: (P,) of the shape of each; grown: (P,)
-    bool, whether it is of the grown one; across: (P,) the rank on the other side of the cutout's edges, -1 for none.
+def _pieces(drawing: Drawing, ranks: np.ndarray, reach: float) -> tuple[Sources, np.ndarray, np.ndarray]:
+    """The P pieces of all shapes, of the same grown, and of the canvas; (P,) the rank of the shape of each, and (P,)
+    bool, whether it is of the grown one.
     """
-
-    sources: Sources
-    rank: np.ndarray
-    grown: np.ndarray
-    across: np.ndarray
-
-    def seen_from(self, rank: int) -> tuple[Sources, np.ndarray]:
-        """The pieces by what they are for the shapes of a rank, and which count."""
-        canvas, mine = self.sources.shape == CANVAS, self.rank == rank
-        owner = np.select([canvas, mine & self.grown, mine], [CANVAS, GROWN, OWN], LATER)
-        # An edge between two of the later shapes is none of them all.
-        later = (self.rank > rank) & (self.across <= rank) & ~self.grown
-        return replace(self.sources, shape=owner), canvas | mine | later
-
-
-def _pieces(drawing: Drawing, ranks: np.ndarray, reach: float) -> _Pieces:
     rings: list[Ring] = []
     outlines: list[Outline] = []
     kinds: list[tuple[int, bool]] = []
@@ -192,7 +179,7 @@ def _pieces(drawing: Drawing, ranks: np.ndarray, reach: float) -> _Pieces:
         kinds += [(rank, False)] * len(own) + [(rank, True)] * len(own)
     sources = sources_from(rings, [OWN] * len(rings), outlines, canvas_ring(drawing), CANVAS)
     rank_of, is_grown = np.array([*kinds, (-1, True)])[sources.outline].T
-    return _Pieces(sources, rank_of, is_grown.astype(bool), _across(sources, is_grown == 0, rank_of))
+    return sources, rank_of, is_grown.astype(bool)
 
 
 def _grown(shape: Shape, index: int, ring: Ring, reach: float) -> tuple[Ring, Outline]:

@@ -78,10 +78,7 @@ def _cuts(segments: Segments, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray
     reach = float(np.hypot(*(b - a).T).max()) + 4.0
     pairs = PointTree(0.5 * (a + b)).query_pairs(reach)
     i, j = pairs[fresh[pairs].any(axis=1)].T
-    out = []
-    for seg, other in ((i, j), (j, i)):
-        for vertices in (a, b):
-            out.append(_near_vertices(a, b, seg, vertices[other]))
+    out = [_near_vertices(a, b, seg, ends[other]) for seg, other in ((i, j), (j, i)) for ends in (a, b)]
     out += _crossings(a, b, i, j)
     return tuple(np.concatenate(part) for part in zip(*out, strict=True))  # type: ignore[return-value]
 

@@ -7,19 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fine import arc, fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import (
-    Circle,
-    Ellipse,
-    Outline,
-    Ring,
-    oriented,
-    pieces_of_rings,
-    points_at,
-    polygon,
-    ring_of_cubics,
-)
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, oriented, pieces_of_rings, points_at, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+
+EIGHTHS = 8  # of a circle, one cubic each, which are true to 5e-6 of a radius
 
 
 @dataclass(frozen=True)
@@ -53,7 +45,7 @@ def sources_of(drawing: Drawing) -> Sources:
 
 def rings_of(shape: Shape) -> list[Ring]:
     """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
-    return list(oriented([_ring(outline) for outline in shape.outlines]))
+    return list(oriented([fine_ring(outline, EIGHTHS) for outline in shape.outlines]))
 
 
 def canvas_ring(drawing: Drawing) -> Ring:
@@ -77,15 +69,3 @@ def sources_from(
         np.repeat(np.arange(len(rings)), sizes),
         tuple(outlines),
     )
-
-
-def _ring(outline: Outline) -> Ring:
-    """The ring of an outline, the arcs of primitives in eighths of a turn, which are true to 5e-6 of a radius."""
-    if not isinstance(outline, (Circle, Ellipse)):
-        return fine_ring(outline)
-    radii = (outline.r, outline.r) if isinstance(outline, Circle) else (outline.rx, outline.ry)
-    angle = outline.angle if isinstance(outline, Ellipse) else 0.0
-    cubics = arc(0.0, 2.0 * np.pi, 8) * radii
-    cubics[-1, 3] = cubics[0, 0]
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    return ring_of_cubics(cubics @ turn + [outline.cx, outline.cy], smooth=True)
