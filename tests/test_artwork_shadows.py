@@ -194,7 +194,7 @@ def test_cards_of_different_elevation_beside_each_other():
     found = lifted(levels_of(np.rint(picture).astype(np.float32) / np.float32(255)))
     for cast, place, (_, dy, sigma, alpha) in zip(found.shadow.casts, boxes, shades, strict=True):
         (layer,) = cast.layers
-        own = layer.of(cast.caster.box)
+        own = layer.of(cast.box)
         assert (own.left, own.top) == pytest.approx((place[0], place[1] + dy), abs=1.0)
         assert layer.sigma == pytest.approx(sigma, rel=0.15) and layer.alpha == pytest.approx(alpha, rel=0.15)
 

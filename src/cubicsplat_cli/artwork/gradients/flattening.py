@@ -69,84 +69,58 @@ def without_areas(
     for area in areas:
         paint[area.patch.window][area.patch.mask] = number[id(area.shade)]
     colours = [lambda x, y, own=gradient: 255.0 * painted(own, x + 0.5, y + 0.5) for gradient in gradients]
-    flat = Paints(levels, paint, colours, _standing_for(levels, paint, gradients), line, blur)
-    out = flat.flat()
+    fills = _standing_for(levels, paint, gradients)
+    out = with_placeholders(levels, paint, colours, fills, line, blur)
     for area in areas:
         if area.ground is not None:
-            _fade(out, levels, area, flat.fills[number[id(area.shade)]])
-    return Flattened(out, flat.fills, tuple(gradients))
+            _fade(out, levels, area, fills[number[id(area.shade)]])
+    return Flattened(out, fills, tuple(gradients))
 
 
-Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]
+def with_placeholders(
+    levels: np.ndarray,
+    paint: np.ndarray,
+    colours: Sequence[Callable[[np.ndarray, np.ndarray], np.ndarray]],
+    fills: np.ndarray,
+    line: float = LINE,
+    blur: float = 0.0,
+) -> np.ndarray:
+    """(H, W, 4) levels of a picture with each of its G paints that change replaced by what stands for it.
 
-
-class Paints:
-    """The paints of a picture. paint: (H, W) int32, below G one that changes, from G on what is even, -1 an edge.
-    colours: what each that changes has, (n, 4) levels at columns and rows (n,). fills: (G, 4) levels that stand for
-    it. line, blur: as of `without_areas`."""
-
-    def __init__(
-        self,
-        levels: np.ndarray,
-        paint: np.ndarray,
-        colours: Sequence[Colours],
-        fills: np.ndarray,
-        line: float = LINE,
-        blur: float = 0.0,
-    ) -> None:
-        self.levels, self.paint, self.colours, self.fills, self.line = levels, paint, colours, fills, line
-        self.reach, self.blurred = REACH + math.ceil(WIDER * blur), blur > 0.0
-
-    def at(self, paint: np.ndarray, y: np.ndarray, x: np.ndarray, value: np.ndarray) -> np.ndarray:
-        """(n, 4) levels of paints (n,) at pixels y, x; value: (n, 4) what something even has, a few px away."""
-        out = value.astype(float)
-        order = np.argsort(paint, kind="stable")
-        ends = np.searchsorted(paint[order], np.arange(len(self.colours) + 1))
-        for k in np.flatnonzero(np.diff(ends)).tolist():
-            own = order[ends[k] : ends[k + 1]]
-            out[own] = self.colours[k](x[own], y[own])
+    paint: (H, W) int32, below G one that changes, from G on what is even, -1 an edge. colours: what each that changes
+    has, (n, 4) levels at columns and rows (n,). fills: (G, 4) levels that stand for it. line, blur: as of
+    `without_areas`.
+    """
+    inside = (paint >= 0) & (paint < len(colours))
+    out = levels.copy()
+    out[inside] = fills[paint[inside]]
+    reach = REACH + math.ceil(WIDER * blur)
+    near = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=reach)
+    y, x = np.nonzero(near & (paint < 0))
+    if len(y) == 0:
         return out
-
-    def placeholders(self, paint: np.ndarray, value: np.ndarray) -> np.ndarray:
-        """(n, 4) what stands for paints (n,)."""
-        out = value.astype(float)
-        own = (paint >= 0) & (paint < len(self.colours))
-        out[own] = self.fills[paint[own]]
-        return out
-
-    def flat(self) -> np.ndarray:
-        """(H, W, 4) levels of the picture with each paint that changes replaced by what stands for it."""
-        count = len(self.colours)
-        inside = (self.paint >= 0) & (self.paint < count)
-        out = self.levels.copy()
-        out[inside] = self.fills[self.paint[inside]]
-        near = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=self.reach)
-        y, x = np.nonzero(near & (self.paint < 0))
-        if len(y) == 0:
-            return out
-        width = self.paint.shape[1]
-        paints, places = nearest_paints(self.paint, y * width + x, self.reach, SLOTS)
-        value, found = (self.levels.reshape(-1, 4)[at] for at in (y * width + x, places.ravel()))
-        each = paints.ravel()
-        colours = self.at(each, np.repeat(y, SLOTS), np.repeat(x, SLOTS), found).reshape(-1, SLOTS, 4)
-        flats = self.placeholders(each, found).reshape(-1, SLOTS, 4)
-        # Where three paints meet a blur blends them over many pixels.
-        flat, left = blends(value, paints, colours, flats, self.blurred)
-        # A thin line over a gradient: as much of it as of its strongest pixel near.
-        alone = np.flatnonzero((left > self.line) & (paints[:, 0] >= 0))
-        if len(alone):
-            flat[alone] = self._lines(y[alone], x[alone], value[alone], colours[alone, 0], flats[alone, 0])
-        out[y, x] = np.clip(flat, 0.0, 255.0)
-        return out
-
-    def _lines(
-        self, y: np.ndarray, x: np.ndarray, value: np.ndarray, under: np.ndarray, flat: np.ndarray
-    ) -> np.ndarray:
-        size = np.zeros(self.paint.shape)
-        size[y, x] = largest(np.abs(value - under))
-        most = ndimage.maximum_filter(size, 2 * REACH + 1)[y, x]
-        share = (size[y, x] / np.maximum(most, 1e-9))[:, None]
-        return value + (1.0 - share) * (flat - under)
+    paints, places = nearest_paints(paint, y * paint.shape[1] + x, reach, SLOTS)
+    flats = levels.reshape(-1, 4)[places.ravel()].astype(float)
+    # What changes has other colours at the pixel itself than a few px away.
+    there = flats.copy()
+    order = np.argsort(paints, axis=None, kind="stable")
+    ends = np.searchsorted(paints.ravel()[order], np.arange(len(colours) + 1))
+    for k in np.flatnonzero(np.diff(ends)).tolist():
+        own = order[ends[k] : ends[k + 1]]
+        there[own], flats[own] = colours[k](x[own // SLOTS], y[own // SLOTS]), fills[k]
+    value, there, flats = levels[y, x], there.reshape(-1, SLOTS, 4), flats.reshape(-1, SLOTS, 4)
+    # Where three paints meet a blur blends them over many pixels.
+    flat, left = blends(value, paints, there, flats, blur > 0.0)
+    # A thin line over a gradient: as much of it as of its strongest pixel near.
+    alone = np.flatnonzero((left > line) & (paints[:, 0] >= 0))
+    if len(alone):
+        size = np.zeros(paint.shape)
+        size[y[alone], x[alone]] = largest(np.abs(value[alone] - there[alone, 0]))
+        most = ndimage.maximum_filter(size, 2 * REACH + 1)[y[alone], x[alone]]
+        share = (size[y[alone], x[alone]] / np.maximum(most, 1e-9))[:, None]
+        flat[alone] = value[alone] + (1.0 - share) * (flats[alone, 0] - there[alone, 0])
+    out[y, x] = np.clip(flat, 0.0, 255.0)
+    return out
 
 
 def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarray) -> None:
@@ -173,7 +147,6 @@ def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarra
 def _standing_for(levels: np.ndarray, paint: np.ndarray, gradients: list[Gradient]) -> np.ndarray:
     """(G, 4) for each gradient a colour near its mean that no other paint has."""
     count = len(gradients)
-    taken = some_colours(levels[paint >= count])
     inside = (paint >= 0) & (paint < count)
     sums = [np.bincount(paint[inside], levels[inside][:, k], count) for k in range(4)]
     means = np.stack(sums, axis=1) / np.bincount(paint[inside], minlength=count)[:, None]
@@ -181,12 +154,20 @@ def _standing_for(levels: np.ndarray, paint: np.ndarray, gradients: list[Gradien
     for mean, gradient in zip(means, gradients, strict=True):
         clear = any(stop.colour[3] < 255 for stop in gradient.stops)
         alpha = float(np.clip(mean[3], LEAST_OPACITY, MOST_CLEAR)) if clear else 255.0
-        fills.append(placeholder(np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha), taken))
-        taken = np.vstack([taken, fills[-1]])
-    return np.array(fills)
+        fills.append(np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha))
+    return np.array(placeholders(fills, levels[paint >= count]))
 
 
-def placeholder(fill: np.ndarray, taken: np.ndarray) -> np.ndarray:
+def placeholders(fills: list[np.ndarray], levels: np.ndarray) -> list[np.ndarray]:
+    """For each fill (4,) one near it that neither pixels (n, 4) have nor another one of these."""
+    taken, out = _some_colours(levels), list[np.ndarray]()
+    for fill in fills:
+        out.append(_placeholder(fill, taken))
+        taken = np.vstack([taken, out[-1]])
+    return out
+
+
+def _placeholder(fill: np.ndarray, taken: np.ndarray) -> np.ndarray:
     """(4,) whole levels: the first of some colours near a fill (4,) that is APART from all those taken (n, 4), or the
     one that is farthest from them.
     """
@@ -202,7 +183,7 @@ def placeholder(fill: np.ndarray, taken: np.ndarray) -> np.ndarray:
     return best
 
 
-def some_colours(levels: np.ndarray) -> np.ndarray:
+def _some_colours(levels: np.ndarray) -> np.ndarray:
     """(m, 4) the different colours, in whole levels, of pixels (n, 4): all of them or some thousands."""
     codes = np.rint(levels).astype(np.int64) @ (256 ** np.arange(4)[::-1])
     codes = np.unique(codes)

@@ -60,7 +60,10 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     parts, count = _ramps(means, smooth)
     rough = JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
     found = gradient_areas(means / np.float32(rough), parts, count)
-    shades = {id(area.shade): _rougher(area.shade, rough) for area in found}
+    shades = {
+        id(shade): replace(shade, ramp=replace(shade.ramp, colours=shade.ramp.colours * rough))
+        for shade in (area.shade for area in found)
+    }
     areas = [replace(area, shade=shades[id(area.shade)]) for area in found if area.patch.size >= LEAST_AREA]
     # Where a ramp fades into its ground noise hides the end, so such areas end where their windows do.
     return [replace(area, ground=None) for area in areas if not is_step(area.shade)]
@@ -96,11 +99,6 @@ def _ramps(means: np.ndarray, smooth: np.ndarray) -> tuple[np.ndarray, int]:
         if (high - low).max() >= LEAST_RANGE:
             number[k] = number.max() + 1
     return number[labels], int(number.max())
-
-
-def _rougher(shade: Shade, times: float) -> Shade:
-    """A shade in levels that are so many times as much."""
-    return replace(shade, ramp=replace(shade.ramp, colours=shade.ramp.colours * times))
 
 
 def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
@@ -207,9 +205,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
         return Flattened(levels)
     # The rims of what is smooth are the last of blurred edges.
     rim = max(1, round(blur))
-    inner = ndimage.binary_erosion(np.pad(parts > 0, rim, mode="edge"), ndimage.SQUARE, iterations=rim)[
-        rim:-rim, rim:-rim
-    ]
+    inner = ndimage.binary_erosion(parts > 0, ndimage.SQUARE, iterations=rim, border_value=1)
     found = [area for area in gradient_areas(levels, *ndimage.label(inner)) if not is_step(area.shade, EDGE * blur)]
     planes = plane_areas(levels, Condition(blur=blur))
     if sum(area.patch.size for area in planes) > MORE * sum(area.patch.size for area in found):

@@ -88,14 +88,6 @@ def _promising(groups: list[_Group], own: _Group) -> list[int]:
     ]
 
 
-def _continues(group: _Group, part: Part) -> bool:
-    """Whether a part begins, within GAP px, about as a group ends: stops where a ramp bends sharply look like edges."""
-    own = group.near.at(part.rows, part.columns)
-    if own.sum() < CONTACT:
-        return False
-    return bool(np.median(group.shade.extended().off(part.pixels.some(own))) <= SHARP)
-
-
 def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
     """Adds to a group the even parts beside it that its ramp ends in, and the pixels between that it explains."""
     near = group.near
@@ -103,7 +95,11 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
     names, sizes = np.unique(parts[near.window][beside], return_counts=True)
     for name in names[(sizes >= CONTACT) & (names > 0)]:
         part = part_of(levels, parts, name, boxes[name - 1], claimed)
-        if len(part) >= LEAST_AREA and _continues(group, part):
+        own = group.near.at(part.rows, part.columns)
+        if len(part) < LEAST_AREA or own.sum() < CONTACT:
+            continue
+        # It begins about as the group ends: stops where a ramp bends sharply look like edges.
+        if np.median(group.shade.extended().off(part.pixels.some(own))) <= SHARP:
             one = _one([*group.members, part], [group.shade])
             if one is not None:
                 group.shade = one

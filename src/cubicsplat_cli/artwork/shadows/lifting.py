@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.flattening import Colours, Paints, placeholder, some_colours
+from cubicsplat_cli.artwork.gradients.flattening import placeholders, with_placeholders
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import Ground
@@ -56,11 +56,13 @@ def lifted(levels: np.ndarray) -> Lifted:
     shares, grounds = Shares(shadow, levels.shape[:2]), shadow.shaded.grounds
     owner = _owner(levels, shadow, shares, grounds)
     cards = _like_ground(levels, parts, shadow, grounds)
-    stands = _placeholders(levels, [fill for fill, _ in cards])
-    colours = [_shaded_fill(ground.fill, shadow.shaded.colour, shares.on(ground.mask)) for ground in grounds]
-    colours += [_constant(fill) for fill, _ in cards]
-    total = len(colours)
-    paint = np.where(parts > 0, parts + total - 1, -1).astype(np.int32)
+    stands = placeholders([fill for fill, _ in cards], levels.reshape(-1, 4))
+    # What a ground has where it is shaded, and a card anywhere.
+    shaded = [(each.fill, shares.on(each.mask)) for each in grounds]
+    shaded += [(fill, np.zeros(parts.shape)) for fill, _ in cards]
+    end = shadow.shaded.colour
+    colours = [lambda x, y, fill=fill, share=own: fill + share[y, x][:, None] * (end - fill) for fill, own in shaded]
+    paint = np.where(parts > 0, parts + len(colours) - 1, -1).astype(np.int32)
     for ground in grounds:
         paint[ground.mask] = -1
     paint[owner >= 0] = owner[owner >= 0]
@@ -68,15 +70,7 @@ def lifted(levels: np.ndarray) -> Lifted:
         paint[mask] = len(grounds) + k
     fills = np.array([ground.fill for ground in grounds] + stands)
     meant = tuple((eight_bit(s), eight_bit(fill)) for s, (fill, _) in zip(stands, cards, strict=True))
-    return Lifted(Paints(levels, paint, colours, fills).flat(), shadow, owner >= 0, meant)
-
-
-def _shaded_fill(fill: np.ndarray, colour: np.ndarray, share: np.ndarray) -> Colours:
-    return lambda x, y: fill + share[y, x][:, None] * (colour - fill)
-
-
-def _constant(fill: np.ndarray) -> Colours:
-    return lambda x, y: np.repeat(fill[None], len(x), axis=0)
+    return Lifted(with_placeholders(levels, paint, colours, fills), shadow, owner >= 0, meant)
 
 
 def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: Sequence[Ground]) -> np.ndarray:
@@ -116,12 +110,3 @@ def _like_ground(
             continue
         out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= own
     return [(np.array(fill), mask) for fill, mask in out.items()]
-
-
-def _placeholders(levels: np.ndarray, fills: list[np.ndarray]) -> list[np.ndarray]:
-    """For each fill (4,) one near it that nothing in the picture has."""
-    taken, out = some_colours(levels.reshape(-1, 4)), list[np.ndarray]()
-    for fill in fills:
-        out.append(placeholder(fill, taken))
-        taken = np.vstack([taken, out[-1]])
-    return out

@@ -26,23 +26,17 @@ LEAST_STRENGTH = 4.0  # levels of the darkest shade
 
 
 @dataclass(frozen=True)
-class Cast:
+class Cast(Caster):
     """The shadow of a box: its blurred copies."""
 
-    caster: Caster
     layers: tuple[BlurredBox, ...]
     off = CLOSE
 
-    @property
-    def mask(self) -> np.ndarray:
-        """(H, W) bool where that is."""
-        return self.caster.mask
-
     def darkening(self, shape: tuple[int, int]) -> tuple[slice, slice, np.ndarray]:
         """The rows and columns of a picture (H, W) that it may reach, and (h, w) how much it darkens them."""
-        rows, columns = reached(self.caster.box, self.layers, shape)
+        rows, columns = reached(self.box, self.layers, shape)
         x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
-        return rows, columns, shaded(self.caster.box, self.layers, x, y)
+        return rows, columns, shaded(self.box, self.layers, x, y)
 
 
 @dataclass(frozen=True)
@@ -108,7 +102,7 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
         tried.add(boxes)
         layers = _ShadowSearch(shaded_, seen, scale, casters).best()
         if layers is not None:
-            casts = tuple(Cast(c, own) for c, own in zip(casters, layers, strict=True) if own is not None)
+            casts = tuple(Cast(c.mask, c.box, own) for c, own in zip(casters, layers, strict=True) if own is not None)
             best = casts if not best or _rank(casts) < _rank(best) else best
             if all(len(cast.layers) == 1 for cast in best):
                 break

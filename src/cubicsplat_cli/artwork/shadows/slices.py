@@ -62,7 +62,7 @@ def sliced(cut: Cut) -> list[Shape] | None:
     x0, y0, x1, y1 = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
     layers = cut.cast.layers
     strongest = max(layers, key=lambda layer: layer.alpha)
-    box = strongest.of(cut.cast.caster.box).moved(-cut.corner[0], -cut.corner[1])
+    box = strongest.of(cut.cast.box).moved(-cut.corner[0], -cut.corner[1])
     sigma = sum(layer.alpha * layer.sigma for layer in layers) / sum(layer.alpha for layer in layers)
     if box.round:
         x, y, rx, ry = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (x1 - x0) + 1.0, 0.5 * (y1 - y0) + 1.0
@@ -126,7 +126,6 @@ def _covered(outline: Outline, cut: Cut) -> np.ndarray:
 
 def _worst(cut: Cut, shapes: list[Shape]) -> float:
     """Levels by which the worst hundredth of what shows is off."""
-    rows, columns = np.nonzero(cut.shown)
     dx, dy = cut.corner
     alpha = np.zeros(cut.share.shape)
     for shape in shapes:
@@ -136,8 +135,8 @@ def _worst(cut: Cut, shapes: list[Shape]) -> float:
             alpha[own] = shape.fill[3] / 255.0
         else:
             alpha[own] = painted(shape.gradient, x + dx + 0.5, y + dy + 0.5)[:, 3]
-    off = 255.0 * np.abs(alpha - cut.share)[rows, columns]
-    return float(np.percentile(off[255.0 * cut.share[rows, columns] > FAINT], 99)) if len(off) else 0.0
+    off = 255.0 * np.abs(alpha - cut.share)[cut.shown]
+    return float(np.percentile(off[255.0 * cut.share[cut.shown] > FAINT], 99)) if len(off) else 0.0
 
 
 def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
