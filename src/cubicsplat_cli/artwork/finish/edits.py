@@ -19,16 +19,12 @@ def divided(ring: Ring, piece: int, t: float) -> Ring:
 
 def curved(ring: Ring, piece: int) -> Ring:
     """The ring with a line made a cubic, straight to begin with, that turns at its ends as it likes."""
-    lines, smooth = ring.lines.copy(), ring.smooth.copy()
-    lines[piece] = False
-    return Ring(ring.anchors, ring.controls, lines, smooth)
+    return Ring(ring.anchors, ring.controls, ring.lines & (np.arange(ring.pieces) != piece), ring.smooth)
 
 
 def cornered(ring: Ring, anchor: int) -> Ring:
     """The ring with a smooth joint made a corner."""
-    smooth = ring.smooth.copy()
-    smooth[anchor] = False
-    return Ring(ring.anchors, ring.controls, ring.lines, smooth)
+    return Ring(ring.anchors, ring.controls, ring.lines, ring.smooth & (np.arange(ring.pieces) != anchor))
 
 
 def rounded(ring: Ring, anchor: int, reach: float) -> Ring:

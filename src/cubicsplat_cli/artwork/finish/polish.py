@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -45,8 +46,7 @@ def polish(
     constraints = Constraints(drawing.width, drawing.height)
     at = work().at
 
-    def merged(state: State) -> State:
-        return with_merges(state, constraints, detail)
+    merged = partial(with_merges, constraints=constraints, detail=detail)
 
     def moved(state: State) -> State:
         return _tried(state, with_moves(state, constraints, detail), detail)

@@ -34,10 +34,8 @@ def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Iterator[Drawi
     detail as in ArtworkSettings. The error of pixels on edges counts as at least that of shares, so that what is faint
     counts less than what is plain to see. It ends where the work is stopped.
     """
-    constraints, goal = (
-        Constraints(drawing.width, drawing.height),
-        replace(goal, error=max(goal.error, goal.share_error)),
-    )
+    constraints = Constraints(drawing.width, drawing.height)
+    goal = replace(goal, error=max(goal.error, goal.share_error))
     state, price, step = begin(drawing, goal), 1.0, STEP
     worth: dict[int, float] = {}
     while price < DEAREST:

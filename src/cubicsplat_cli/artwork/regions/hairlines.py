@@ -6,8 +6,6 @@ along the line the same one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
@@ -36,18 +34,6 @@ LEAST_PIXELS, MOST_NEW = 24, 8
 MOST_RESIDUAL, LATER = 40.0, 0.1
 LENGTH = 8  # px along which pixels hang together that the labels do not explain, for a line to be there
 FAINT = 8.0  # levels by which a fill must explain a line better, of which it would have hardly anything
-
-
-@dataclass(frozen=True)
-class LineSearch:
-    """close: levels by which the pixels of a line are off. less: share from which a pixel on its middle is the line's.
-    window: px in which it keeps its fill. faint: levels that it costs a fill to have no share in its pixels.
-    """
-
-    close: float = CLOSE
-    less: float = LESS
-    window: int = WINDOW
-    faint: float = 0.0
 
 
 def unexplained(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residual: np.ndarray) -> np.ndarray:
@@ -84,20 +70,25 @@ def nearest_line_fills(
     size: tuple[int, ...],
     palette: np.ndarray,
     near: np.ndarray,
-    search: LineSearch | None = None,
+    close: float = CLOSE,
+    less: float = LESS,
+    window: int = WINDOW,
+    faint: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(n,) the fill of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
     whether it is mostly or by its place the line's (n,).
+
+    close: levels by which the pixels of a line are off. less: share from which a pixel on its middle is the line's.
+    window: px in which it keeps its fill. faint: levels that it costs a fill to have no share in its pixels.
     """
-    search = search or LineSearch()
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
-    costs = (MOST_RESIDUAL, search.faint, LATER)
-    fill, share, gap = fills_of_lines(values, place, palette[:MOST_FILLS], (first, second), search.window, costs)
-    fill = np.where(gap <= search.close, fill, -1)
+    costs = (MOST_RESIDUAL, faint, LATER)
+    fill, share, gap = fills_of_lines(values, place, palette[:MOST_FILLS], (first, second), window, costs)
+    fill = np.where(gap <= close, fill, -1)
     shares = np.zeros(size)
     shares[place] = np.where(fill >= 0, share, 0.0)
-    return fill, (fill >= 0) & ((share >= SHARE) | ((share >= search.less) & _ridge(shares, place)))
+    return fill, (fill >= 0) & ((share >= SHARE) | ((share >= less) & _ridge(shares, place)))
 
 
 def _ridge(shares: np.ndarray, place: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -133,8 +124,8 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
-    search = LineSearch(max(CLOSE, off), less, 3 * LENGTH, FAINT)
-    fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, search)
+    search = max(CLOSE, off), less, 3 * LENGTH, FAINT
+    fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, *search)
     # What lies beside an area of the line's colour is its edge.
     own &= away[y, x] | (solid[y, x] < 0)
     own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)

@@ -47,13 +47,7 @@ class Canvas:
         fills = np.array([shape.fill for shape in drawing.shapes], dtype=float)
         self.fills = np.concatenate([fills[:, :3] * fills[:, 3:] / 255.0, fills[:, 3:]], axis=1)
         self.palette = np.unique(self.fills, axis=0)
-        self._stack = stack
-
-    def owners(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
-        """(h, w) the number of the uppermost shape that covers half or more of each pixel of a window, and that of the
-        uppermost one that shows in it; -1 for none.
-        """
-        return self._stack.uppermost(rows, columns, HALF), self._stack.uppermost(rows, columns, SHOWS)
+        self.stack = stack
 
 
 def proposals(
@@ -66,7 +60,8 @@ def proposals(
     if model.noise:
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
     near = ndimage.binary_dilation(area.where, ndimage.SQUARE, 2)
-    owners, touching = canvas.owners(*window)
+    # The uppermost shapes that cover half or more of each pixel, and that show in it; -1 for none.
+    owners, touching = (canvas.stack.uppermost(*window, share) for share in (HALF, SHOWS))
     for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=model.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
