@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene
 
 REPORT_SECONDS = 0.1  # between two calls of `on_progress`
+log = logging.getLogger("cubicsplat")  # of warnings to whoever uses the library
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class _Telling(logging.Handler):
 @contextmanager
 def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
     """Within, `tell` gets the text of each warning that the library logs."""
-    log, handler = logging.getLogger("cubicsplat"), _Telling(tell)
+    handler = _Telling(tell)
     log.addHandler(handler)
     try:
         yield

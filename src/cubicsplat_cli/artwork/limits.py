@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import in_blocks
 from cubicsplat_cli.artwork.regions.regions import PixelFills, Regions, pixel_fills
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
+from cubicsplat_cli.progress import log
 
 # A screen of 1920 x 1200 px is drawn whole: half as large its text could not be read. Pages of text that large take up
 # to a minute and .6 GB a megapixel.
@@ -22,8 +22,6 @@ MOST_COMPLETED = 6000
 MOST_REGIONS = 20_000
 MOST_POLISHED = 8000  # shapes, beyond which no regularities are sought: they take some 6 ms each
 
-_log = logging.getLogger("cubicsplat")
-
 
 def reduction(height: int, width: int) -> int:
     """By which whole number the sides of a picture are divided before it is drawn, 1 for all but very large ones."""
@@ -34,7 +32,7 @@ def reduced(levels: np.ndarray, factor: int) -> np.ndarray:
     """The picture (H, W, 4), premultiplied, divided by `reduction`."""
     if factor == 1:
         return levels
-    _log.warning("drawn at 1/%d of its size: it has more than %.0f megapixels", factor, MOST_PIXELS / 1e6)
+    log.warning("drawn at 1/%d of its size: it has more than %.0f megapixels", factor, MOST_PIXELS / 1e6)
     return blocks_of(levels, factor)
 
 
@@ -66,7 +64,7 @@ def bounded_regions(
         min_area = max(2.0 * min_area, float(areas[limit]) + 1.0, 4.0)
         regions = fills.regions(min_area)
     if regions.count < found:
-        _log.warning(
+        log.warning(
             "%d regions are too many to draw: those below %.0f px joined their neighbours; --colors leaves fewer",
             found,
             min_area,
@@ -78,7 +76,7 @@ def few_enough(drawing: Drawing) -> bool:
     """Whether a drawing has so few shapes that regularities are sought; else that is logged."""
     few = len(drawing.shapes) <= MOST_POLISHED
     if not few:
-        _log.warning(
+        log.warning(
             "%d shapes are many: symmetries and copies are not sought; --min-area and --colors leave fewer shapes",
             len(drawing.shapes),
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
-from cubicsplat_cli.progress import work
+from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
 
@@ -24,8 +23,6 @@ from cubicsplat_cli.raster.outlines import EdgePositions
 FEW, LEAST_AREA = 16, 10
 BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
 SMALL = 600  # px of a picture that may be all edges
-
-_log = logging.getLogger("cubicsplat")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +64,7 @@ def planned(
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
         whole = regions.count <= MOST_COMPLETED
         if not whole:
-            _log.warning(
+            log.warning(
                 "%d regions are many: what lies above what, hidden parts and translucency are not sought", regions.count
             )
         parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)

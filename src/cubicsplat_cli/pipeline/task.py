@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,13 +28,12 @@ from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import did_you_mean, printable
 from cubicsplat_cli.metrics import Qualities, Report
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warnings_to
+from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, log, warnings_to
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import LayeredScene, Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.markup import data_uri, with_lengths
 
-_log = logging.getLogger("cubicsplat")
 UNDECIDED = Style(PHOTO, "")
 TOO_FINE = "its lines are too fine to be drawn"  # of a drawing without a shape
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
@@ -82,7 +80,7 @@ class Result:
 
         made = exported(self.svg.encode(), form, "the SVG", tolerance=dxf_tolerance)
         for note in made.notes:
-            _log.warning("%s: %s", path, note)
+            log.warning("%s: %s", path, note)
         write_atomically(path, made.data)
 
     def layers(self) -> dict[str, str]:

@@ -5,7 +5,6 @@ Their gradients: stops, units, transforms, and what one inherits from another.
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import printable
+from cubicsplat_cli.progress import log
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 from cubicsplat_cli.svg.paths import PathSegment, subpaths
 from cubicsplat_cli.svg.shapes import ATTRIBUTES
@@ -67,7 +67,6 @@ _DEEPEST = 16  # gradients that inherit from each other
 MOST_STOPS = 1000
 
 Box = tuple[float, float, float, float]  # left, top, width, height in px
-_log = logging.getLogger("cubicsplat")
 
 
 class OwnElement(NamedTuple):
@@ -257,7 +256,7 @@ class GradientReader:
         names |= {n for n, own in places.items() if inherited(n, "") not in ("", inherited(own, _DEFAULTS[own]))}
         names |= {"fr"} if inherited("fr", "0") not in ("0", "0%") else set()
         if names - self._left_out:
-            _log.warning("left out of the SVG's gradients: %s", ", ".join(sorted(names - self._left_out)))
+            log.warning("left out of the SVG's gradients: %s", ", ".join(sorted(names - self._left_out)))
             self._left_out |= names
 
 

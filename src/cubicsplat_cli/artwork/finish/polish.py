@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 
@@ -15,7 +14,7 @@ from cubicsplat_cli.artwork.finish.settle import ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.progress import nothing, work
+from cubicsplat_cli.progress import log, nothing, work
 from cubicsplat_cli.raster.stack import Goal
 
 PASSES = 3  # of moves, and of merges, at most
@@ -23,8 +22,6 @@ PASSES = 3  # of moves, and of merges, at most
 # which take some ms a piece; fewer rounds still; and nothing is fitted, for its memory.
 CROWDED, FULL, CHANGED, MANY, MOST = 400, 4000, 16_000, 40_000, 100_000
 TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
-
-_log = logging.getLogger("cubicsplat")
 
 
 def polish(
@@ -40,7 +37,7 @@ def polish(
     pieces = drawing.segments
     if pieces > CHANGED:
         left = "fitted to the pixels" if pieces > MOST else "merged, cut and rounded as the pixels ask"
-        _log.warning("outlines of %d pieces are many: they are not %s; --min-area leaves fewer", pieces, left)
+        log.warning("outlines of %d pieces are many: they are not %s; --min-area leaves fewer", pieces, left)
     if not 0 < pieces <= MOST:
         return drawing
     constraints = Constraints(drawing.width, drawing.height)

@@ -6,7 +6,6 @@ is looked at by itself.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from cubicsplat_cli.artwork.gradients.parts import CLEAR, LEAST_AREA, LEAST_PLAT
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
-from cubicsplat_cli.progress import work
+from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import part_spreads
 from cubicsplat_cli.raster.shades import Pixels
@@ -25,8 +24,6 @@ NEARLY = 8.0  # levels by which a few pixels that make no area of their own may 
 MOST_PARTS, MOST_TRIES = 1000, 800  # uneven parts of a picture, and gradients sought, some hundredths of a second each
 MOST_HINTS = 3
 DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
-
-_log = logging.getLogger("cubicsplat")
 
 
 def gradient_areas(
@@ -42,14 +39,14 @@ def gradient_areas(
     uneven = np.flatnonzero((sizes >= LEAST_AREA) & (spreads > LEAST_RANGE))
     if len(uneven) > most:
         if most == MOST_PARTS:
-            _log.warning("%d areas of uneven colour are too many: they are drawn without gradients", len(uneven))
+            log.warning("%d areas of uneven colour are too many: they are drawn without gradients", len(uneven))
         return []
     search = _Search([], tries)
     for i in uneven[np.argsort(-sizes[uneven], kind="stable")]:
         work().at()
         _explain(part_of(levels, parts, i + 1, boxes[i]), search, 0)
     if search.left == 0 and tries == MOST_TRIES:
-        _log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
+        log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
     return united(levels, parts, boxes, search.found) if search.found else []
 
 

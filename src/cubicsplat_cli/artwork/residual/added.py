@@ -6,7 +6,6 @@ changes, against a price for every parameter, before and after it is optimised a
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.residual.areas import MARGIN, Area, ErrorModel, TargetPicture, areas
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.progress import work
+from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
@@ -31,8 +30,6 @@ PASSES, CROWDED = 3, 2000  # one pass where there are more shapes, of which each
 MOST_TRIED = 4000  # areas
 SEEN = 60  # px of an area that is worth a note
 LEFT = 0.5  # share of the squared error that shapes may leave which explain it in no fewer areas than before
-
-_log = logging.getLogger("cubicsplat")
 
 
 def with_added(
@@ -63,7 +60,7 @@ def with_added(
         trials = after
     left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
     if left:
-        _log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))
+        log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))
     return trials.drawing
 
 
@@ -110,7 +107,7 @@ class _Trials:
         """The drawing with those that shorten the description; the same without any."""
         found = self.found
         if len(found) > MOST_TRIED:
-            _log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
+            log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
             found = found[:MOST_TRIED]
         ways = self._explanations(found)
         new = sorted((each for some in ways for each in self._shortest(some)), key=lambda each: each.beneath)

@@ -4,7 +4,6 @@ fitted to the picture through the exact coverage of what they draw.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from functools import cached_property
 
@@ -18,6 +17,7 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
 from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cubics import tied_coordinates
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import Goal
@@ -26,8 +26,6 @@ STEP = 1e-5  # px, of the differences that tell how an outline moves with its ce
 LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
 FIRST_ROUNDS, LAST_ROUNDS = 24, 6
 MOST_PIECES = 6000  # of centre lines
-
-_log = logging.getLogger("cubicsplat")
 
 
 class ChainParameters:
@@ -168,7 +166,7 @@ def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
         return drawing
     pieces = sum(stroke.path.pieces for stroke in strokes)
     if pieces > MOST_PIECES:
-        _log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
+        log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
         return drawing
     state = settle(_state(drawing, goal, fixed=False), FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))
