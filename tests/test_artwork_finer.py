@@ -7,8 +7,8 @@ import pytest
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.api import vectorize
-from cubicsplat_cli.artwork.regions.finer import MOST, STEPS, in_steps, steps_of
 from cubicsplat_cli.artwork.regions.regions import pixel_fills
+from cubicsplat_cli.artwork.traced import MOST_STEPS, STEPS, in_steps, steps_of
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.phase_field import blend_pairs, finer_labels
 
@@ -110,4 +110,4 @@ def test_what_falls_to_pieces_is_not_traced_finer() -> None:
 def test_large_pictures_have_fewer_steps() -> None:
     sides = [(300, 400), (1000, 1000), (1500, 1500), (2000, 3000)]
     assert [steps_of(*each) for each in sides] == [4, 3, 2, 1]
-    assert all(height * width * steps_of(height, width) ** 2 <= MOST for height, width in sides)
+    assert all(height * width * steps_of(height, width) ** 2 <= MOST_STEPS for height, width in sides)

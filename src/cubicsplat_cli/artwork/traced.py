@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from cubicsplat_cli.artwork.layers.completion import outlines_of_all
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.plan import Plan, planned
 from cubicsplat_cli.artwork.regions.fills import eight_bit
-from cubicsplat_cli.artwork.regions.finer import in_steps, steps_of
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills
 from cubicsplat_cli.artwork.regions.sampling import ONE_SAMPLE
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_outline, shape_name
@@ -23,12 +24,19 @@ from cubicsplat_cli.artwork.tracing.contours import ROUNDING
 from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster.phase_field import blend_pairs, finer_labels
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.raster.unmix import REACH, components, near_fills
 
 # Misfit of a pixel that no outline leaves which is where it should be; share of the blends with it in letters and thin
 # lines, not in larger shapes; times as many regions, beyond which a picture falls to pieces. Share of the error that is
 # left where a finer drawing is worth its pieces; px^2 of its least region, half a pixel.
 FAR_OFF, LETTERS, MORE, LEFT, LEAST_AREA = 0.3**2, 0.1, 4, 0.4, 0.5
+# Steps a pixel each way, as many as hardly any program takes more samples; fewer where there would be more than
+# MOST_STEPS in all, for their memory.
+STEPS, MOST_STEPS = 4, 10_000_000
+# Times the error of pixels that a fill which is not near must explain one better than those that are.
+FARTHER = 4.0
 
 
 def traced(
@@ -107,3 +115,27 @@ def or_finer(
     other = Drawing(width, height, traced(parts, (height, width), settings, flat, float(steps), steps))
     nearer = begin(other, goal)
     return (other, nearer) if nearer.value < LEFT * state.value else (drawing, state)
+
+
+def steps_of(height: int, width: int) -> int:
+    """Steps a pixel each way of a picture; 1 where it has too many pixels for more."""
+    return max(1, min(STEPS, math.isqrt(MOST_STEPS // (height * width))))
+
+
+def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, most: int) -> FlatPicture | None:
+    """A picture (H, W, 4) in levels as one of so many steps a pixel each way, each of them a fill, or on an edge; None
+    where it falls to more than `most` regions.
+
+    error: in levels, of its pixels.
+    """
+    first = np.maximum(fills.pure, 0)
+    second, share = first.copy(), np.zeros(first.shape, np.float32)
+    y, x = np.nonzero(fills.pure < 0)
+    near = near_fills(fills.pure, y, x, REACH)
+    # Where nothing is pure, all that is known is what the pixel has most of.
+    near[:, 0] = np.where(near[:, 0] < 0, fills.fills[y, x], near[:, 0])
+    parts, _ = components((fills.pure < 0).astype(np.int32) - 1)
+    pairs = blend_pairs(levels[y, x], parts[y, x], fills.palette, near, FARTHER * error)
+    first[y, x], second[y, x], share[y, x] = pairs
+    labels, finer = finer_labels(first, second, share, fills.palette, steps)
+    return FlatPicture(finer, fills.palette, labels) if components(labels)[1] <= most else None
