@@ -1,4 +1,4 @@
-"""Pictures as arrays: their channels, the last axis; what light their values stand for; their blocks of pixels."""
+"""Channels of pictures, the last axis of their arrays; what light their values stand for; blocks and windows."""
 
 from __future__ import annotations
 
@@ -24,16 +24,18 @@ def light_of_srgb(values: np.ndarray) -> np.ndarray:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def srgb_of_light(light: np.ndarray) -> np.ndarray:
-    """The sRGB values of linear light, both in [0, 1]: the inverse of `light_of_srgb`."""
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
-
-
 def in_blocks(values: np.ndarray, side: int) -> np.ndarray:
     """(H // side, W // side, side, side, ...) the whole blocks of side x side px of values (H, W, ...)."""
     rows, columns = (length // side for length in values.shape[:2])
     part = values[: rows * side, : columns * side]
     return part.reshape(rows, side, columns, side, *values.shape[2:]).swapaxes(1, 2)
+
+
+def widened(box: tuple[slice, ...], by: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The rows and columns of a box, and so many px around it as far as pictures (H, W) of a shape go."""
+    sides = zip(box, shape, strict=False)
+    rows, columns = (slice(max(side.start - by, 0), min(side.stop + by, size)) for side, size in sides)
+    return rows, columns
 
 
 def blend_of(

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.scene import filled_scene
@@ -135,8 +136,7 @@ def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> 
         fill = eight_bit(cells.colours[order[place]])
         if box is None or fill[3] == 0:
             continue
-        limits = zip(box, rank.shape, strict=True)
-        box = tuple(slice(max(0, side.start - 1), min(side.stop + 1, size)) for side, size in limits)
+        box = widened(box, 1, rank.shape)
         mask = rank[box] == place
         if not abutting:
             mask = mask | (ndimage.binary_dilation(mask, ndimage.SQUARE) & (above[box] > place))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest, packed
+from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
@@ -91,7 +91,7 @@ def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
         return
     whole = np.zeros(flat.shape[:2], dtype=bool)
     whole[part.window] = part.mask
-    around = tuple(slice(max(0, side.start - 1), side.stop + 1) for side in part.window)
+    around = widened(part.window, 1, whole.shape)
     crop, mask = flat[around], whole[around]
     edge = mask & ndimage.binary_dilation(~mask, ndimage.SQUARE)
     outside, inside = (
@@ -226,8 +226,8 @@ def _stand_in(levels: np.ndarray, box: Box, mask: np.ndarray, others: list[Photo
     left, top, right, bottom = box
     around = np.ones(levels.shape[:2], dtype=bool)
     around[top:bottom, left:right] = ~mask
-    rows, columns = slice(max(0, top - FRAME), bottom + FRAME), slice(max(0, left - FRAME), right + FRAME)
-    near = levels[rows, columns][around[rows, columns]]
+    window = widened((slice(top, bottom), slice(left, right)), FRAME, around.shape)
+    near = levels[window][around[window]]
     corners = np.array(np.meshgrid(*[(0.0, 255.0)] * 3)).reshape(3, -1).T
     used = [(corners == other.stand_in).all(axis=1) for other in others]
     far = [largest(np.abs(near - corner)).min(initial=255.0) for corner in corners]
@@ -258,6 +258,5 @@ def _drawn_share(flat: np.ndarray, parts: list[PhotoPart]) -> float:
     """The share of the pixels off the parts and what frames them that differ from a neighbour."""
     differ = spread(flat, 3, 3) > UNSEEN
     for part in parts:
-        rows, columns = (slice(max(0, each.start - FRAME), each.stop + FRAME) for each in part.window)
-        differ[rows, columns] = False
+        differ[widened(part.window, FRAME, differ.shape)] = False
     return float(differ.mean())

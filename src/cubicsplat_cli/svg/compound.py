@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring, reversed_area
+from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.raster.outlines import coverage
 
 # Two shapes of one colour may be a pair of eyes; this many are lettering or a pattern.
 LEAST_SHAPES = 3
@@ -19,6 +20,7 @@ Pen = tuple[float, str, str, bool]
 # Shapes nearer to each other than this keep their order.
 _MARGIN = 1.0  # px
 _LOOP = 1.0  # px^2 of a loop that is seen
+_COPY = 512  # px a side, on which loops are looked for
 
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
@@ -85,7 +87,18 @@ def _opaque(shape: Shape) -> bool:
 def _crosses(shape: Shape) -> bool:
     """Whether a ring crosses itself: where a loop runs the other way round, it would cut holes into others."""
     rings = [outline for outline in shape.outlines if isinstance(outline, Ring)]
-    return shape.stroke is None and any(reversed_area(ring) >= _LOOP for ring in rings)
+    return shape.stroke is None and any(_reversed_area(ring) >= _LOOP for ring in rings)
+
+
+def _reversed_area(ring: Ring) -> float:
+    """Area in px^2 of the loops in which a ring that crosses itself runs the other way round, found on a copy of at
+    most _COPY px a side."""
+    points = ring.cubics.reshape(-1, 2)
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    factor = max(1.0, float(extent.max()) / _COPY)
+    width, height = np.ceil(extent / factor).astype(int).tolist()
+    covered = coverage((ring.cubics - low) / factor, ring.lines, 0, 0, height, width).sum()
+    return 0.5 * (factor**2 * float(covered) - abs(signed_area(ring)))
 
 
 def _near(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.finish.settle import settle, trimmed
 from cubicsplat_cli.artwork.finish.state import WHITE, State
-from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein
+from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, polygon_lengths
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.tracing.variables import feet_of
 from cubicsplat_cli.raster.cubics import found_merges
@@ -121,7 +121,7 @@ def samples_along(
     """Points (n, 2), px, along a ring, of each piece one per px, but at least 4 and at most so many; their weights
     (n,), 1/px^2, the px (n,) that each stands for, and where those of each piece end (pieces,).
     """
-    lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    lengths = polygon_lengths(ring.cubics)
     counts = np.clip(np.ceil(lengths), 4, most).astype(int)
     piece, u = feet_of(counts)
     points = np.einsum("nk,nkc->nc", bernstein(u), ring.cubics[piece])

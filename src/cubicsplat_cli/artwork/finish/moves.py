@@ -14,7 +14,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.state import WHITE, State
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, polygon_lengths
 
 PRICE = 4.0  # nats a parameter
 SHAPE_PARAMETERS = 3.0  # of a shape besides its outlines'
@@ -57,8 +57,7 @@ def complaints(state: State) -> dict[int, Complaint]:
     c, count = state.crossings, int(state.pieces[-1])
     floor = _floor(state, slice(None))
     chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
-    cubics = np.concatenate([o.cubics for o in state.outlines])
-    lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    lengths = polygon_lengths(np.concatenate([o.cubics for o in state.outlines]))
     along = c.t * lengths[c.piece]
     weight = np.maximum(chi, 0.0)
 
@@ -111,7 +110,7 @@ def as_path(shape: Circle | Ellipse | Rectangle, chi: float, price: float, cross
 
 
 def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
-    length = float(np.hypot(*np.diff(ring.cubics[i], axis=0).T).sum())
+    length = float(polygon_lengths(ring.cubics[[i]])[0])
     if max(complaint.start, complaint.end) > CONCENTRATED and length > 2.0 * NEAR:
         anchor = i if complaint.start >= complaint.end else (i + 1) % ring.pieces
         if anchor in joints or anchor == 0:

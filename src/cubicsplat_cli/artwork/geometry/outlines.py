@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.raster.outlines import coverage
-
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
 # (4, 4, 2) the quarters of a unit circle, from the rightmost point on, in the direction of growing angles.
@@ -21,7 +19,6 @@ _QUARTER = np.array([[1.0, 0.0], [1.0, QUARTER_HANDLE], [QUARTER_HANDLE, 1.0], [
 _UNIT_CIRCLE = np.stack(
     [_QUARTER @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), turns) for turns in range(4)]
 )
-COPY = 512  # px
 # Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
 _GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0
 
@@ -194,7 +191,7 @@ class Rectangle:
         ends = np.roll(corners, -1, axis=0) - self.radius * along
         anchors = _placed(np.stack([starts, ends], axis=1).reshape(8, 2), self.angle, middle)
         after = np.roll(anchors, -1, axis=0)
-        controls = anchors[:, None] + (after - anchors)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
+        controls = thirds(anchors, after)
         turned = _placed(np.roll(corners, -1, axis=0), self.angle, middle)
         controls[1::2, 0] = anchors[1::2] + QUARTER_HANDLE * (turned - anchors[1::2])
         controls[1::2, 1] = after[1::2] + QUARTER_HANDLE * (turned - after[1::2])
@@ -203,10 +200,13 @@ class Rectangle:
 
 def polygon(anchors: np.ndarray) -> Ring:
     """A ring of straight lines through the anchors (A, 2)."""
-    steps = following(anchors) - anchors
-    controls = anchors[:, None] + steps[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
-    count = len(anchors)
+    count, controls = len(anchors), thirds(anchors, following(anchors))
     return Ring(np.asarray(anchors, dtype=float), controls, np.ones(count, dtype=bool), np.zeros(count, dtype=bool))
+
+
+def thirds(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """(n, 2, 2) the inner control points of lines between points (n, 2) as cubics."""
+    return starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[:, None] / 3.0
 
 
 def _placed(points: np.ndarray, angle: float, middle: tuple[float, float]) -> np.ndarray:
@@ -224,19 +224,23 @@ Outline = Ring | Circle | Ellipse | Rectangle
 
 def with_thirds(ring: Ring) -> Ring:
     """The ring with the control points of its lines where they belong."""
-    ends = np.roll(ring.anchors, -1, axis=0)
-    thirds = np.stack([(2.0 * ring.anchors + ends) / 3.0, (ring.anchors + 2.0 * ends) / 3.0], axis=1)
-    return Ring(ring.anchors, np.where(ring.lines[:, None, None], thirds, ring.controls), ring.lines, ring.smooth)
+    straight = thirds(ring.anchors, following(ring.anchors))
+    return Ring(ring.anchors, np.where(ring.lines[:, None, None], straight, ring.controls), ring.lines, ring.smooth)
 
 
 def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     """(n, 2) points along a ring, those of a cubic about `step` px apart; each piece gives its start, not its end."""
     cubics = ring.cubics
-    lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    lengths = polygon_lengths(cubics)
     counts = np.where(ring.lines, 1, np.maximum(2, np.ceil(lengths / step))).astype(int)
     owner = np.repeat(np.arange(ring.pieces), counts)
     t = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
     return (bernstein(t)[:, :, None] * cubics[owner]).sum(axis=1)
+
+
+def polygon_lengths(cubics: np.ndarray) -> np.ndarray:
+    """(n,) px of the control polygons of cubics (n, 4, 2), hardly more than of these themselves."""
+    return np.asarray(np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1))
 
 
 def dense(corners: np.ndarray, step: float) -> np.ndarray:
@@ -257,17 +261,6 @@ def signed_area(ring: Ring) -> float:
 def areas_beside(cubics: np.ndarray) -> np.ndarray:
     """(n,) px^2 that each of some cubics (n, 4, 2) adds to the area of the ring that it is of."""
     return np.asarray(((cubics[..., 0] @ _GREEN) * cubics[..., 1]).sum(axis=1))
-
-
-def reversed_area(ring: Ring) -> float:
-    """Area in px^2 of the loops in which a ring that crosses itself runs the other way round, found on a copy of at
-    most `COPY` px a side."""
-    points = ring.cubics.reshape(-1, 2)
-    low, extent = points.min(axis=0), np.ptp(points, axis=0)
-    factor = max(1.0, float(extent.max()) / COPY)
-    width, height = np.ceil(extent / factor).astype(int).tolist()
-    covered = coverage((ring.cubics - low) / factor, ring.lines, 0, 0, height, width).sum()
-    return 0.5 * (factor**2 * float(covered) - abs(signed_area(ring)))
 
 
 def reversed_ring(ring: Ring) -> Ring:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, thirds
 
 BUTT, ROUND, SQUARE = "butt", "round", "square"
 MITER, BEVEL = "miter", "bevel"
@@ -66,9 +66,8 @@ class Stroke:
 
 def line_chain(points: np.ndarray) -> Chain:
     """The chain of straight lines through points (A, 2)."""
-    steps = np.diff(points, axis=0)
-    controls = points[:-1, None] + steps[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
-    return Chain(points, controls, np.ones(len(steps), dtype=bool), np.zeros(len(points), dtype=bool))
+    controls = thirds(points[:-1], points[1:])
+    return Chain(points, controls, np.ones(len(controls), dtype=bool), np.zeros(len(points), dtype=bool))
 
 
 def pieces_of(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -169,10 +169,10 @@ def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: 
     opaque, found = bool((levels[..., 3] >= 255.0).all()), _coefficients(luma, 0)
     if _even(levels, _busy(found)) >= (MOST_EVEN if opaque else MOST_EVEN_CLEAR):
         return False
-    return (opaque and _in_blocks(found, luma)) or (not noise and not _indexed(levels) and _rings(levels, rough, quiet))
+    return (opaque and _blocky(found, luma)) or (not noise and not _indexed(levels) and _rings(levels, rough, quiet))
 
 
-def _in_blocks(found: np.ndarray, luma: np.ndarray) -> bool:
+def _blocky(found: np.ndarray, luma: np.ndarray) -> bool:
     """Whether the coefficients of a picture's blocks, found, are nearly 0 more often than those half a block away."""
     own, number = _zeros(found)
     apart, _ = _zeros(_coefficients(luma, BLOCK // 2))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb, srgb_of_light
+from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
@@ -57,8 +57,9 @@ def light_of(values: np.ndarray) -> np.ndarray:
 
 
 def levels_of(light: np.ndarray) -> np.ndarray:
-    """The sRGB values of linear light, both in 0..255."""
-    return 255.0 * srgb_of_light(np.clip(light / 255.0, 0.0, 1.0))
+    """The sRGB values of linear light, both in 0..255: the inverse of `light_of`."""
+    light = np.clip(light / 255.0, 0.0, 1.0)
+    return 255.0 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
 
 
 def _blended_in_light(colours: np.ndarray) -> bool:

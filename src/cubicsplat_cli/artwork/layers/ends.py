@@ -31,6 +31,11 @@ class End:
     straight: bool
 
 
+def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End, End]:
+    """The ends of what shows of a closed outline before and after a hidden run, indices in order; see `end_of`."""
+    return end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+
+
 def end_of(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> End:
     """The end of what shows of a closed outline before the hidden run that begins at index `start`.
 
@@ -75,7 +80,7 @@ def continued(
     points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
     that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
     """
-    before, after = end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+    before, after = ends_of(points, sigma, run)
     first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
     span = float(np.hypot(*(last - first)))
     if leaving is None or arriving is None or span < 1.0:

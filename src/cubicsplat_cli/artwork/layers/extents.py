@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flattened, polygon
 from cubicsplat_cli.artwork.layers.min_link import Room
 from cubicsplat_cli.artwork.layers.stacking import Stack
@@ -57,8 +58,7 @@ def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Ex
     opaque = regions.fills[:, 3] >= OPAQUE
     boxes = ndimage.find_objects(depth + 1)
     for place in range(len(stack.layers)):
-        box = boxes[place]
-        rows, columns = _widened(box)
+        rows, columns = _with_room(boxes[place], depth.shape)
         view = depth[rows, columns]
         shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
         yield from _parts(place, (rows.start, columns.start), shown, above, found, len(stack.layers[place]) > 1)
@@ -68,7 +68,7 @@ def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> It
     """The parts of a translucent overlay, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
     what hides it.
     """
-    rows, columns = _widened(ndimage.find_objects(cover.astype(np.uint8))[0])
+    rows, columns = _with_room(ndimage.find_objects(cover.astype(np.uint8))[0], cover.shape)
     view = cover[rows, columns]
     yield from _parts(OVERLAY, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
 
@@ -81,7 +81,7 @@ def _parts(
     boxes = ndimage.find_objects(parts)
     # What a hull adds apart from all that shows is of no use.
     for k in np.flatnonzero(np.bincount(parts[shown], minlength=count + 1)).tolist():
-        own = rows, columns = _widened(boxes[k - 1])
+        own = rows, columns = _with_room(boxes[k - 1], shown.shape)
         top, left = corner[0] + rows.start, corner[1] + columns.start
         part, seen = parts[own] == k, shown[own]
         loops = contours_of(part, seen, (top, left), found)
@@ -89,13 +89,11 @@ def _parts(
         yield Extent(place, top, left, seen & part, seen | above[own], ndimage.holes_of(part), contours)
 
 
-def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
+def _with_room(box: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[slice, slice]:
     """A box with as much room as the rest of a primitive may take that upper layers hide: half a circle shows as long
     as the whole one is, and half as high.
     """
-    room = UNDERLAP + 1 + max(side.stop - side.start for side in box) // 2
-    rows, columns = (slice(max(side.start - room, 0), side.stop + room) for side in box)
-    return rows, columns
+    return widened(box, UNDERLAP + 1 + max(side.stop - side.start for side in box) // 2, shape)
 
 
 def enclosed(ring: Ring, extent: Extent) -> tuple[tuple[slice, slice], np.ndarray]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, polyline_places
-from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, end_of
+from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, ends_of
 from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
 from cubicsplat_cli.raster.outlines import fewer_points
 
@@ -54,7 +54,7 @@ class HiddenLoop:
 def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     """The ways to go on along a hidden run (m,), indices in order, the simplest first; the last always stays hidden."""
     points, sigma = loop.points, loop.sigma
-    first, last = end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+    first, last = ends_of(points, sigma, run)
     meet = _meeting(first, last)
     straight = first.straight and last.straight
     yield Completion(points[run], np.inf, np.zeros(0, dtype=int))
@@ -82,7 +82,7 @@ def _long(loop: HiddenLoop, first: End, last: End) -> bool:
 
 def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
     """The way by straight sides that go on until they meet; None where there are none, or they would not be hidden."""
-    ends = end_of(loop.points, loop.sigma, run[0], -1), end_of(loop.points, loop.sigma, run[-1], 1)
+    ends = ends_of(loop.points, loop.sigma, run)
     meet = _meeting(*ends) if ends[0].straight and ends[1].straight else None
     return None if meet is None else next(_by_lines(loop, run, ends, meet), None)
 
@@ -90,7 +90,7 @@ def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
 def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = None) -> Iterator[Completion]:
     """The ways by the fewest and shortest straight lines."""
     points = loop.points[run]
-    first, last = ends or tuple(end_of(loop.points, loop.sigma, run[k], step) for k, step in ((0, -1), (-1, 1)))
+    first, last = ends or ends_of(loop.points, loop.sigma, run)
     for corners in min_link_path(points, first, last, loop.room):
         yield from _by_lines(loop, run, (first, last), corners)
     yield from _by_lines(loop, run, (first, last), fewer_points(points, SLACK))

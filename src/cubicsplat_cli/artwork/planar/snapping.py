@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
 from cubicsplat_cli.artwork.planar.sources import Sources
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.point_tree import PointTree
@@ -56,7 +57,7 @@ def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segmen
 def _chords(sources: Sources, live: np.ndarray) -> Segments:
     cubics = sources.cubics
     bend = np.abs(cubics[:, :2] - 2.0 * cubics[:, 1:3] + cubics[:, 2:]).max(axis=(1, 2))
-    length = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    length = polygon_lengths(cubics)
     counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
     counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64) * live
     piece = np.repeat(np.arange(len(cubics)), counts)

@@ -20,6 +20,7 @@ LARGEST = 3.0  # px that they move at most to be
 FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean
 SYSTEMATIC = 0.02  # px, the error of an axis or a shift besides that by chance
 SIGMAS = 3.0  # errors within which places are one
+CLEAR = 3.0  # nats by which a regularity must explain more than chance
 
 
 @dataclass(frozen=True)

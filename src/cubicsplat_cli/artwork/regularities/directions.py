@@ -9,18 +9,17 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, SIGMAS
+from cubicsplat_cli.artwork.regularities.grid import LEVEL
 from cubicsplat_cli.artwork.regularities.ties import TiedRing, null_basis
 
 # Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.
 FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
 SHORTEST = 4.0  # px of a line that tells its direction
 SHOWN = 0.8  # share of a line that must show
-# Px that one end of a line is off in its direction besides what its points tell, and the standard errors allowed.
-SYSTEMATIC, SIGMAS = 0.01, 3.0
+SYSTEMATIC = 0.01  # px that one end of a line is off in its direction besides what its points tell
 POINT = 0.5 * SEEN_SIGMA  # px, the standard error of a point of a straight line
 OFTEN = 0.1  # share of a drawing's sloping lines that have the directions of a family, where the artist used it
-CLEAR = 3.0  # nats by which a family must explain more than chance
-LEVEL = 1e-6  # px
 EXACT = 1e-9  # px by which a tied line may still be off
 
 

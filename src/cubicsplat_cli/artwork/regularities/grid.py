@@ -16,6 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
+from cubicsplat_cli.artwork.regularities.alike import CLEAR
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into.
@@ -24,7 +25,6 @@ CELLS = (
     *(80, 90, 96, 100, 108, 112, 120, 128, 144, 150, 160, 180, 192, 200, 240, 256, 288, 300, 320, 360, 384, 400, 512),
 )
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
-CLEAR = 3.0  # nats by which a grid must explain more than chance
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
 EXACT = 0.03  # px, the error of coordinates where edges show their true areas
 ROUND = 0.06  # px, that of middles and radii

@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
-from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at, with_thirds
+from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 
@@ -143,7 +143,7 @@ def _joined(found: MirroredRing) -> MirroredRing:
         if ring.lines[i]:
             if abs(ring.anchors[i, along] - start[along]) > ONE_PIECE:
                 continue
-            handles = np.stack([(2.0 * start + end) / 3.0, (start + 2.0 * end) / 3.0])
+            (handles,) = thirds(start[None], end[None])
         else:
             first = _across(ring.cubics[before], found.axis) if ring.smooth[i] else None
             if first is None:

@@ -37,7 +37,7 @@ from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_parameters, mirrored_rings
-from cubicsplat_cli.artwork.regularities.rotational import rotated
+from cubicsplat_cli.artwork.regularities.rotational import EXACT, rotated
 from cubicsplat_cli.artwork.regularities.ties import TiedRing, tied_ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
@@ -45,7 +45,6 @@ from cubicsplat_cli.raster.stack import Goal
 
 LEVEL = 1e-9  # px, of a line along an axis
 ROUNDS, AFTER_REFUSALS = 6, 2
-EXACT = 1e-6  # px
 TINY = 1e-12
 MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
 

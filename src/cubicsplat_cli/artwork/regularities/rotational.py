@@ -16,15 +16,13 @@ from cubicsplat_cli.artwork.finish.parameters import RingParameters
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
 from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
-from cubicsplat_cli.artwork.regularities.turned import NEAR, STEPS, Walk
+from cubicsplat_cli.artwork.regularities.turned import FEWEST, MOST_PARTS, NEAR, STEPS, Walk
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 
-MOST_PARTS = 36
 # Px that a ring may be off itself in the root mean square: level edges are often known to a quarter of a pixel only,
 # and come to lie on sloping ones.
 ROUGHLY = 0.1
-FEWEST = 8  # points that show
 EXACT = 1e-6  # px
 
 
@@ -49,7 +47,7 @@ def rotated(parameters: RingParameters | TiedRing, track: Track) -> TiedRing | N
     if len(track.seen) < FEWEST:
         return None
     walk = Walk.of(track)
-    power = np.abs(np.fft.fft(walk.steps) / STEPS) ** 2
+    power = np.abs(walk.waves / STEPS) ** 2
     beyond = np.fft.fftfreq(STEPS, 1.0 / STEPS).astype(int) - 1
     for parts in range(min(MOST_PARTS, count), 1, -1):
         if count % parts or power[beyond % parts != 0].sum() > NEAR**2:

@@ -17,12 +17,12 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 
 STEPS = 128  # round an outline
 LENGTH_OFF, NEAR = 0.8, 0.4  # px by which lengths of outlines that are alike differ, and their steps in the mean
 ALIKE = 0.1  # px by which turns that fit as well differ in that
-FEWEST, CLEAR = 8, 3.0  # points that show, and nats by which an outline must tell more than chance does
+FEWEST = 8  # points that show
 FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, ringing
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
@@ -94,13 +95,11 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
     gap, where = unexplained(picture.levels, painted, LUMA_CHROMA, picture.ringing, *judged)
     if gap[where].sum() < model.least:
         return []
-    height, width = gap.shape
     reach = MARGIN + math.ceil(2.0 * model.blur)
     parts, _ = ndimage.label(ndimage.binary_dilation(where, ndimage.SQUARE), ndimage.SQUARE)
     found = []
-    for number, (rows, columns) in enumerate(ndimage.find_objects(parts), start=1):
-        rows = slice(max(rows.start - reach, 0), min(rows.stop + reach, height))
-        columns = slice(max(columns.start - reach, 0), min(columns.stop + reach, width))
+    for number, box in enumerate(ndimage.find_objects(parts), start=1):
+        rows, columns = widened(box, reach, gap.shape)
         own = where[rows, columns] & (parts[rows, columns] == number)
         off = gap[rows, columns][own]
         if off.sum() >= model.least:

@@ -34,7 +34,6 @@ SHOWN = 48  # px of a piece that show, for it to be fitted to these alone
 WORST = 8.0  # levels that what shows may be off in its worst hundredth, for a shadow to be drawn in these pieces
 LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
 SHADE = 1.0 / 255.0
-OPAQUE = 255.0
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
         if isinstance(cast, Outlined):
             fills = {tuple(ground.fill.tolist()) for ground in lifted.shadow.shaded.grounds}
             (ground,) = fills if len(fills) == 1 else [(0.0,) * 4]
-            opaque = np.array(ground[:3]) if ground[3] == OPAQUE else None
+            opaque = np.array(ground[:3]) if ground[3] == 255.0 else None
             shapes: list[Shape] | None = list(contoured(share, shown, colour, opaque, NAME))
         else:
             shapes = sliced(Cut(cast, share, shown[window], colour, window))

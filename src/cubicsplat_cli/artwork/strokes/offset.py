@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fine import arc
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, derivatives, points_at, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, derivatives, points_at, polygon_lengths, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import MITER, ROUND, SQUARE, Chain, Stroke, pieces_of
 
 MOST_TURN = math.radians(25.0)  # of a part of a cubic
@@ -114,7 +114,7 @@ def _winding(cubics: np.ndarray) -> float:
 
 def _lasting(cubics: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pieces that have a length."""
-    long = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1) > 1e-9
+    long = polygon_lengths(cubics) > 1e-9
     return cubics[long], lines[long]
 
 

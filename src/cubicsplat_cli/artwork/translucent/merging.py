@@ -12,6 +12,7 @@ from itertools import permutations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import linked_groups
@@ -73,8 +74,7 @@ def with_covered(
 
 def _over(regions: Regions, overlays: list[Overlay], region: int, ground: int) -> tuple[Overlay, ...]:
     """The overlays beside a region that make its colour of another one's, uppermost first; () where none do."""
-    rows, columns = ndimage.find_objects((regions.labels == region).astype(np.uint8))[0]
-    window = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in (rows, columns))
+    window = widened(ndimage.find_objects((regions.labels == region).astype(np.uint8))[0], 1, regions.labels.shape)
     mask = regions.labels[window] == region
     rim = ndimage.binary_dilation(mask) & ~mask
     beside = [s for s in overlays if s.cover[window][rim].any() and not s.cover[window][mask].any()]
