@@ -7,8 +7,6 @@ it, may be a photo.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed
@@ -17,6 +15,7 @@ from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import bends_and_steps
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.record import record
 
 LEAST_SIDE = 4 * TILE  # px
 FRAME = 8  # px of a frame around a photo, at most, and of an edge's blends
@@ -36,7 +35,7 @@ LEAST_REST = 0.002  # of the picture, in px away from the parts, at which someth
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PhotoPart:
     """A photograph in a picture: mask (h, w) bool of the window's pixels, its left and top, px; stand_in: three levels
     of a fill that differs from all that is around it, under which it is drawn.
@@ -62,7 +61,7 @@ class PhotoPart:
         return int(self.mask.sum())
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Page:
     """A drawing with photographs in it: picture (H, W, 3), float32 in [0, 1]; flat, the same with a fill in place of
     each of them. reason: what says that this is a drawing.

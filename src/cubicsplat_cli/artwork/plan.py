@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
+from cubicsplat_cli.record import record
 
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
 # BLURS, px.
@@ -28,7 +28,7 @@ SMALL = 600  # px of a picture that may be all edges
 _log = logging.getLogger("cubicsplat")
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Plan:
     """levels: (H, W, 4) the picture that is drawn. fills: of its pixels. regions: of it. found: where they end. parts:
     back to front.

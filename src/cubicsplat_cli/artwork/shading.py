@@ -5,7 +5,6 @@ flat fills, from which their outlines follow; what shows of them, and their base
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_off
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 BLUR = 0.8  # px, before slopes are measured: about what smoothing has blurred an edge by
@@ -38,7 +38,7 @@ FEWEST = 8  # px that a gradient is fitted to
 FULL = 0.995  # of a pixel that a shape covers: all of it
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class _Slopes:
     """(H, W) the steepest channel's slope in levels per px, and its direction."""
 

@@ -7,7 +7,6 @@ way is good when the outline covers what shows and nothing else does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +18,7 @@ from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_mee
 from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import fewer_points
+from cubicsplat_cli.record import record
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
 SEVERAL = 8
@@ -98,7 +98,7 @@ def polygons_of(extent: Extent) -> tuple[Outline, ...]:
     return tuple(few_lines(contour.points) for contour in extent.contours)
 
 
-@dataclass(frozen=True)
+@record
 class _Surroundings:
     """Surroundings of the contours of an extent, which only hidden ones need to know. canvas: height and width."""
 

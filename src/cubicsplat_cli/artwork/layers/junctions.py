@@ -11,7 +11,6 @@ within its errors, therefore lies above its neighbours.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, f
 from cubicsplat_cli.raster.borders import passings
 from cubicsplat_cli.raster.contours import independent
 from cubicsplat_cli.raster.outlines import EdgePositions, loop_points
+from cubicsplat_cli.record import record
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
@@ -33,7 +33,7 @@ LEAST = 100  # px^2 of the box around a region, below which anything is round
 FULLNESS = 0.02
 
 
-@dataclass(frozen=True)
+@record
 class _Passing:
     """Course of one region's outline through a meeting point. others: the regions before and after; at: (2,) vertex x,
     y; turn: radians; error: its standard error."""

@@ -8,7 +8,7 @@ Trapping: shapes may also reach beneath those drawn later, so that a misplaced p
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.planar.snapping import snapped_segments
 from cubicsplat_cli.artwork.planar.sources import Sources, canvas_ring, rings_of, sources_from, sources_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import offset_ring
+from cubicsplat_cli.record import record
 
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
 # themselves, whose numbers count along an edge of several, and the canvas.
@@ -157,7 +158,7 @@ def overlapping(drawing: Drawing, ranks: np.ndarray, reach: float, precision: in
     return replace(drawing, shapes=tuple(shapes))
 
 
-@dataclass(frozen=True)
+@record
 class _Pieces:
     """The pieces of all shapes, of the same grown, and of the canvas. rank: (P,) of the shape of each; grown: (P,)
     bool, whether it is of the grown one; across: (P,) the rank on the other side of the cutout's edges, -1 for none.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,9 +19,10 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     ring_of_cubics,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.record import record
 
 
-@dataclass(frozen=True)
+@record
 class Sources:
     """P pieces. cubics: (P, 4, 2) px; lines: (P,) bool; shape: (P,) int, whose they are, the number of shapes for those
     of the canvas; after: (P,) int, the piece that follows in its ring; smooth: (P,) bool, whether it goes on smoothly;

@@ -6,8 +6,6 @@ along the line the same one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
@@ -22,6 +20,7 @@ from cubicsplat_cli.raster.unmix import (
     near_fills,
     residual_of_three,
 )
+from cubicsplat_cli.record import record
 
 # Residual, in levels, of a blend that the fill of a line must explain; lines are sought with so many commonest fills.
 CLOSE, MOST_FILLS = 10.0, 32
@@ -38,7 +37,7 @@ LENGTH = 8  # px along which pixels hang together that the labels do not explain
 FAINT = 8.0  # levels by which a fill must explain a line better, of which it would have hardly anything
 
 
-@dataclass(frozen=True)
+@record
 class LineSearch:
     """close: levels by which the pixels of a line are off. less: share from which a pixel on its middle is the line's.
     window: px in which it keeps its fill. faint: levels that it costs a fill to have no share in its pixels.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, ON_IT, SIGMAS, SYSTEMATIC, TRIES, Track
 from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, NEAR, STEPS, Turn, Walk, evenly, turned_onto
+from cubicsplat_cli.record import record
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
@@ -21,7 +21,7 @@ MOST_MODELS = 32  # of about its size that an outline is compared with, the firs
 FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
 
 
-@dataclass(frozen=True)
+@record
 class Copy:
     """That an outline is like another one. model: its number; transform: how it comes to lie where it does."""
 

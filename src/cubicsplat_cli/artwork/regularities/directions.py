@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.regularities.ties import TiedRing, null_basis
+from cubicsplat_cli.record import record
 
 # Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.
 FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
@@ -25,7 +25,7 @@ LEVEL = 1e-6  # px
 EXACT = 1e-9  # px by which a tied line may still be off
 
 
-@dataclass(frozen=True)
+@record
 class Slope:
     """A line of a ring in one of the directions. piece: its number; angle: radians."""
 

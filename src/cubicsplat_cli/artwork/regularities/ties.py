@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,12 +11,13 @@ from cubicsplat_cli.artwork.finish.parameters import Parameters, RingParameters
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.record import record
 
 ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one
 LEAST = 1e-9  # a coefficient below this is of the arithmetic
 
 
-@dataclass(frozen=True)
+@record
 class Tie:
     """One variable is sign times another, sign 1 or -1; numbers below 0 are of what is fixed."""
 

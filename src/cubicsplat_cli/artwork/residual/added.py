@@ -7,7 +7,7 @@ changes, against a price for every parameter, before and after it is optimised a
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.record import record
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
@@ -67,7 +68,7 @@ def with_added(
     return trials.drawing
 
 
-@dataclass(frozen=True)
+@record
 class _Change:
     """Effect of a new shape. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
     shape, nats.
@@ -78,7 +79,7 @@ class _Change:
     price: float
 
 
-@dataclass(frozen=True)
+@record
 class _Explanation:
     """New shapes that explain an area, and what they change. fall: of half of the misfit of the area."""
 

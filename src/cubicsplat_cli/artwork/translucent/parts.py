@@ -23,6 +23,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.translucent.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
+from cubicsplat_cli.record import record
 
 MOST_OVERLAYS = 64
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
@@ -32,7 +33,7 @@ MOST_OFFSET = 1.0  # px
 MOST_GAP = 2.5  # px between neighbouring points of an edge
 
 
-@dataclass(frozen=True)
+@record
 class TranslucentPart:
     """fill: (4,) premultiplied levels. extent: how far the part reaches."""
 
@@ -89,7 +90,7 @@ class _Crossing:
     sure: bool
 
 
-@dataclass(frozen=True)
+@record
 class _Candidate:
     """An overlay in regions. grounds: region that is covered: region beneath it."""
 
@@ -186,7 +187,7 @@ def _plausible(regions: Regions, overlay: _Candidate) -> bool:
     return overlay.sure > 0 and ndimage.label(cover)[1] < len(overlay.grounds)
 
 
-@dataclass(frozen=True)
+@record
 class Meeting:
     """at: (2,) px, x and y; regions: the four in their order around it."""
 
