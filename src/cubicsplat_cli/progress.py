@@ -14,6 +14,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import cpu_count
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ REPORT_SECONDS = 0.1  # between two calls of `on_progress`
 log = logging.getLogger("cubicsplat")  # of warnings to whoever uses the library
 
 
-@dataclass(frozen=True)
+@record
 class Progress:
     """Progress of a fit or a drawing.
 

@@ -5,7 +5,7 @@ A colour reaches one cell beneath the opaque colours above it, so that no ground
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.scene import filled_scene
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Rgba
 
@@ -22,7 +23,7 @@ OPAQUE = 255.0  # levels
 MOST_CORNERS = 1365  # of a curve of a scene, whose arrays have room for the longest curve in each row
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class CellLayer:
     """The cells of one colour. fill: of 8 bits, not premultiplied. mask: (R, C) bool, which cells it covers. x: (C +
     1,) and y: (R + 1,) float64, px, where their columns and rows begin and end.
@@ -63,7 +64,7 @@ class CellLayer:
         return np.split(points.reshape(-1, 2).astype(np.float32), 3 * ends[:-1])
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Mosaic:
     """Layers back to front on a canvas of width x height px."""
 

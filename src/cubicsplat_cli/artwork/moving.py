@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.style import UNSEEN
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.record import record
 
 # Px by which outlines of one shape may differ in two frames, and by which it has not moved: below what edges show.
 SAME_PX = 1.0 / 3.0
@@ -23,7 +24,7 @@ STEP = 1.0  # px between points of an outline that are compared
 MOST_POINTS = 2000  # of a shape
 
 
-@dataclass(frozen=True)
+@record
 class MovingDrawing:
     """Shapes back to front, each shown in some of F frames, moved by an offset.
 
@@ -35,7 +36,7 @@ class MovingDrawing:
     offsets: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class _Outline:
     """A shape as it is compared with others. points: (P, 2) px along its outlines. low, size: (2,) px of their box."""
 

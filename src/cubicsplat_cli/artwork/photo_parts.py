@@ -7,8 +7,6 @@ it, may be a photo.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed, widened
@@ -18,6 +16,7 @@ from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import bends_and_steps
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
 LEAST_SIDE = 4 * TILE  # px
@@ -38,7 +37,7 @@ LEAST_REST = 0.002  # of the picture, in px away from the parts, at which someth
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PhotoPart(Patch):
     """A photograph in a picture. stand_in: three levels of a fill that differs from all that is around it, under which
     it is drawn.
@@ -51,7 +50,7 @@ class PhotoPart(Patch):
         return bool(self.mask.all())
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Page:
     """A drawing with photographs in it: picture (H, W, 3), float32 in [0, 1]; flat, the same with a fill in place of
     each of them. reason: what says that this is a drawing.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
@@ -17,6 +15,7 @@ from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
+from cubicsplat_cli.record import record
 
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
 # BLURS, px.
@@ -25,7 +24,7 @@ BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
 SMALL = 600  # px of a picture that may be all edges
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Plan:
     """levels: (H, W, 4) the picture that is drawn. fills: of its pixels. regions: of it. found: where they end. parts:
     back to front.

@@ -5,7 +5,6 @@ and gradients explain; and pictures of one colour, which nothing need be fitted 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
@@ -39,7 +39,7 @@ _ROWS = 64  # read at once to tell one colour
 _SPREAD = 2.0 / 255.0 + 1e-6
 
 
-@dataclass(frozen=True)
+@record
 class Style:
     """The style that suits a picture, and the measurement that says so. cells: of pixel art, None of all else.
     doubtful: whether the other style may suit it as well.

@@ -21,6 +21,7 @@ from cubicsplat_cli.metrics import Report, to_json
 from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
@@ -30,7 +31,7 @@ PRECISION = 2
 Watch = Callable[[str], AbstractContextManager[Callable[[Progress], None] | None]]
 
 
-@dataclass(frozen=True)
+@record
 class FitJob:
     """One fit: which picture, with which settings, as a part of which configuration of the benchmark."""
 
@@ -39,7 +40,7 @@ class FitJob:
     settings: FitSettings
 
 
-@dataclass(frozen=True)
+@record
 class FitFigures:
     """Figures of one fitted picture. psnr_db, ssim: of the SVG file, drawn by `renderer`. own_psnr_db: of the engine's
     picture. agreement_db: between the two pictures. gap_db: own minus SVG. seconds: with writing and measuring.

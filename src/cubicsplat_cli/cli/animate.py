@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +26,7 @@ from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
 from cubicsplat_cli.files.paths import check_outputs, is_folder, make_folder_of, same_file
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
 from cubicsplat_cli.options import settings_of
+from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ Output = Annotated[
 ]  # fmt: skip
 
 
-@dataclass(frozen=True)
+@record
 class _Places:
     """Paths of the results: the file, or the folder of frames; the JSON of the figures; the page."""
 

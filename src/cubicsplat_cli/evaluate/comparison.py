@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from cubicsplat_cli.errors import InputError, UsageError
@@ -14,6 +14,7 @@ from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.metrics import Input, Quality
+from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE
 
 # Half a percent: what rounding to whole pixels does to a small picture's shape is no mistake of the user.
@@ -22,7 +23,7 @@ _ASPECT_TOLERANCE = 0.005
 ENGINE_SAMPLES = 48
 
 
-@dataclass(frozen=True)
+@record
 class Change:
     """One renderer's quality at native size and after drawing several times as large and averaging back."""
 
@@ -40,7 +41,7 @@ class Change:
         return {"native": self.native, "scaled": self.scaled, "change_db": self.change_db}
 
 
-@dataclass(frozen=True)
+@record
 class ScaleFigures:
     """Scale consistency: of the file, and of the engine where the file is one of ours (else None)."""
 
@@ -49,7 +50,7 @@ class ScaleFigures:
     engine: Change | None
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ComparedFile:
     """The file that is compared with the reference. renderer: draws it if it is an SVG, None for a picture."""
 
@@ -62,7 +63,7 @@ class ComparedFile:
         return "raster" if self.renderer is None else "svg"
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Comparison:
     """A candidate, its reference, and the metrics of the two."""
 

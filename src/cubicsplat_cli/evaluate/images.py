@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,12 +10,13 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.record import record
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import LayeredScene, Scene
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ImageSource:
     """A picture of width x height px.
 

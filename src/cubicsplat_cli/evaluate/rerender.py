@@ -9,7 +9,6 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ import numpy as np
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate.cairo import import_cairosvg
 from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.record import record
 from cubicsplat_cli.svg.embedded import picture_in
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _STRIP_PIXELS = 2**18
 _PACKAGES = {"cairosvg": "cairosvg", "resvg": "resvg_py"}
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Rendered:
     """A drawn SVG.
 

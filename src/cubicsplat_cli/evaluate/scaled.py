@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import ModuleType
 from typing import TYPE_CHECKING
 from xml.parsers import expat
@@ -29,6 +29,7 @@ from cubicsplat_cli.evaluate.rerender import (
     drawing_with,
     full_name,
 )
+from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import SCALE
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     return render_scene(part, coverage="exact", samples=samples, threads=threads)
 
 
-@dataclass(frozen=True)
+@record
 class Tile:
     """A part of a picture in its own pixels, before it is enlarged."""
 

@@ -7,7 +7,6 @@ import importlib.util
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from cubicsplat_cli.evaluate.rerender import MAX_RENDER_PIXELS, checked, choose_
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import is_file, read_ends
 from cubicsplat_cli.progress import warnings_to
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.svg.untrusted import SvgSize
 
@@ -27,7 +27,7 @@ _OPACITY = "what is translucent became pixels; PDF keeps it as it is, --set opaq
 _PIXELS = b"/ImageType"  # with which PostScript begins any picture
 
 
-@dataclass(frozen=True)
+@record
 class Exported:
     """A file for another program. notes: what of the SVG is not in it, a sentence each."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from cubicsplat_cli.files.paths import is_folder
 from cubicsplat_cli.files.read import read_whole
 from cubicsplat_cli.files.video import is_video, open_video
 from cubicsplat_cli.formatting import one_line, printable
+from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
 
 FOLDER_FPS = 25.0  # of pictures in a folder, which say no times; as ffmpeg has it
@@ -32,7 +33,7 @@ _SHORTEST_MS, UNTIMED_S = 10, 0.1
 _FORMS = "give a GIF, an animated PNG or WebP, a video, or a folder of pictures"
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Frame:
     """A picture that is shown from `begin` until `end`, seconds from the start of the clip."""
 
@@ -41,7 +42,7 @@ class Frame:
     end: float
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ClipSource:
     """A clip that can be read.
 

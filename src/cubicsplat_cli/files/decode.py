@@ -11,7 +11,6 @@ from __future__ import annotations
 import importlib
 import io
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.compression import Compression, compression_of
 from cubicsplat_cli.files.names import reads_heic
 from cubicsplat_cli.files.paths import is_file, read_head
+from cubicsplat_cli.record import record
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 FORMATS_TEXT = ", ".join((*FORMATS, "AVIF"))
@@ -52,7 +52,7 @@ _PROFILE_MODES = {"RGB": "RGB", "GRAY": "L", "CMYK": "CMYK"}
 _PROFILE_FITS = {"RGB": ("RGB", "RGBX", "L", "YCbCr"), "GRAY": ("L",), "CMYK": ("CMYK",)}
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Decoded:
     """`rgb` (H, W, 3) and `alpha` (H, W) or None, float32 in [0, 1], straight; the rest as in `Picture`."""
 

@@ -15,7 +15,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,13 +26,14 @@ from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.files.decode import FORMATS_TEXT, MAX_DECODED_PIXELS, Decoded, decode, draft, factor_for, formats_of
 from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.formatting import counted, one_line, printable
+from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
 
 _pillow_lock = threading.Lock()
 _BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"II*\0", b"MM\0*")
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Picture:
     """A decoded picture in sRGB, independent of the file it came from.
 

@@ -24,6 +24,7 @@ from cubicsplat_cli.files.paths import (
 )  # fmt: skip
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
+from cubicsplat_cli.record import record
 
 STDIO = "-"
 PLAIN, COMPRESSED = ".svg", ".svgz"
@@ -41,7 +42,7 @@ PICTURE_SUFFIXES = frozenset(
 )
 
 
-@dataclass(frozen=True)
+@record
 class Outputs:
     """Files of one vectorised picture; None: not written. `svg` None means standard output. metrics: the JSON;
     html_report: a page to look at, made of the others; animation: the fit as it develops; geometrize: the shapes as a

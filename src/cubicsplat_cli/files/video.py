@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.formatting import one_line, printable
+from cubicsplat_cli.record import record
 
 USUAL_FPS = 25.0  # of a video that says none
 # How the files of videos begin that are read: no lists of other files or addresses, which would be followed.
@@ -30,7 +30,7 @@ def is_video(data: bytes) -> bool:
     return data.startswith(_STARTS) or data[4:8] in _BOXES or transport or avi
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Video:
     """The bytes of a video, and its name for messages. count, seconds: as its file says; None: it does not."""
 

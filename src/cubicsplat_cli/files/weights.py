@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from PIL import Image
 
@@ -11,13 +9,14 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.options import Focus
+from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
 
 GREY = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of the channels in a mask's brightness
 ASPECT_TOLERANCE = 0.01  # sides of pictures scaled down are rounded to whole pixels
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Mask:
     """Brightness (H, W) float32 in [0, 1] of a picture that says how much each pixel of another matters; not all 0."""
 

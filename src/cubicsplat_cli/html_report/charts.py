@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+
+from cubicsplat_cli.record import record
 
 WIDTH, HEIGHT = 320.0, 132.0
 LEFT, RIGHT, TOP, BOTTOM = 40.0, 310.0, 10.0, 112.0
@@ -14,7 +15,7 @@ _BINS = 32
 _LEAST_DB = 1e-5  # whatever is worth less is in the first bar
 
 
-@dataclass(frozen=True)
+@record
 class Tick:
     """A mark of an axis: where it is, and what it says."""
 
@@ -22,7 +23,7 @@ class Tick:
     text: str
 
 
-@dataclass(frozen=True)
+@record
 class Chart:
     """A chart in units of its box, WIDTH x HEIGHT: a line as SVG path data, or bars as (x, y, width, height, text)."""
 

@@ -10,7 +10,6 @@ import base64
 import io
 import math
 import re
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 from xml.etree import ElementTree
@@ -24,6 +23,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.engines import leave_one_out_importance
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.elements import SVG
@@ -128,7 +128,7 @@ def _environment() -> Environment:
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Shown:
     """An SVG of ours, read by readers that let nothing pass that could act or fetch.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
@@ -19,11 +18,12 @@ from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number
 from cubicsplat_cli.html_report.embed import THUMBNAIL, rendered, thumbnail_url
 from cubicsplat_cli.metrics import Quality, Report
+from cubicsplat_cli.record import record
 
 _HEADINGS = ("PSNR, dB", "SSIM", "shapes", "file", "time")
 
 
-@dataclass(frozen=True)
+@record
 class Entry:
     """A row. page: of the picture, None where there is none, and `error` says why. thumbnail: a data: URL. bytes: of
     the SVG or picture. shapes: None where they were not counted. seconds: None where nothing was made.

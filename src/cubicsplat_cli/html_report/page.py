@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from cubicsplat_cli.html_report.charts import Chart, course, histogram
 from cubicsplat_cli.html_report.embed import Shown, data_url, picture_url, rendered, shown_elements
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Setting, renamed, settings_of
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
@@ -24,7 +24,7 @@ from cubicsplat_cli.settings import FitSettings, Recipe
 _OF_THE_MACHINE = ("device", "threads")
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Subject:
     """The subject of a page.
 
@@ -63,7 +63,7 @@ def subject_of(picture: Picture, data: bytes, svg: bytes, report: Report) -> Sub
     )
 
 
-@dataclass(frozen=True)
+@record
 class Fact:
     """A figure with what it is called and what it means."""
 

@@ -19,6 +19,7 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, Outcome, attempt, failure
 from cubicsplat_cli.jobs.sinks import FileSink, MemorySink
 from cubicsplat_cli.progress import Observer
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ _POLL_SECONDS = 0.2
 _ADDRESS = re.compile(r"(?:ray://)?\[?([^\[\]/]+)\]?:(\d+)")
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Share:
     """Resources of one task, and the number of tasks at once."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, attempt, export_of, failure, layer_files, load_job
 from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.metrics import Report
 
 
-@dataclass(frozen=True)
+@record
 class ExecutionOptions:
     """Settings of carrying out jobs. workers: pictures at once (None: one, or what the cluster can take). cluster:
     its address, None for this machine. inline: in this process, where there is one picture.

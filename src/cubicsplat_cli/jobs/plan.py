@@ -24,6 +24,7 @@ from cubicsplat_cli.files.names import (
 from cubicsplat_cli.files.paths import format_of, is_folder, is_svg, is_there, make_folder_of
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 
 
@@ -62,7 +63,7 @@ class Job:
         return "stdin" if self.path is None else self.path.name
 
 
-@dataclass(frozen=True)
+@record
 class JobPlan:
     """jobs, in a fixed order; problems: arguments that led to none, by name; left_out: pictures not taken, and why;
     index: the page that leads to those of all pictures, where they have pages.

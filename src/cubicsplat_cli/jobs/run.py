@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.sinks import Sink
 from cubicsplat_cli.metrics import Output, Report, head
 from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began, warnings_to
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _OVER = 1.25  # of a time limit: what is not worth a note
 DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupted", "failed", "planned"
 
 
-@dataclass(frozen=True)
+@record
 class Outcome:
     """Result of a job, or that it would be done (planned). report: None where it was not made; of one that is planned
     that of an earlier run, to which only the page is missing. error: one line, None where it did not fail; trace: the

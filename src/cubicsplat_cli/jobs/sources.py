@@ -12,12 +12,13 @@ from pathlib import Path
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, is_heic_name, is_picture_name, reads_heic
 from cubicsplat_cli.files.paths import is_folder, is_ours
+from cubicsplat_cli.record import record
 
 _SEPARATORS = re.escape(os.sep + (os.altsep or ""))
 _ANY_DEPTH = re.compile(rf"(?:(?<![^{_SEPARATORS}])\*\*(?:[{_SEPARATORS}]+|$))+")  # `**`, or several, in a pattern
 
 
-@dataclass(frozen=True)
+@record
 class Source:
     """One picture: its path, and the folder below an output folder that mirrors where it was found."""
 

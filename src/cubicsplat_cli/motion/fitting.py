@@ -23,6 +23,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Stopped, work
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, points_from_segments
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import ANY, FitSettings
@@ -104,7 +105,7 @@ def _checked(frames: Iterable[Frame], *, opaque: bool) -> Iterator[Frame]:
         yield np.ascontiguousarray(with_channels(picture, 3 if opaque else 4), np.float32), begin, end
 
 
-@dataclass(frozen=True)
+@record
 class Effort:
     """first: steps of a group's first frame. following: of each other one. epochs: of the joint fit. first_s,
     following_s: seconds that the first frame, and each other one, may take to be followed.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,12 +12,13 @@ from cubicsplat_cli.progress import nothing, work
 from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.record import record
 
 KEEP_MEAN, KEEP_SQUARE, EPSILON = 0.8, 0.95, 1e-12  # Adam's (Kingma and Ba, 2015)
 RATE_END = 0.05  # of the first step size, at the end of the cosine decay
 
 
-@dataclass(frozen=True)
+@record
 class KnotRates:
     """Step sizes of Adam. points: px, of shapes and offsets. paints: of colours and opacities, in their range."""
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.raster.engine import EngineScene
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 
 # What moves on knots of its own: the shape without its offset (control points and half-width), the offset, the fill.
@@ -47,7 +48,7 @@ class KnotTrack:
         return Lines(before, after, share.astype(np.float32))
 
 
-@dataclass(frozen=True)
+@record
 class Lines:
     """(F, N): of each frame and curve the knots before and after it, int64, and the share of the latter, float32."""
 

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.progress import REPORT_SECONDS, Progress
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 
 HISTORY_ENTRIES = 50
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FitInputs:
     """weights: (H, W) float32, at least 0 and not all 0: how much each pixel matters; None: all alike.
 

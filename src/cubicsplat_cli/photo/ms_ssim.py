@@ -5,12 +5,13 @@ What of it depends on the picture alone is computed once for a fit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
+
+from cubicsplat_cli.record import record
 
 SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # as published, from the finest scale on
 TAPS, SIGMA = 11, 1.5
@@ -18,7 +19,7 @@ LIGHT, CONTRAST = 0.01**2, 0.03**2  # the constants of SSIM for values in [0, 1]
 LEAST = 1e-4  # of a scale's similarity, whose power has no gradient at 0
 
 
-@dataclass(frozen=True)
+@record
 class _Scale:
     """The picture at one scale, (P, 1, h, w) for P planes: its local means and variances; weights, of sum 1."""
 

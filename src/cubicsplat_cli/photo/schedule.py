@@ -6,12 +6,12 @@ Nearly all is a function of the progress in [0, 1]: the share of the steps or, u
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import Array, as_numpy
 from cubicsplat_cli.settings import FitSettings
 
@@ -22,7 +22,7 @@ FINISH_TOLERANCE = 0.1  # px: cairo's own, so that the file is drawn no finer th
 AFTER_STEPS = 5  # what comes after the last step takes about as long as so many
 
 
-@dataclass(frozen=True)
+@record
 class Phase:
     """One step's settings: factor on every step size, edge width in px, area coverage in the forward pass or not."""
 

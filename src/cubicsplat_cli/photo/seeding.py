@@ -8,7 +8,6 @@ residual, which needs no labelling and treats all pixels at once.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +22,7 @@ from cubicsplat_cli.photo.initial import (
 )
 from cubicsplat_cli.photo.placing import TRIES, place_shapes
 from cubicsplat_cli.photo.state import Background, FitCurves
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, copied, like, namespace
 from cubicsplat_cli.settings import ANY, FitSettings, Mode
 
@@ -37,7 +37,7 @@ AXES = 1.6
 STROKE_WOBBLE = 0.3  # px
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Seeder:
     """Makes new curves for a fit to a target (H, W, C).
 
@@ -134,7 +134,7 @@ def draw_pixels(density: Array, count: int, generator: np.random.Generator) -> A
     return xp.astype(xp.stack([pixel % width, pixel // width], axis=-1), xp.float32) + 0.5
 
 
-@dataclass(frozen=True)
+@record
 class Blobs:
     """n patches: centres (n, 2) px, semi-axes (n, 2, 2) px as columns, the shorter first, and colour logits (n, 3)."""
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import segments_from_points
 from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode
 
 
-@dataclass(frozen=True)
+@record
 class SegmentIndices:
     """Of each segment, (N, M) or, where curves do not differ, (1, M): its number, and those of the ones before and
     after it, round its ring if it is closed, else from 0 to the number of segments; and, (N, M), whether it is one, and

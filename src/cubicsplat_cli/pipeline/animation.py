@@ -8,7 +8,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.metrics import head, to_json
 from cubicsplat_cli.progress import Progress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.svg.moving import GridClip
 from cubicsplat_cli.svg.moving_drawing import still
@@ -44,7 +45,7 @@ STILL_PRECISION = 2  # decimals of frames that lie between knots
 TIMES = "frames.json"
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ClipTask:
     """One clip, and what is asked of it."""
 
@@ -94,7 +95,7 @@ class ClipTask:
         return frame.picture.premultiplied() if self.transparent else frame.picture.rgb
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Animation(ABC):
     """A clip that moves.
 
@@ -150,7 +151,7 @@ class Animation(ABC):
             write_atomically(path / name if name else path, data)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class CurvesAnimation(Animation):
     """Curves that blend and move. clip: the numbers of the file."""
 
@@ -184,7 +185,7 @@ class CurvesAnimation(Animation):
         return lottie(self.clip, fps=len(self.begins) / self.duration, title=self.title)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class DrawnAnimation(Animation):
     """Opaque shapes that stand still, move as a whole, or are shown in some frames."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -22,6 +22,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.pipeline.likeness import FileLevel
 from cubicsplat_cli.pipeline.task import Task
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
@@ -49,7 +50,7 @@ MOST_GROWTH = 8.0  # times the curves, at one look
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Photo:
     """The fits of one picture, and the files of their scenes.
 

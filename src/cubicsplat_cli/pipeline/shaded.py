@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import nearest_paints
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import painted
 from cubicsplat_cli.settings import FitSettings, cpu_count
@@ -49,7 +50,7 @@ FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones conve
 LEAST_STEPS = 0.25  # of them
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Objects:
     """levels: (H, W, 4) premultiplied. labels: (H, W) int32 the object of each pixel."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from cubicsplat_cli.formatting import did_you_mean, printable
 from cubicsplat_cli.metrics import Qualities, Report
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, log, warnings_to
+from cubicsplat_cli.record import record
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import LayeredScene, Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
@@ -39,7 +40,7 @@ TOO_FINE = "its lines are too fine to be drawn"  # of a drawing without a shape
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Result:
     """A vectorised picture.
 
@@ -94,7 +95,7 @@ class Result:
         return layers(self.svg)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Made:
     """The result of a style, before it is written.
 
@@ -125,7 +126,7 @@ class Made:
         return bool(self.facts.get("interrupted"))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Measured:
     """The figures of an SVG, and its pixels (H, W, 4) uint8 as an independent renderer draws them."""
 
@@ -134,7 +135,7 @@ class Measured:
     notes: list[str]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Task:
     """One picture, and what is asked of it.
 

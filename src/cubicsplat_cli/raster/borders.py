@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from ctypes import c_int64
-from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import compress
 
@@ -16,11 +15,12 @@ import numpy as np
 
 from cubicsplat_cli.raster.cpu import doubles, int32s, native
 from cubicsplat_cli.raster.outlines import EdgePositions, size_of
+from cubicsplat_cli.record import record
 
 _native = partial(native, "borders")
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Loops:
     """Closed loops of cracks around regions, in the order of these, those that enclose most first; pixels connect along
     edges. cracks: (n, 3) int64 x, y and direction (0 to 3: east, south, west, north) of each, the region on its right;
@@ -43,7 +43,7 @@ class Loops:
         return compress(self, np.diff(self.owners, prepend=-1))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class BorderMap:
     """labels: (H, W) int32 the regions, count: R of them. first, second, cracks: (P,) int64 of every two that touch,
     either way round and ascending, the two and how many cracks they share."""

@@ -6,15 +6,15 @@ All raise EngineError where the library or the memory is missing.
 from __future__ import annotations
 
 from ctypes import c_int64
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
+from cubicsplat_cli.record import record
 
 
-@dataclass(frozen=True)
+@record
 class FittedContour:
     """Outline fitted to a contour. form: CIRCLE, ELLIPSE or BOX of raster/outlines.py with its values (6,), or -1
     for a ring: anchors (A, 2) px, controls (A, 2, 2) px, lines and smooth (A,) bool. doubtful: whether a ring lies more

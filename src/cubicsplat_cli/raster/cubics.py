@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from ctypes import byref, c_double, c_int64
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
+from cubicsplat_cli.record import record
 
 _native = partial(native, "outlines")
 Outline = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -27,7 +27,7 @@ def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.nd
     return out
 
 
-@dataclass(frozen=True)
+@record
 class Division:
     """S lines and cubics in a row. sizes: (S,) how many points belong to each. anchors: (S, 2) px, where each starts.
     handles: (S, 2, 2) px, of each its control points after its start and before its end, relative to these. lines: (S,)
@@ -95,7 +95,7 @@ def found_merges(
     return numbers[:count], cubics[:count], nets[:count]
 
 
-@dataclass(frozen=True)
+@record
 class Joints:
     """The constraints that an outline of A anchors and S pieces (A when closed, else A - 1) keeps while it is fitted.
     lines: (S,) bool. smooth: (A,) bool, whether feet pass from piece to piece there, and handles lie in line. level:

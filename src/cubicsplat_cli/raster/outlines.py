@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from ctypes import byref, c_int64, c_void_p
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
+from cubicsplat_cli.record import record
 
 _native = partial(native, "outlines")
 CIRCLE, ELLIPSE, BOX = 0, 1, 2
@@ -105,7 +105,7 @@ def parabolas(
     return found
 
 
-@dataclass(frozen=True)
+@record
 class Hiding:
     """The area in which lines may run: masks (h, w) bool of a window. box: its top and left, px, and height and width
     of the canvas, beyond which all is as on its border; elsewhere beyond the window no line may run. mask: everywhere;

@@ -9,13 +9,13 @@ EngineError where the library or the memory is missing.
 from __future__ import annotations
 
 from ctypes import c_double
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
+from cubicsplat_cli.record import record
 
 _native = partial(native, "shadows")
 
@@ -35,7 +35,7 @@ def shadow_window(box: np.ndarray, numbers: np.ndarray, x: np.ndarray, y: np.nda
     return out
 
 
-@dataclass(frozen=True)
+@record
 class ShadedPixels:
     """Pixels in the shade of boxes (b, 6) that have the same layers. rows, columns: (n,); open: (b, n) bool, whether
     the shadow of a box falls on the pixel."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from cubicsplat_cli.record import record
 
-@dataclass(frozen=True, eq=False)
+
+@record
 class SparseRows:
     """A matrix of `count` columns. starts: (rows + 1,) where the entries of each row begin; columns, values: (n,) of
     the entries, of which several in one place are summed."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int32, c_int64, c_void_p
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -17,6 +17,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.cpu import address_of, int32s, library, members
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.record import record
 
 _OPAQUE = 254.5 / 255.0
 
@@ -43,7 +44,7 @@ class _Unknowns(ctypes.Structure):
     ]  # fmt: skip
 
 
-@dataclass(frozen=True)
+@record
 class Goal:
     """The target of a stack and its error model. target: (H, W, 4); channels: the weights of the four; bound: of a
     pixel's weighted residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel;
@@ -84,7 +85,7 @@ class Goal:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@record
 class StackPieces:
     """S lines and cubics of L layers, back to front. ends: (L,) int32, how many pieces there are up to and with each
     layer; cubics: (S, 4, 2) px, closed outlines; lines: (S,) bool; signs: (S,) 1, or -1 where an outline runs the wrong
@@ -97,7 +98,7 @@ class StackPieces:
     fills: np.ndarray
 
 
-@dataclass(frozen=True)
+@record
 class CoverageJacobian:
     """Of m crossings of a piece and a pixel: piece (m,) and pixel (m,) int32, row times width plus column; t (m,) the
     parameter; change (m, 8) of the pixel's coverage with the piece's control points; slope (m, 4) of the sharp picture
@@ -110,7 +111,7 @@ class CoverageJacobian:
     slope: np.ndarray
 
 
-@dataclass(frozen=True)
+@record
 class Unknowns:
     """The variables of n outlines, which may share them. first, count: (n,) the first of an outline's pieces, and how
     many it has; start: (n,) its first variable; jacobians: (n,) how the control points of its pieces move with them,
@@ -125,7 +126,7 @@ class Unknowns:
     keep: float
 
 
-@dataclass(frozen=True)
+@record
 class Step:
     """values: (variables,) of a damped Gauss-Newton step; gradient: (variables,) of half of the cost; moves:
     (outlines,) px that the control points of each move at most; misfits: (outlines,) of the pixels that they cross."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from PIL import Image
 
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.scene import Scene, scaled_scene
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class EmbeddedImage:
     """An opaque picture on a canvas of canvas[0] x canvas[1] px: data, a PNG or JPEG file, within a box in px."""
 
@@ -51,7 +52,7 @@ class EmbeddedImage:
             return np.asarray(np.asarray(resized, np.float32) / 255.0)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class SceneLayer:
     """A scene, or one or a picture over another one, of which only what lies within `clip` is seen: the curves, filled,
     of a further scene; all of it with None. All are of one size and without a background. name: of what is shaded,
@@ -69,7 +70,7 @@ class SceneLayer:
         return (self.scene,) if self.over is None else (self.scene, self.over)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LayeredScene:
     """Layers back to front on a transparent canvas of width x height px."""
 

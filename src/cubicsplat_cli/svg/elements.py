@@ -9,13 +9,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.record import record
 from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share, transform_matrix, translation
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -43,7 +44,7 @@ Paint = TypeVar("Paint")
 _SELECTOR = re.compile(r"([\w-]+|\*)?(?:([.#])([\w-]+))?")
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class StyledShape:
     """A shape that is drawn.
 
@@ -88,7 +89,7 @@ class StyledShape:
         return (paint, opacity) if paint is not None and opacity >= LEAST_OPACITY else (None, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class _Context:
     """The state that the elements in a group inherit."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import counted, printable
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, mean_fill
 from cubicsplat_cli.settings import Mode
@@ -32,7 +32,7 @@ _SIDE = 1024  # px of the scene's longer side at the least, where rounding that 
 _MOST_POINTS = 2**23  # of all curves, each with as much room as the longest one needs
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class InitialDrawing:
     """A scene to begin a fit with, of any size; name and sha256: of the file that it is from. notes: what the user
     should know about how it was read, a sentence each.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.motion.tracks import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Tracks
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE, check_precision
@@ -21,7 +21,7 @@ _OF_A_FRAME = 0.03  # by which the time of a knot may be off
 _NOISE = 1e-9  # of float arithmetic, in steps
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class GridTrack:
     """The values of a group over time: linear between knots.
 
@@ -42,7 +42,7 @@ class GridTrack:
         return first + np.clip(share, 0.0, 1.0)[:, None] * (last - first)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class GridGroup:
     """Frames without a cut. begin, end: s after the start of the clip. curves: the tracks of each by name, front to
     back.
@@ -53,7 +53,7 @@ class GridGroup:
     curves: list[dict[str, GridTrack]]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class GridClip:
     """A clip in whole numbers.
 

@@ -12,6 +12,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import counted, hex_text, one_line
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
 from cubicsplat_cli.svg.own import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader, OwnElement
@@ -24,7 +25,7 @@ from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share
 Paint = Rgba | Gradient  # sRGB and opacity in [0, 1]; or a gradient in px, its stops with the shape's opacity
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PaintedShape:
     """name: its id, or else what it is. lines: its subpaths in px. fill, stroke: None where there is none. width: of
     the stroke in px. even_odd: the rule of the fill; cap, join, limit: of the stroke, as in SVG. matrix: (3, 3) from

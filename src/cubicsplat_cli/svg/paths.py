@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.record import record
 from cubicsplat_cli.svg.values import NUMBER, NUMBERS
 
 LETTERS = "MmLlHhVvCcSsQqTtAaZz"
@@ -170,7 +170,7 @@ def _mirrored(before: list[PathSegment], here: Point, command: str) -> Point:
     return _sum(2.0 * here[0], -x), _sum(2.0 * here[1], -y)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Arc:
     """A part of a unit circle, and where the drawing has it. first: radians at which it begins; span: radians that it
     runs over, negative if counterclockwise as seen. centre: (2,) of the circle; radii, turn and origin: see `placed`.
@@ -206,7 +206,7 @@ def arc_of(piece: PathSegment) -> Arc:
     return Arc(first, span if sweep else span - 2.0 * math.pi, centre, radii, turn, (start + end) / 2.0)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Subpath:
     """cubics: (M, 4, 2), each of which starts where the one before ends. closed: whether it ends with Z."""
 

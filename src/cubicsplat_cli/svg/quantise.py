@@ -8,11 +8,11 @@ curve may begin at another of its anchors, or run backwards, where that is short
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.arrays import Array, as_numpy
 from cubicsplat_cli.scene.gradients import gradients_of
@@ -29,7 +29,7 @@ MAX_COORDINATE = 4.0e6
 _POWERS = 10 ** np.arange(1, 19, dtype=np.int64)
 
 
-@dataclass(frozen=True)
+@record
 class GridScene:
     """A scene in integers.
 

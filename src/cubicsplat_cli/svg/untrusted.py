@@ -16,6 +16,7 @@ from xml.parsers import expat
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
 from cubicsplat_cli.files.read import MAX_SVG_BYTES, looks_like_svg
+from cubicsplat_cli.record import record
 from cubicsplat_cli.svg.embedded import MOST_PIXELS, picture_in, pixels_of
 from cubicsplat_cli.svg.own import MAX_ELEMENTS
 from cubicsplat_cli.svg.values import absolute_length
@@ -32,7 +33,7 @@ _ROOT = re.compile(rb"""<(?:[\w.-]+:)?svg(?=[\s/>])(?:[^>"']|"[^"]*"|'[^']*')*>"
 _SIZES = re.compile(rb"""\s(?:width|height)\s*=\s*(?:"[^"]*"|'[^']*')""")
 
 
-@dataclass(frozen=True)
+@record
 class SvgSize:
     """Natural size of an SVG in px, as its width and height say, else its viewBox."""
 

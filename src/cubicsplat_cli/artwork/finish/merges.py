@@ -7,8 +7,6 @@ description of the picture becomes shorter: half of chi^2 over the pixels it cro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
@@ -19,6 +17,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, polygon_le
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.tracing.variables import feet_of
 from cubicsplat_cli.raster.cubics import found_merges
+from cubicsplat_cli.record import record
 
 LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
 # Px to which a place is known by a pixel where an outline shows, as coverages are, and how far hidden parts may move.
@@ -30,7 +29,7 @@ FEWEST_PIECES = 3  # of a ring that is left
 ROUNDS = 6
 
 
-@dataclass(frozen=True)
+@record
 class Merge:
     """A run of pieces of a ring, `count` of them from `first` on, and what is to stand for it: control points (4, 2) of
     a line or a cubic. saved: parameters. net: nats that it is expected to save."""
@@ -82,7 +81,7 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
     return Ring(ring.anchors[~gone], controls[~gone], lines[~gone], ring.smooth[~gone])
 
 
-@dataclass(frozen=True)
+@record
 class Visibility:
     """Visible parts of an outline's pieces. piece, t: of its crossings, in order; seen: (m,) bool. sigma: px, to which
     these are known.

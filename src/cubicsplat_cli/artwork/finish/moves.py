@@ -7,14 +7,13 @@ chi^2 over the pixels that the outline crosses, plus a price for every parameter
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.state import WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, polygon_lengths
+from cubicsplat_cli.record import record
 
 PRICE = 4.0  # nats a parameter
 SHAPE_PARAMETERS = 3.0  # of a shape besides its outlines'
@@ -29,7 +28,7 @@ LEAST_LENGTH = 3.0  # px of a piece that may be cut
 CLEARLY = 0.5
 
 
-@dataclass(frozen=True)
+@record
 class Complaint:
     """Misfit of a piece's pixels. chi: half of the excess of chi^2; t: the parameter in its middle; start,
     end: the shares of it near the piece's ends."""

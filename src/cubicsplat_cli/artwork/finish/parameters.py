@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.cubics import held_ring
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.record import record
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
 ON_BORDER = 0.06
@@ -53,7 +54,7 @@ class Pins:
 NO_PINS = Pins()
 
 
-@dataclass(frozen=True)
+@record
 class Constraints:
     """Coordinates that stay: those on the border of a canvas of width x height px, and pinned ones."""
 

@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.geometry.outlines import areas_beside
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 # Residuals beyond count linearly: they are details that no shape draws. Times the error of shares, for edges in steps.
@@ -36,7 +37,7 @@ class Layer:
     signs: list[float]
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class State:
     """A drawing against its picture. layers: back to front; goal: what they are fitted to; drawn: their pieces, and
     stack: they, as drawn. over: where they lie among the layers of another state, which stay as they are; see

@@ -5,17 +5,17 @@ All points are linear in the middle, the half sides and the radius; the template
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.record import record
 
 SIXTEENTHS = 16  # of a circle, one cubic each
 
 
-@dataclass(frozen=True)
+@record
 class _Template:
     """Cubics around the origin: half (S, 4, 2), times the half sides, plus round (S, 4, 2), times the radius; lines:
     (S,) bool."""

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, thirds
+from cubicsplat_cli.record import record
 
 BUTT, ROUND, SQUARE = "butt", "round", "square"
 MITER, BEVEL = "miter", "bevel"
 
 
-@dataclass(frozen=True)
+@record
 class Chain:
     """An open row of lines and cubics. anchors: (A, 2) px, A >= 2; controls: (A - 1, 2, 2) the inner control points of
     the piece from each anchor to the next, at its thirds for a line; lines: (A - 1,) bool; smooth: (A,) bool, at which
@@ -43,7 +42,7 @@ class Chain:
 Path = Chain | Ring | Circle | Ellipse | Rectangle
 
 
-@dataclass(frozen=True)
+@record
 class Stroke:
     """path: the centre line, an outline where it is closed. width: px, > 0. cap: "butt", "round" or "square"; join:
     "miter", "round" or "bevel"."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.record import record
 
 
-@dataclass(frozen=True)
+@record
 class RigidTransform:
     """A rigid transform of an outline: x and y times `signs`, 1 or -1 each, turned about the origin by `angle`, and
     then shifted by px."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, painted
 
 # Levels by which a clean picture's pixel is off all blends of the paints near it where a thin line lies there: half of
@@ -31,7 +32,7 @@ LEAST_OPACITY, MOST_CLEAR = 32.0, 240.0  # levels of a fill for a gradient that 
 SHIFTS = (0.0, 24.0, -24.0, 48.0, -48.0, 80.0, -80.0, 120.0, -120.0)
 
 
-@dataclass(frozen=True)
+@record
 class Flattened:
     """levels: (H, W, 4) the picture in flat fills. fills: (G, 4) levels, whole numbers, those that stand for gradients;
     gradients: what they stand for."""

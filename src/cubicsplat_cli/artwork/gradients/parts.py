@@ -7,7 +7,6 @@ not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from cubicsplat_cli.artwork.channels import largest, packed
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import bends_and_steps, trimmed_range
 from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.record import record
 
 # Levels: a second difference that rounding makes, and the steepest change per px.
 BEND, STEEP = 2.6, 12.0
@@ -41,7 +41,7 @@ def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, in
     return ndimage.label(opened)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Patch:
     """Some pixels of a picture. top, left: of a box that holds them; mask: (h, w) bool, those of the box."""
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 
 CLOSE = 2.0  # levels that a gradient may be off a pixel that it explains
@@ -22,7 +23,7 @@ STOP_PARAMETERS = 4  # a place and a colour, most often opaque
 EVEN = 1.0  # levels by which neighbouring stops at the ends may differ to be one, since ramps go on as they end
 
 
-@dataclass(frozen=True)
+@record
 class Ramp:
     """knots: (K,) ascending t; colours: (K, 4) levels there."""
 
@@ -54,7 +55,7 @@ def alike(first: Ramp, second: Ramp) -> float:
     return min(ways)
 
 
-@dataclass(frozen=True)
+@record
 class Shade:
     """A gradient before it is one: frame (2, 3) as `Gradient.frame`, and the ramp over its t. radial: t is a length;
     parameters: how many numbers the geometry takes. open: whether the ramp goes on, for all that is seen, before its
@@ -113,7 +114,7 @@ class Shade:
         return PRICE * (self.parameters + STOP_PARAMETERS * len(self.ramp.knots))
 
 
-@dataclass(frozen=True)
+@record
 class ShadedArea:
     """A gradient and where it is seen. ground: the colour (4,) in levels of what it fades into without an edge, or
     None; rim: t where it does; inwards: whether the ramp lies below that t."""

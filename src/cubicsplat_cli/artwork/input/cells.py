@@ -8,7 +8,7 @@ meant, is how many of them stand alone or at the end of a line one pixel wide.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import distinct, steps
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
 # Colours that any picture may have; larger ones as many as the square root of their cells. Chosen on drawn sprites and
@@ -52,7 +53,7 @@ SAME, SAME_NOISE = 5.0, 4.0
 _ROWS, _SAMPLE = 64, 2**16
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Cells:
     """numbers: (R, C) int, which of the colours each cell has. colours: (K, 4) float64 premultiplied RGBA in levels of
     0..255. x: (C + 1,) and y: (R + 1,) float64, px, where columns and rows of cells begin and end. side: of a cell, px,

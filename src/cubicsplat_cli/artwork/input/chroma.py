@@ -9,13 +9,12 @@ Which fills a pixel is a blend of follows from its neighbours, once it is known 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.record import record
 
 # What halving leaves of chroma of half the size that libjpeg has made larger, along each axis.
 AGAIN = np.array([0.125, 0.75, 0.125], dtype=np.float32)
@@ -104,7 +103,7 @@ def _again(values: np.ndarray) -> np.ndarray:
     return np.asarray(ndimage.correlate1d(down, AGAIN, axis=1, mode="nearest"))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Mixture:
     """What pixels are blends of. labels, other: (H, W) int32 two fills; share: (H, W) of the second one."""
 

@@ -126,7 +126,7 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
     if not quiet.any():
         return CLEAN
     # What spans no more than an even area may, as dither between two neighbouring levels does, is no noise.
-    noise = _usual(second[quiet]) if np.median(spans[quiet]) > FLAT_RANGE else 0.0
+    noise = _usual(second[quiet]) if (spans[quiet] > FLAT_RANGE).mean() > 0.5 else 0.0
     rough = quiet & (second >= ROUGH)
     jpeg = bool(rough.any()) if lossy else _compressed(levels, luma, rough, quiet, noise)
     if noise and not jpeg:

@@ -9,12 +9,11 @@ this too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import in_blocks
 from cubicsplat_cli.raster.observed import steps
+from cubicsplat_cli.record import record
 
 ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge
 SMALL = 64  # px of the longer side, up to which other things tell
@@ -41,7 +40,7 @@ ROUNDS = 20  # of expectation and maximisation
 LEAST_SAVED, FOR_AN_EDGE, LEAST_IN_ALL, MOST_EDGES = -0.03, 1.5, 0.75, 0.9
 
 
-@dataclass(frozen=True)
+@record
 class Evenness:
     """Shares of the pairs of neighbours that are looked at: those that are alike, and those that differ a little."""
 
@@ -103,7 +102,7 @@ def _tiled(counts: np.ndarray, tile: int) -> np.ndarray:
     return np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
 
 
-@dataclass(frozen=True)
+@record
 class Contrasts:
     """saved: nats a pair by which noise and edges describe the differences in less than one scale does. edges: share
     of the pairs with an edge between them.

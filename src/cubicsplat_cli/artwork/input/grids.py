@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+
+from cubicsplat_cli.record import record
 
 # Enlargements by less than this are not told from none. Those by no whole number need so many nats of evidence: the
 # logarithm of the odds that all borders fall on such a grid by chance, of which some thousands are tried.
@@ -25,7 +26,7 @@ _FINER = 16  # times as many frequencies as px, so that a period is known to a f
 _ROWS, _SAMPLE, _FEW = 64, 1024, 32
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Grid:
     """x: (C + 1,) and y: (R + 1,) int, px, where columns and rows of cells begin and end. side: of a cell, px, the
     shorter one on average.

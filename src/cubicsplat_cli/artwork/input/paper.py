@@ -7,12 +7,11 @@ explains.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, in_blocks
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.record import record
 
 LEAST_SIDE, CELLS = 96, 48  # px, and along the longer side
 LIGHTER = 0.75  # of the pixels of a cell, ordered by lightness: at least a quarter of it is paper
@@ -30,7 +29,7 @@ FAINT, BESIDE = 4.0, 3  # standard deviations of smoothed grain that count as in
 STEP = 7  # px of a square in which ink, which has edges even where a scan is soft, loses half of its depth
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Scan:
     """levels: (H, W, 4), the drawing on white paper under even light; bare: (H, W, 3), the same with the paper's grain
     and what is lighter than the paper; grain: standard deviation in levels.

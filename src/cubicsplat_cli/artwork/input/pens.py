@@ -9,14 +9,13 @@ From these follows the share of each pixel that the ink of a pen covered before 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA
 from cubicsplat_cli.artwork.input.profiles import REACH, STEP, Profiles, profiles_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.record import record
 
 FAINT = 4.0  # standard deviations of the grain that a line is deeper than at the least
 EVEN = 3.0  # and that profiles may be off the paper at their ends
@@ -38,7 +37,7 @@ ROUNDS = 20
 SNAP = 0.1  # shares this near to 0 or 1 are
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Pens:
     """blur: standard deviation in px. inks: (k, 3) levels on white paper. places: (n, 2) px, on the middle of lines
     and in areas; owners: (n,) their inks; widths: (n,) px.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.record import record
 
 SCALE = 1.2  # px, standard deviation of the Gaussian whose derivatives tell where lines run
 # Along a line the depth bends less than a share of how it bends across it; and across by so much for its depth.
@@ -17,7 +16,7 @@ OUTER = 3  # samples at either end that hold nothing but paper beside a line tha
 AROUND, FEWEST = 8.0, 6  # px within which places belong together, and how many there must be
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Profiles:
     """places: (n, 2) x and y, px. depths: (n, u) levels darker than paper at `offsets` (u,) px across the line.
     masses: (n,) levels px that a line is darker by in all; tints: (n, 3) those of the channels over that. Both are

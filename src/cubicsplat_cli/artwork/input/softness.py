@@ -6,14 +6,13 @@ place has one colour, or a gradient; in a photo colours drift across it. Noise i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import planes
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
 # Px of a window, wider where there is more noise than NOISY levels.
@@ -32,7 +31,7 @@ TRIES, MOST_PARTS = 8, 100  # gradients sought, and uneven parts beyond which no
 BENT, LEAST_GRAIN = 2.0, 0.004
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Softness:
     """Shares of the pixels: ground, of the commonest even colour; even, of all others; soft, of what drifts.
 

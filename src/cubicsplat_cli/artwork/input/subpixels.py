@@ -7,12 +7,11 @@ times as fine as the picture. The filter is undone, and the mean of three subpix
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.record import record
 
 PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
 # What the filters of all programs have in common, and the widest one, five taps. Colour fringes that no other filter
@@ -30,7 +29,7 @@ WEAK = 0.3  # share of the strongest channel's contrast, below which one does no
 ROUNDS = 40  # of Landweber's iteration
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class _Parts:
     """Parts on grounds of which each row has one colour. at: (n,) the pixels of all parts, numbered by rows; own: (n,)
     int, the part of each; off: (n, 3) levels by which they differ from the ground; ground: (n, 3) levels. count: k.

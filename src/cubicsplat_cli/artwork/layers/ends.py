@@ -6,12 +6,12 @@ Among the cubics that stay hidden, the one that bends least is taken, by the int
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
 from cubicsplat_cli.raster.outlines import end_heading
+from cubicsplat_cli.record import record
 
 REACH = 14.0  # px along an outline from which its tangent is taken
 STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
@@ -21,7 +21,7 @@ SAMPLES = np.linspace(0.0, 1.0, 33)
 TOLERATED = 1  # px that a continuation may be wrong in
 
 
-@dataclass(frozen=True)
+@record
 class End:
     """at: (2,) px, the last visible place; tangent: (2,) unit, onwards into what is hidden, None where it is not known;
     straight: whether the outline is so up to there."""
@@ -52,7 +52,7 @@ def end_of(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> End:
     return End(found.at, found.tangent, found.bend * REACH <= STRAIGHT)
 
 
-@dataclass(frozen=True)
+@record
 class Heading:
     """at: (2,) px, where an outline ends; tangent: (2,) unit, onwards; error: its standard error, radians; bend: 1/px;
     misfit: mean squared residual of a smooth end, in sigmas."""

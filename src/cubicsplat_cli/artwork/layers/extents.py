@@ -7,7 +7,7 @@ that an outline no longer goes around, once its hidden parts have been chosen, a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage, hull_mask
+from cubicsplat_cli.record import record
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
@@ -28,7 +29,7 @@ OVERLAY = -1  # in place of the layer of what is of none
 MOST_WRONG = 20  # px of the picture, of holes that an outer outline may cut off or enclose
 
 
-@dataclass(frozen=True)
+@record
 class Contour:
     """A closed contour to be fitted. points: (n, 2) px; sigma: (n,) px, inf where hidden; hole: whether it is one."""
 
@@ -37,7 +38,7 @@ class Contour:
     hole: bool
 
 
-@dataclass(frozen=True)
+@record
 class Extent:
     """A connected part of a layer. top, left: its window's corner, px. shown: the window's pixels (h, w) bool that
     show it; allowed: those that it may cover; holes: those within the contours of its holes. contours: the outer one
@@ -106,7 +107,7 @@ def enclosed(ring: Ring, extent: Extent) -> tuple[tuple[slice, slice], np.ndarra
     return (slice(y, bottom), slice(x, right)), inside
 
 
-@dataclass(frozen=True)
+@record
 class Window:
     """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
     shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or

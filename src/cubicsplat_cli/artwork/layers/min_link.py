@@ -7,7 +7,6 @@ taken. Corners are sought along the run itself, deeper beneath the upper layers,
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import Hiding, fewest_links
+from cubicsplat_cli.record import record
 
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
 # px beneath the run at which a corner is tried, and at how many places along it; where nothing is found, as what hides
@@ -25,7 +25,7 @@ NEAR_END, AT_END = 6.0, 3.0
 SLACK = 1.0  # px that the lines along an edge may be off it
 
 
-@dataclass(frozen=True)
+@record
 class Room:
     """Pixels in which a part of a layer may go on unseen. top, left: of its window, px. shown, allowed: (h, w) bool, as
     of an extent; spare: (h, w) bool, pixels that may be covered but need not be; canvas: height and width, px. Beyond

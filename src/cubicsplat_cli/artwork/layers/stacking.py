@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
@@ -22,6 +21,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import strong_groups
 from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
+from cubicsplat_cli.record import record
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
@@ -33,7 +33,7 @@ NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 MOST_WAITING = 8  # how many groups may wait for each other in a row
 
 
-@dataclass(frozen=True)
+@record
 class Stack:
     """layers: back to front, each the regions of one fill that show of it, ascending. rank: (R,) the layer of each
     region, -1 where nothing is drawn."""

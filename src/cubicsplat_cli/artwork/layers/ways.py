@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, polyline_place
 from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, ends_of
 from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
 from cubicsplat_cli.raster.outlines import fewer_points
+from cubicsplat_cli.record import record
 
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
 # The most that such a cubic turns, radians: an edge less likely turns by more than a right angle.
@@ -27,7 +27,7 @@ LEAST_REACH = 1.0  # px that a side goes on until it meets another
 PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
 
 
-@dataclass(frozen=True)
+@record
 class Completion:
     """points: (m, 2) px in place of a hidden run's; sigma: their standard error, px, inf where they do not matter;
     corners: (k,) which of them are corners."""
@@ -40,7 +40,7 @@ class Completion:
 Wrong = Callable[[np.ndarray], int]
 
 
-@dataclass(frozen=True)
+@record
 class HiddenLoop:
     """A closed outline, some of it hidden. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: how many px an
     outline of points (n, 2) covers or leaves wrongly."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.record import record
 
 _JUMP = 0.5  # of the parameter: where a ring of one piece begins again
 
@@ -23,7 +24,7 @@ class Run:
     loop: int = -1
 
 
-@dataclass(frozen=True)
+@record
 class Borders:
     """runs: all of them. ends: (runs, 2) the vertices at which they begin and end. cycles: of each region (dictionary)
     its closed borders, each a list of (run, whether along it), with the region on the left of it, y upwards."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -14,6 +13,7 @@ from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID
 from cubicsplat_cli.artwork.planar.sources import Sources
 from cubicsplat_cli.raster.cubics import newton_steps
+from cubicsplat_cli.record import record
 
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter
@@ -21,7 +21,7 @@ ASTRAY = 0.25  # px that a node may lie off the vertex of the map
 _ROUNDS = 8
 
 
-@dataclass(frozen=True)
+@record
 class Edges:
     """n edges. cubics: (n, 4, 2) px; lines: (n,) bool; gone: (n,) bool, those that are part of a node; smooth: the
     pairs of edge ends (edge, 0 or 1) that go on smoothly into one another."""

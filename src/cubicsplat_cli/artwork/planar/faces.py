@@ -5,12 +5,12 @@ edge, without slivers.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.planar.snapping import GRID, Segments
 from cubicsplat_cli.raster.graphs import linked_groups
+from cubicsplat_cli.record import record
 
 NOTHING = -1
 # A region of less area or mean width is a gap between outlines that were meant to meet.
@@ -18,7 +18,7 @@ LEAST_AREA, LEAST_WIDTH = 0.02, 0.05  # px^2, px
 PASSES = 4
 
 
-@dataclass(frozen=True)
+@record
 class Faces:
     """A planar map. vertices: (V, 2) int64, steps of the grid; tail, head: (E,) the vertices of the edges; following:
     (2 E,) the half-edge after each along its face, half-edge 2 e running along edge e and 2 e + 1 back; face: (2 E,)

@@ -6,14 +6,13 @@ nearest to the crossing, and every one that passes a vertex closely is led throu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
 from cubicsplat_cli.artwork.planar.sources import Sources
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.record import record
 
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
@@ -24,7 +23,7 @@ _NEAR = (9, 16)
 _SAME_SHARE = 1e-9
 
 
-@dataclass(frozen=True)
+@record
 class Segments:
     """n segments. start, end: (n, 2) int64, steps of the grid; piece: (n,) int, whose they are; t: (n, 2) the
     parameters at their ends."""

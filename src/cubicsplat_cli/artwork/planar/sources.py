@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, oriented, pieces_of_rings, points_at, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.record import record
 
 EIGHTHS = 8  # of a circle, one cubic each, which are true to 5e-6 of a radius
 
 
-@dataclass(frozen=True)
+@record
 class Sources:
     """P pieces. cubics: (P, 4, 2) px; lines: (P,) bool; shape: (P,) int, whose they are, the number of shapes for those
     of the canvas; after: (P,) int, the piece that follows in its ring; smooth: (P,) bool, whether it goes on smoothly;

@@ -6,8 +6,6 @@ thinner lines hardly lie within one row of pixels each, and none of the drawings
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
@@ -15,6 +13,7 @@ from cubicsplat_cli.artwork.regions.fills import OPAQUE, PURE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import steps
 from cubicsplat_cli.raster.unmix import nearest_fills
+from cubicsplat_cli.record import record
 
 # Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
 ALIKE, APART = 0.5, 8.0
@@ -28,7 +27,7 @@ FRAMES = 3
 CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
 
 
-@dataclass(frozen=True)
+@record
 class _LineRuns:
     """Level or upright rows of pixels of one colour. y, x: (n, ) where they begin; length: (n,) px; upright: (n,) bool;
     colour, before, behind: (n, 4) levels of themselves and of the grounds on either side.

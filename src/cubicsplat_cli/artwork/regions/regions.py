@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +16,7 @@ from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
 from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills
+from cubicsplat_cli.record import record
 
 MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills
 # Fills beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
@@ -28,7 +28,7 @@ MOST_SEEN, STRANGE_FILL, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 
 SPECK, MOSTLY, CRUMB, MANY_DOTS = 9, 0.9, 3, 400
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FlatPicture:
     """A picture without gradients, noise or blur, and what is known of it.
 
@@ -41,7 +41,7 @@ class FlatPicture:
     labels: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@record
 class Regions:
     """labels: (H, W) int32, 0..R-1, each label one connected region. fills: (R, 4) levels, premultiplied; fill_of: (R,)
     the index of each region's fill in the palette."""
@@ -73,7 +73,7 @@ class Regions:
         return border_map(self.labels)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class PixelFills:
     """The fill of every pixel: fills (H, W) int32, indices into a palette (P, 4). parts: (H, W) int32 the connected
     pixels of one fill, numbered from 0 on; sure: (H, W) bool, pixels that are their fill, or for the most part; pure:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +10,7 @@ from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
 from cubicsplat_cli.artwork.regularities.mirrored import Axis
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.record import record
 
 STEP = 0.5  # px between the points of an outline
 MOST = 400  # points of a piece
@@ -23,7 +23,7 @@ SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
 
 
-@dataclass(frozen=True)
+@record
 class Track:
     """A closed outline as a polyline, and what of it shows. points: (n, 2) px; tree: of them; seen: (m, 2) points that
     show; whole: whether all of it does."""
@@ -50,7 +50,7 @@ class Track:
         return self.tree.off_line(points, ON_IT)
 
 
-@dataclass(frozen=True)
+@record
 class Symmetry:
     """That an outline is about its own mirror image. error: standard error of where the axis is, px; most, mean: px by
     which points that show are off, the farthest and in the root mean square."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
 from cubicsplat_cli.artwork.regularities.alike import CLEAR
 from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.record import record
 
 # Cells that a canvas is commonly divided into.
 CELLS = (
@@ -33,7 +34,7 @@ LEVEL = 1e-6  # px by which the ends of a level line differ
 SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, and pixels, from which an edge is seen
 
 
-@dataclass(frozen=True)
+@record
 class Mark:
     """A number of a drawing. axis: 0 for x, 1 for y, 2 for a length; value and error in px."""
 

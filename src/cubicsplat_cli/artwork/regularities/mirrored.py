@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import divided
@@ -11,6 +9,7 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
 from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
 from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.record import record
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it
 SQUARE = 0.15  # tangent of the angle off square to the axis below which a smooth joint there is square
@@ -18,7 +17,7 @@ ONE_PIECE = 0.05  # px that one piece across the axis may be off the two that it
 _WITHIN = np.linspace(0.0, 1.0, 11)[1:-1]
 
 
-@dataclass(frozen=True)
+@record
 class Axis:
     """A line about which things are mirrored. across: the coordinate that changes, 0 for an upright axis, 1 for a level
     one; at: its place there, px."""
@@ -33,7 +32,7 @@ class Axis:
         return out
 
 
-@dataclass(frozen=True)
+@record
 class MirroredRing:
     """A ring that is its own mirror image. partner: (A,) int, the anchor across the axis, or the same one on it."""
 

@@ -8,7 +8,7 @@ same row, an n-th of its length later, if and only if its Fourier coefficients v
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.regularities.turned import FEWEST, MOST_PARTS, NEAR, STEPS, Walk
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.record import record
 
 # Px that a ring may be off itself in the root mean square: level edges are often known to a quarter of a pixel only,
 # and come to lie on sloping ones.
@@ -26,7 +27,7 @@ ROUGHLY = 0.1
 EXACT = 1e-6  # px
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Rotation:
     """That a ring is its own image by each n-th part of a turn about a middle (2,), px. parts: n."""
 

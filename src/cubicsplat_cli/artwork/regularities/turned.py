@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import CLEAR, FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
+from cubicsplat_cli.record import record
 
 STEPS = 128  # round an outline
 LENGTH_OFF, NEAR = 0.8, 0.4  # px by which lengths of outlines that are alike differ, and their steps in the mean
@@ -26,7 +27,7 @@ FEWEST = 8  # points that show
 FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
 
 
-@dataclass(frozen=True)
+@record
 class Walk:
     """An outline at even steps, clockwise as seen. middle: of the steps, steps: from there, complex numbers of px;
     length: px."""
@@ -75,7 +76,7 @@ class Walk:
         return size > 2.0 * FARTHEST and (numbers - 3) * math.log(size / (2.0 * FARTHEST)) > math.log(pairs) + CLEAR
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Turn:
     """A transform by a turn. signs, angle: as in `RigidTransform`; pivot, at: (2,) px, the middle of the model and
     where it comes to lie; errors: standard errors of the angle, radians, and of that place, px."""

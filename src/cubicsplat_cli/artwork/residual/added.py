@@ -6,7 +6,7 @@ changes, against a price for every parameter, before and after it is optimised a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.record import record
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
@@ -64,7 +65,7 @@ def with_added(
     return trials.drawing
 
 
-@dataclass(frozen=True)
+@record
 class _Change:
     """Effect of a new shape. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
     shape, nats.
@@ -75,7 +76,7 @@ class _Change:
     price: float
 
 
-@dataclass(frozen=True)
+@record
 class _Explanation:
     """New shapes that explain an area, and what they change. fall: of half of the misfit of the area."""
 

@@ -8,7 +8,6 @@ one px stay.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from cubicsplat_cli.artwork.input.palette import UNLIKE, ringing
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import unexplained
+from cubicsplat_cli.record import record
 
 SIDE = 5  # px, of the lines along which residuals are averaged
 OWN = 0.5  # of the mean around it that a pixel is off itself
@@ -30,7 +30,7 @@ LEAST_CLEAN, SMALLEST_CLEAN = 160.0, 1
 LEAST, SMALLEST = 60.0 * UNLIKE, 6
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Area:
     """rows, columns: its window on the canvas. where: (h, w) bool, its pixels. weight: what it adds to the error."""
 
@@ -40,7 +40,7 @@ class Area:
     weight: float
 
 
-@dataclass(frozen=True)
+@record
 class ErrorModel:
     """The errors that a picture may have beside its drawing.
 
@@ -70,7 +70,7 @@ class ErrorModel:
         return cls(*errors, least, max(smallest, min_area), seam)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class TargetPicture:
     """The picture that drawings are compared with. levels: (H, W, 4); model: of its errors; ringing: (H, W, 4) levels
     by which a JPEG's edges are off in luma and chroma, else 0.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.tracing.contours import COVERS, share_positions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
+from cubicsplat_cli.record import record
 
 DOT, LINE = 4, 3  # px of a shape, up to which it becomes a circle, and from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
@@ -31,7 +32,7 @@ SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
 CROSSED = 0.05  # share of a new shape that a shape shows in which it lies beneath the new one
 
 
-@dataclass(frozen=True)
+@record
 class Placed:
     """A new shape, and the number of the shape of the drawing that it lies on; -1 for none."""
 
@@ -91,7 +92,7 @@ def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
     return joined_at_corners(cover.astype(np.int32), levels, COVERS / 255.0, whole=True) > 0
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class _Drawn:
     """Pixels of an area that one colour may explain. share: (h, w) what it covers of each pixel; cover: (h, w) bool,
     the pixels that are its own; owners, touching: (h, w) which shapes show so far.

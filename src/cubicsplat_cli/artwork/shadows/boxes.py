@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.raster.shadows import ShadedPixels, shadow_box, shadow_window
+from cubicsplat_cli.record import record
 
 FAR = 400.0  # px beyond the canvas that a side lies which the canvas cuts off
 ALIKE, RADII = 0.6, 33  # px by which a silhouette may be off its box in the mean of its outline; radii tried
@@ -128,7 +129,7 @@ def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray)
     return 1.0 - shadow_window(box.numbers(), _numbers_of(layers), x, y)
 
 
-@dataclass(frozen=True)
+@record
 class ShadowSamples:
     """Samples of the shadows of some boxes that have the same layers.
 

@@ -7,7 +7,7 @@ shadow of any grey.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, Patch, p
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import part_spreads
+from cubicsplat_cli.record import record
 
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
 MOST_TRIED = 6  # parts, the largest, looked at
@@ -28,7 +29,7 @@ LEAST_EVEN = 0.4  # share of a silhouette that is even, to be taken for it
 CUT = np.ones((7, 7), dtype=bool)
 
 
-@dataclass(frozen=True)
+@record
 class Ground:
     """An even ground with a shadow on it. fill: (4,) premultiplied levels; mask: (H, W) bool."""
 
@@ -36,7 +37,7 @@ class Ground:
     mask: np.ndarray
 
 
-@dataclass(frozen=True)
+@record
 class Shaded:
     """The shaded grounds of a picture, the largest first, and the colour (4,), opaque, in levels, that they tend to."""
 
@@ -115,7 +116,7 @@ def _end(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.append(np.clip((fill + min(lengths) * direction)[:3], 0.0, 255.0), 255.0)
 
 
-@dataclass(frozen=True)
+@record
 class Caster:
     """Possible caster of a shadow. mask: (H, W) bool its silhouette, up to 2 px larger or smaller than itself; box:
     that."""

@@ -7,7 +7,7 @@ stands for its own until the drawing is finished.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.shadows.casters import Ground
 from cubicsplat_cli.artwork.shadows.shadow import Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
@@ -25,7 +26,7 @@ NEAR, BESIDE = 1.0, 6  # levels by which a pixel so many px beside a ground may 
 LEAST_PART, EVEN = 12, 1.5  # px of an even part of what casts a shadow, and levels that it may span
 
 
-@dataclass(frozen=True)
+@record
 class Lifted:
     """levels: (H, W, 4) the picture without its shadow. shadow: that, None where there is none; shaded: (H, W) bool the
     pixels that showed it; fills: what some fills stand for."""

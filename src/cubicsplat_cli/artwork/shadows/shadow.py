@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples,
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds, silhouettes_of
 from cubicsplat_cli.artwork.shadows.silhouettes import EXPLAINED, FAINT, HALFWAY, Outlined, shadow_of_outlines
 from cubicsplat_cli.raster.shadows import ShadedPixels
+from cubicsplat_cli.record import record
 
 ROUGH = 0.75  # levels, the root of the mean square, beyond which another layer is tried
 MOST_LAYERS, MOST_SHARED = 3, 2
@@ -25,7 +26,7 @@ MOST_MOVED, MOST_GROWN = 64.0, 12.0  # px
 LEAST_STRENGTH = 4.0  # levels of the darkest shade
 
 
-@dataclass(frozen=True)
+@record
 class Cast(Caster):
     """The shadow of a box: its blurred copies."""
 
@@ -39,7 +40,7 @@ class Cast(Caster):
         return rows, columns, shaded(self.box, self.layers, x, y)
 
 
-@dataclass(frozen=True)
+@record
 class Shadow:
     """The soft shadows of a picture, with their grounds and colour. None falls on a ground within what casts it."""
 

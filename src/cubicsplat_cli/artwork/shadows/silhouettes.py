@@ -5,8 +5,6 @@ It darkens by s = alpha (G_sigma * C)(p - d), C the share that the things cover 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
@@ -17,6 +15,7 @@ from cubicsplat_cli.artwork.shadows.casters import OFF_LINE, Shaded
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import nearest_paints
 from cubicsplat_cli.raster.unmix import blend_with
+from cubicsplat_cli.record import record
 
 BEGIN = (2.5, 6.0, 14.0)  # px of blur to begin with
 ROUNDS, SETTLED, DAMPING = 30, 1e-3, 1e-3  # of Gauss-Newton; px of a last step
@@ -33,7 +32,7 @@ EXPLAINED, FAINT = 0.97, 1.0
 BOXES = 0.02  # of its darkest shade that a shadow is off which a program blurred by three boxes
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Blur:
     """dx, dy: px by which a silhouette is moved; sigma: px of its blur; alpha: of its middle, 0..1."""
 
@@ -96,7 +95,7 @@ def _moved(field: np.ndarray, pad: int, dx: float, dy: float) -> np.ndarray:
     return np.asarray((1 - v) * ((1 - u) * part(0, 0) + u * part(0, 1)) + v * ((1 - u) * part(1, 0) + u * part(1, 1)))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Outlined:
     """The shadow of things of any outline. mask: (H, W) bool, they; share: (H, W) how much they darken;
     off: levels by which a pixel may be off that."""

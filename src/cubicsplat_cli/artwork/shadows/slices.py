@@ -8,7 +8,7 @@ It is put into a drawing above all that it shades, below what casts it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +25,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
 
 NAME = "shadow"
@@ -36,7 +37,7 @@ LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
 SHADE = 1.0 / 255.0
 
 
-@dataclass(frozen=True)
+@record
 class Cut:
     """Part of a picture that one shadow shades. share: (h, w) 0..1 in a window of the picture; shown: (h, w) bool where
     that is seen; colour: (3,) levels."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, ROUND
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
 from cubicsplat_cli.artwork.strokes.skeleton import Sides
+from cubicsplat_cli.record import record
 
 # A round end is shorter by 0.143 widths at 0.35 widths to the side.
 BESIDE, ROUND_DROP = 0.35, 0.07
@@ -41,7 +40,7 @@ def with_ends(
     return line, np.concatenate([[False], gaps[:-1], [False, False]]), cap
 
 
-@dataclass(frozen=True)
+@record
 class _Tip:
     """An end of a line: its place, unit tangent and bend, (2,) each."""
 

@@ -7,7 +7,6 @@ by so little that they are true to a few thousandths of the width.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.fine import arc
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, derivatives, points_at, polygon_lengths, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import MITER, ROUND, SQUARE, Chain, Stroke, pieces_of
+from cubicsplat_cli.record import record
 
 MOST_TURN = math.radians(25.0)  # of a part of a cubic
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
@@ -34,7 +34,7 @@ class Piece(NamedTuple):
     last: int = 0
 
 
-@dataclass(frozen=True)
+@record
 class OffsetPlan:
     """The structure of the outline of a centre line of S pieces, without its exact numbers.
 

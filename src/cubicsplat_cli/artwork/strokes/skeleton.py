@@ -10,6 +10,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, poin
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.record import record
 
 FINEST = 8  # pixels of the skeleton per px
 PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least
@@ -33,7 +34,7 @@ class Branch:
     nodes: tuple[int, int]
 
 
-@dataclass(frozen=True)
+@record
 class Graph:
     """branches: of the skeleton. places: (N, 2) px, of the nodes, junctions and ends."""
 
@@ -156,7 +157,7 @@ def _joined(branches: list[Branch], places: np.ndarray) -> list[Branch]:
     return branches
 
 
-@dataclass(frozen=True)
+@record
 class Sides:
     """The outline of a shape as closely spaced points (n, 2), with a tree to find the nearest."""
 
@@ -178,7 +179,7 @@ class Sides:
         return self.points[self.tree.query(places)[1]]
 
 
-@dataclass(frozen=True)
+@record
 class Centres:
     """Along a branch: points (n, 2) px, widths (n,) px, and true (n,), whether both sides lie opposite each other.
     slack: px by which the outline may be off.

@@ -5,7 +5,7 @@ Which there are follows from what its joints are, and how its control points mov
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,11 +20,12 @@ from cubicsplat_cli.raster.cubics import (
     refined,
 )
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.record import record
 
 ROUNDS = 8
 
 
-@dataclass(frozen=True)
+@record
 class Pieces:
     """An outline being fitted: A anchors, S pieces (S = A when closed, else A - 1), piece i from anchor i on.
 

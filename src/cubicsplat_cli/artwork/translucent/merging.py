@@ -7,7 +7,7 @@ is a channel like the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import linked_groups
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 MOST_BESIDE = 5  # overlays beside a region that several of them may make
@@ -25,7 +26,7 @@ FULL = 255.0
 _OPACITIES = np.arange(5, 251)  # of 8 bits: 0.02 to 0.98
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Overlay:
     """paint: of a translucent shape. cover: (H, W) bool, the pixels that show it."""
 
@@ -119,7 +120,7 @@ def _ordered(overlays: list[Overlay], some: tuple[Overlay, ...]) -> list[Overlay
     return out
 
 
-@dataclass(frozen=True)
+@record
 class Paint:
     """fill: sRGB and opacity, 8 bits each."""
 

@@ -10,7 +10,7 @@ Opaque shapes hardly ever meet so, as the upper one hides the lower one's edge.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.translucent.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
+from cubicsplat_cli.record import record
 
 MOST_OVERLAYS = 64
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
@@ -32,7 +33,7 @@ MOST_OFFSET = 1.0  # px
 MOST_GAP = 2.5  # px between neighbouring points of an edge
 
 
-@dataclass(frozen=True)
+@record
 class TranslucentPart:
     """fill: (4,) premultiplied levels. extent: how far the part reaches."""
 
@@ -80,7 +81,7 @@ def _with_overlays(
     return out
 
 
-@dataclass(frozen=True)
+@record
 class _Candidate:
     """An overlay in regions. grounds: region that is covered: region beneath it."""
 
