@@ -68,6 +68,25 @@ def test_parts_of_a_mask(mask, structure):
     assert ours.find_objects(found.astype(np.int64), 3) == theirs.find_objects(found, 3)
 
 
+@given(MASKS)
+def test_skeletons_are_thin_and_hang_together_as_their_masks_do(mask):
+    found = ours.skeletonize(mask)
+    assert not (found & ~mask).any()
+    same(ours.skeletonize(found), found)
+    assert 2 * theirs.binary_erosion(found).sum() <= found.sum()
+    wide, thin = np.pad(mask, 1), np.pad(found, 1)
+    parts, count = theirs.label(wide, SQUARE)
+    assert count == theirs.label(thin, SQUARE)[1] == len(set(parts[thin]))
+    assert theirs.label(~wide)[1] == theirs.label(~thin)[1]
+
+
+def test_a_bar_has_one_line_for_its_skeleton():
+    bar = np.zeros((20, 60), dtype=bool)
+    bar[5:14, 4:56] = True
+    found = ours.skeletonize(bar)
+    assert (found.sum(axis=0)[10:50] == 1).all() and found[9, 10:50].all()
+
+
 @given(MASKS, st.one_of(st.none(), arrays.arrays(bool, st.sampled_from([(3, 3), (1, 5), (5, 3), (7, 7)]))), st.data())
 def test_dilation_and_erosion(mask, structure, data):
     rounds = data.draw(st.integers(1, 6))

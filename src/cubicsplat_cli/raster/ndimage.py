@@ -130,6 +130,14 @@ def binary_opening(pixels: np.ndarray, structure: np.ndarray | None = None) -> n
     return binary_dilation(binary_erosion(pixels, structure), structure)
 
 
+def skeletonize(pixels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the skeleton of what is not 0, one pixel wide, with the same parts, which touch diagonally too, and
+    the same holes. None of scipy's."""
+    thinned = np.pad(_mask(pixels), 1)
+    _native("cs_thin", *thinned.shape, thinned)
+    return thinned[1:-1, 1:-1]
+
+
 def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: np.ndarray) -> np.ndarray:
     """(H, W) bool: pixels that are not 0, with those linked to them through a mask; structure: see label."""
     pixels = _mask(pixels)

@@ -15,14 +15,14 @@ from cubicsplat_cli.artwork.finish.state import State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
+from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cubics import tied_coordinates
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.raster.strokes import STEP
 
-STEP = 1e-5  # px, of the differences that tell how an outline moves with its centre line
 LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
 FIRST_ROUNDS, LAST_ROUNDS = 24, 6
 MOST_PIECES = 6000  # of centre lines
@@ -70,13 +70,9 @@ class StrokeParameters:
 
     def __init__(self, stroke: Stroke, line: ChainParameters | Parameters, fixed: bool = False) -> None:
         self.line, self.fixed, self._stroke = line, fixed, stroke
-        self.plan = plan_of(line.cubics, line.lines)
-        rings = rings_around(line.cubics, line.lines, stroke, self.plan)
-        self._ends = np.cumsum([len(ring) for ring in rings])
-        pieces = [piece for ring in rings for piece in ring]
-        self._owners = np.array([(piece.first, piece.last) for piece in pieces])
-        self.cubics = _joined(np.stack([piece.points for piece in pieces]), self._ends)
-        self.lines = np.array([piece.line for piece in pieces])
+        self.plan = plan_of(line.cubics, line.lines, stroke)
+        found = self.plan.outline(line.cubics, 0.5 * stroke.width)
+        self.cubics, self.lines = found.cubics, found.lines
 
     @classmethod
     def of(cls, stroke: Stroke, constraints: Constraints, fixed: bool = False) -> StrokeParameters:
@@ -94,47 +90,14 @@ class StrokeParameters:
     @cached_property
     def jacobian(self) -> SparseRows:
         """(8 pieces of the outline, variables): by the control points of the centre line, times how these move."""
-        centre = self._by_centre().after(self.line.jacobian)
+        half = 0.5 * self._stroke.width
+        centre = self.plan.slopes(self.line.cubics, half).after(self.line.jacobian)
         if self.fixed:
             return centre
-        stroke = replace(self._stroke, width=self._stroke.width + STEP)
-        wider = (self._outline(self.line.cubics, stroke) - self.cubics) / STEP
+        wider = (self.plan.outline(self.line.cubics, half + 0.5 * STEP).cubics - self.cubics).ravel() / STEP
         count, rows = centre.count, np.arange(wider.size)
         columns, values = np.append(centre.columns, np.full(len(rows), count)), np.append(centre.values, wider)
         return SparseRows.of(np.append(centre.rows, rows), columns, values, (len(rows), count + 1))
-
-    def _outline(self, cubics: np.ndarray, stroke: Stroke) -> np.ndarray:
-        rings = rings_around(cubics, self.line.lines, stroke, self.plan)
-        return _joined(np.stack([piece.points for ring in rings for piece in ring]), self._ends)
-
-    def _by_centre(self) -> SparseRows:
-        """(8 pieces of the outline, 8 S): how each of its points moves with those of the one or two pieces of the
-        centre line that it depends on.
-
-        No two pieces that are neighbours have one colour, so all of a colour can be moved at once.
-        """
-        count = len(self.line.cubics)
-        colours = np.arange(count) % 2
-        if count % 2:
-            colours[-1] = 2
-        # The end of each piece is the start of the next.
-        following = np.arange(1, len(self._owners) + 1)
-        following[self._ends - 1] = np.concatenate([[0], self._ends[:-1]])
-        owners = np.repeat(self._owners[:, None], 4, axis=1)
-        owners[:, 3] = self._owners[following]
-        found = []
-        for colour in np.unique(colours):
-            mine = np.where(colours[owners[..., 0]] == colour, owners[..., 0], owners[..., 1])
-            known = colours[mine] == colour
-            for k in range(8):
-                cubics = self.line.cubics.copy().reshape(count, 8)
-                cubics[colours == colour, k] += STEP
-                change = (self._outline(cubics.reshape(count, 4, 2), self._stroke) - self.cubics) / STEP
-                piece, point, axis = np.nonzero((np.abs(change) > 1e-12) & known[..., None])
-                columns = 8 * mine[piece, point] + k
-                found.append((8 * piece + 2 * point + axis, columns, change[piece, point, axis]))
-        rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
-        return SparseRows.of(rows, columns, values, (8 * len(self.cubics), 8 * count))
 
     def moved(self, step: np.ndarray) -> StrokeParameters:
         """The stroke after a step of its variables."""
@@ -148,15 +111,6 @@ class StrokeParameters:
     def outline(self) -> Outline:
         """The outer one of its outlines."""
         return outlines_of_stroke(self.stroke)[0]
-
-
-def _joined(cubics: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Pieces (n, 4, 2) of rings that end at `ends`, each with its end where the next begins."""
-    start = 0
-    for end in ends.tolist():
-        cubics[start:end, 3] = np.roll(cubics[start:end, 0], -1, axis=0)
-        start = end
-    return cubics
 
 
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:

@@ -51,15 +51,13 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
 
     Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
     """
-    from skimage.morphology import skeletonize  # takes a while to import, and few drawings have strokes
-
     scale = int(np.clip(np.ceil(PIXELS_ACROSS / max(width, 1e-6)), 1, FINEST))
     cubics, lines = pieces_of_rings(rings)
     low = np.floor(cubics.min(axis=(0, 1))) - 2.0
     size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
     columns, rows = (size * scale).astype(int)
     mask = coverage((cubics - low) * scale, lines, 0, 0, int(rows), int(columns)) > 0.5
-    graph = _graph(skeletonize(mask))
+    graph = _graph(ndimage.skeletonize(mask))
     for branch in graph.branches:
         branch.points = (branch.points + 0.5) / scale + low
     return _tidied(Graph(graph.branches, (graph.places + 0.5) / scale + low), width)
