@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.finish.settle import settle, trimmed
@@ -97,7 +98,7 @@ class Visibility:
         c, own = state.crossings, slice(state.marks[number], state.marks[number + 1])
         piece, t = c.piece[own] - state.pieces[number], c.t[own]
         order = np.lexsort((t, piece))
-        seen = ((c.slope[own] * WHITE) ** 2).sum(axis=1) * SEEN_SIGMA**2 > UNSEEN
+        seen = summed((c.slope[own] * WHITE) ** 2) * SEEN_SIGMA**2 > UNSEEN
         return cls(piece[order], t[order], seen[order], state.goal.share_error)
 
     def weights(self, piece: np.ndarray | int, t: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.state import WHITE, State
@@ -74,7 +75,7 @@ def complaints(state: State) -> dict[int, Complaint]:
 
 def _floor(state: State, own: slice) -> np.ndarray:
     """(m,) the misfit that the pixels of some crossings have by chance."""
-    slopes = ((state.crossings.slope[own] * WHITE) ** 2).sum(axis=1)
+    slopes = summed((state.crossings.slope[own] * WHITE) ** 2)
     return state.goal.share_error**2 * state.sharing * slopes + state.goal.error**2
 
 

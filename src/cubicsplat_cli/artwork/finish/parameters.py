@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
@@ -116,7 +117,7 @@ def without_specks(ring: Ring) -> Ring:
 def _speck_lengths(cubics: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     """(S,) the lengths of the pieces (S, 4, 2) of a ring, of the least that they may have."""
     way = cubics[:, 1:] - cubics[:, :-1]
-    lengths = np.sqrt((way * way).sum(axis=2)).sum(axis=1)
+    lengths = summed(np.sqrt(summed(way * way)))
     return np.asarray(lengths / np.where(smooth | np.append(smooth[1:], smooth[:1]), SMOOTH_SPECK, SPECK))
 
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import summed
+
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
 # (4, 4, 2) the quarters of a unit circle, from the rightmost point on, in the direction of growing angles.
@@ -235,7 +237,7 @@ def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     counts = np.where(ring.lines, 1, np.maximum(2, np.ceil(lengths / step))).astype(int)
     owner = np.repeat(np.arange(ring.pieces), counts)
     t = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
-    return (bernstein(t)[:, :, None] * cubics[owner]).sum(axis=1)
+    return summed(bernstein(t)[:, None] * cubics.transpose(0, 2, 1)[owner])
 
 
 def polygon_lengths(cubics: np.ndarray) -> np.ndarray:

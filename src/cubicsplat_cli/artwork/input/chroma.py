@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of
+from cubicsplat_cli.artwork.channels import blend_of, summed
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
@@ -139,14 +139,17 @@ def mixture_of(
     own = labels[y, x]
     padded = np.pad(labels, reach, mode="edge")
     best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
+    colours = seen[y, x]
     for dy in range(-reach, reach + 1):
         for dx in range(-reach, reach + 1):
             beside = padded[y + reach + dy, x + reach + dx]
-            t, rest = blend_of(seen[y, x], fills[own], fills[beside])
-            left = (rest * rest).sum(axis=1) + 1e-3 * (dy * dy + dx * dx)
-            apart = np.linalg.norm(fills[beside] - fills[own], axis=1) > LEAST_CONTRAST * sigma
-            better = (beside != own) & apart & (left < best)
-            best[better], other[better], share[better] = left[better], beside[better], t[better]
+            k = np.flatnonzero(beside != own)
+            k = k[np.linalg.norm(fills[beside[k]] - fills[own[k]], axis=1) > LEAST_CONTRAST * sigma]
+            t, rest = blend_of(colours[k], fills[own[k]], fills[beside[k]])
+            left = summed(rest * rest) + 1e-3 * (dy * dy + dx * dx)
+            better = left < best[k]
+            k, left, t = k[better], left[better], t[better]
+            best[k], other[k], share[k] = left, beside[k], t
     if blur:
         from scipy.special import ndtri  # takes a while to import, and few pictures are blurred
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.gradients.flattening import APART
 from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -223,13 +224,13 @@ def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.
     colours = fills[np.maximum(candidates, 0)]
     for i in range(candidates.shape[1]):
         base, rest = colours[:, i], values - colours[:, i]
-        out[:, i] = (rest * rest).sum(axis=1)
+        out[:, i] = summed(rest * rest)
         for j in range(candidates.shape[1]):
             if j == i:
                 continue
             span = colours[:, j] - base
-            t = np.clip((rest * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 0.5)
-            left = ((rest - t[:, None] * span) ** 2).sum(axis=1)
+            t = np.clip(summed(rest * span) / np.maximum(summed(span * span), 1e-9), 0.0, 0.5)
+            left = summed((rest - t[:, None] * span) ** 2)
             known = candidates[:, j] >= 0
             out[known, i] = np.minimum(out[known, i], left[known])
     return out
