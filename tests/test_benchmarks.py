@@ -15,7 +15,10 @@ from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
-NAMES = ["ablation", "artwork", "clips", "equal_bytes", "folder", "metamorphic", "paper", "peers", "shaded", "spikes"]
+NAMES = [
+    "ablation", "artwork", "clips", "equal_bytes", "folder", "metamorphic", "paper", "peers", "shaded", "shapes",
+    "spikes",
+]  # fmt: skip
 
 
 def test_every_program_is_in_the_table_and_nothing_else():

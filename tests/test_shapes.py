@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,14 @@ def test_a_fit_of_shapes_gets_nearer_and_keeps_their_form(kind):
     assert levels[-1] > levels[0] + 3.0
     points = fitted.scene.points
     np.testing.assert_allclose(shape_points(kind, nearest_shape(kind, points)), points, atol=2e-3)
+
+
+@pytest.mark.parametrize(("kind", "unmoved"), [("ellipse", True), ("rectangle", True), ("triangle", False)])
+def test_only_kinds_that_can_have_spikes_are_penalised_for_them(kind, unmoved):
+    target = np.random.default_rng(3).random((12, 16, 3), np.float32)  # its shapes become thinner than a third of a px
+    settings = FitSettings.from_preset("draft", curves=40, steps=60, shapes=kind, threads=1)
+    free, held = (fit(target, settings.with_(recipe=replace(settings.recipe, spike_penalty=w))) for w in (0.0, 300.0))
+    assert np.array_equal(free.scene.points, held.scene.points) == unmoved
 
 
 @pytest.mark.parametrize("kind", ["ellipse", "polygon"])

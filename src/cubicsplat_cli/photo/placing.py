@@ -29,7 +29,7 @@ def place_shapes(
     count, scale = len(centres), max(1, min(int(unit / FINENESS), *target.shape[:2]))
     goal, canvas = _smaller(target, scale), _smaller(image, scale)
     importance = None if weights is None else _smaller(weights[..., None], scale)
-    ring = TEMPLATES[kind] if kind in TEMPLATES else polygon_points(_circle(segments)[None])[0]
+    ring = TEMPLATES[kind][:, 1:] if kind in TEMPLATES else polygon_points(_circle(segments)[None])[0]
     outline = np.ascontiguousarray(_circle(ROUND) if kind == "ellipse" else ring[::3], np.float32)
     sizes = math.log(unit / scale) + generator.uniform(math.log(LEAST), math.log(MOST), (count, TRIES, 2))
     angles = generator.uniform(0.0, 2.0 * math.pi, (count, TRIES, 2))

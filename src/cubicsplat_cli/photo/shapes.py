@@ -30,6 +30,11 @@ class Shapes(CurveArrays):
         zeros = xp.zeros((*values.shape, 4), dtype=xp.float32, device=points.device)
         return cls(kind, values, zeros, xp.zeros((len(points),), dtype=xp.int32, device=points.device))
 
+    @property
+    def has_axes(self) -> bool:
+        """Whether they are ellipses or rectangles."""
+        return self.kind in TEMPLATES
+
     def points(self) -> Array:
         """The control points (N, K, 2) px."""
         return shape_points(self.kind, self.values)
@@ -39,14 +44,14 @@ class Shapes(CurveArrays):
         self.ages += 1
         gradient = shape_gradient(self.kind, self.values, of_points)
         self.values -= rates.points * adan(gradient, self.moments, self.ages, rates)
-        if self.kind in TEMPLATES:
+        if self.has_axes:
             now = lengths(self.values)
             self.values[:, 2:4] *= namespace(now).clip(now, min=LEAST_AXIS) / now
 
     def resize(self, across: float, down: float) -> None:
         """Goes over to a picture whose sides are so many times as long."""
         both = (across * down) ** 0.5
-        factors = [across, down, across, down, both] if self.kind in TEMPLATES else [across, down]
+        factors = [across, down, across, down, both] if self.has_axes else [across, down]
         self.values *= like(self.values, factors * (self.values.shape[1] // len(factors)))
         # The loss is a sum over the pixels: see `OptimiserState.resize`.
         self.moments *= like(self.values, [both, both, both * both, both])

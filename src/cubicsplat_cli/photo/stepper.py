@@ -58,9 +58,10 @@ class Stepper:
         """
         curves, training = self.state.curves, self.training
         training.rates = self.schedule.rates(phase, self.unit)
-        training.points_gradient = self.regulariser.gradient(
-            curves.points, curves.ring_ends, progress=progress, loss=self.loss
-        )
+        if curves.restricted is None or not curves.restricted.has_axes:  # those have no spikes and cannot cross
+            training.points_gradient = self.regulariser.gradient(
+                curves.points, curves.ring_ends, progress=progress, loss=self.loss
+            )
         training.importance = self.importance if measured else None
         training.image = self.image if measured or not self.objective.squared else None
         raster = self.schedule.raster(phase)

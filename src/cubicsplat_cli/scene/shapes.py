@@ -16,12 +16,12 @@ KAPPA = 4.0 / 3.0 * (2.0**0.5 - 1.0)
 
 
 def _around(quarter: list[tuple[float, float]]) -> np.ndarray:
-    """(12, 2): three control points of a quarter, and the same turned by 90, 180 and 270 degrees."""
-    x, y = np.array(quarter).T
-    return np.concatenate([np.stack(turned, axis=1) for turned in ((x, y), (-y, x), (-x, -y), (y, -x))])
+    """(12, 3): 1, and three control points of a quarter, and the same turned by 90, 180 and 270 degrees."""
+    x, y = np.array(quarter, np.float32).T
+    return np.concatenate([np.stack((np.ones_like(u), u, v), 1) for u, v in ((x, y), (-y, x), (-x, -y), (y, -x))])
 
 
-# Of each kind that has axes: (a, b) of its control points.
+# Of each kind that has axes: (1, a, b) of its control points, to be multiplied by frames (N, 3, 2) of c, u and h n.
 TEMPLATES = {
     "ellipse": _around([(1.0, 0.0), (1.0, KAPPA), (KAPPA, 1.0)]),
     "rectangle": _around([(1.0, 1.0), (1.0 / 3.0, 1.0), (-1.0 / 3.0, 1.0)]),
@@ -33,8 +33,8 @@ def shape_points(kind: str, values: Array) -> Array:
     xp = namespace(values)
     if kind not in TEMPLATES:
         return contiguous(polygon_points(xp.reshape(values, (len(values), -1, 2))))
-    a, b = _template(kind, values)
-    return contiguous(values[:, None, :2] + a * values[:, None, 2:4] + b * (values[:, 4:] * normals(values))[:, None])
+    frames = xp.stack((values[:, :2], values[:, 2:4], values[:, 4:] * normals(values)), axis=1)
+    return xp.matmul(like(values, TEMPLATES[kind]), frames)
 
 
 def shape_gradient(kind: str, values: Array, of_points: Array) -> Array:
@@ -42,13 +42,13 @@ def shape_gradient(kind: str, values: Array, of_points: Array) -> Array:
     xp = namespace(values)
     if kind not in TEMPLATES:
         return xp.reshape(vertices_gradient(of_points), values.shape)
-    a, b = _template(kind, values)
-    normal, along, across = normals(values), xp.sum(a * of_points, axis=1), xp.sum(b * of_points, axis=1)
+    of_frames = xp.matmul(xp.matrix_transpose(like(values, TEMPLATES[kind])), of_points)
+    normal, across = normals(values), of_frames[:, 2]
     of_h = xp.sum(across * normal, axis=1, keepdims=True)
     # n is u turned by 90 degrees over |u|, so that it changes only at right angles to itself.
     turning = values[:, 4:] / lengths(values) * (across - of_h * normal)
-    of_first = along + xp.stack((turning[:, 1], -turning[:, 0]), axis=1)
-    return xp.concat((xp.sum(of_points, axis=1), of_first, of_h), axis=1)
+    of_first = of_frames[:, 1] + xp.stack((turning[:, 1], -turning[:, 0]), axis=1)
+    return xp.concat((of_frames[:, 0], of_first, of_h), axis=1)
 
 
 def nearest_shape(kind: str, points: Array) -> Array:
@@ -56,10 +56,11 @@ def nearest_shape(kind: str, points: Array) -> Array:
     xp, anchors = namespace(points), points[:, ::3]
     if kind not in TEMPLATES:
         return xp.reshape(anchors, (len(points), -1))
-    a, b = (each[:, ::3] for each in _template(kind, points))
-    first, second = xp.sum(a * anchors, axis=1) / xp.sum(a * a), xp.sum(b * anchors, axis=1) / xp.sum(b * b)
-    values = xp.concat((xp.mean(anchors, axis=1), first, second[:, :1]), axis=1)
-    values[:, 4] = xp.sum(normals(values) * second, axis=1)
+    template = like(points, TEMPLATES[kind])[::3]
+    # Its columns are orthogonal.
+    frames = xp.matmul(xp.matrix_transpose(template), anchors) / xp.sum(template * template, axis=0)[:, None]
+    values = xp.concat((frames[:, 0], frames[:, 1], frames[:, 2, :1]), axis=1)
+    values[:, 4] = xp.sum(normals(values) * frames[:, 2], axis=1)
     return values
 
 
@@ -88,9 +89,3 @@ def vertices_gradient(of_points: Array) -> Array:
     sides = xp.reshape(of_points, (len(of_points), -1, 3, 2))
     own = sides[:, :, 0] + (2.0 * sides[:, :, 1] + sides[:, :, 2]) / 3.0
     return own + xp.roll((sides[:, :, 1] + 2.0 * sides[:, :, 2]) / 3.0, 1, axis=1)
-
-
-def _template(kind: str, values: Array) -> tuple[Array, Array]:
-    """(1, 12, 1) each: a and b."""
-    numbers = like(values, TEMPLATES[kind].astype(np.float32))
-    return numbers[None, :, :1], numbers[None, :, 1:]
