@@ -11,6 +11,8 @@ from PIL import Image
 from skimage.color import deltaE_ciede2000, rgb2lab
 from test_svg_viewers import AGREEMENT_DB, agreement, in_chromium
 
+from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.scene import picture_of
 from cubicsplat_cli.artwork.shading import objects_of, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
@@ -51,6 +53,13 @@ def ball(spots: int = 2) -> np.ndarray:
     colour[40:52, 24:36] = 0.1, 0.1, 0.3
     alpha = shares(x, y)[..., None]
     return np.concatenate([np.clip(colour, 0, 1) * alpha, alpha], axis=2).astype(np.float32)
+
+
+def image_of_ball() -> np.ndarray:
+    """(SIDE, SIDE, 4) uint8 the same, with straight colours."""
+    pixels = ball()
+    straight = pixels[..., :3] / np.maximum(pixels[..., 3:], 1e-6)
+    return np.rint(255.0 * np.concatenate([straight, pixels[..., 3:]], axis=2)).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
@@ -256,10 +265,7 @@ def test_flat_pictures_and_textures_have_no_shading():
 
 
 def test_the_command_shades_as_asked(run_cli, tmp_path):
-    pixels = ball()
-    straight = pixels[..., :3] / np.maximum(pixels[..., 3:], 1e-6)
-    image = np.rint(255.0 * np.concatenate([straight, pixels[..., 3:]], axis=2)).astype(np.uint8)
-    Image.fromarray(image).save(tmp_path / "ball.png")
+    Image.fromarray(image_of_ball()).save(tmp_path / "ball.png")
     texts = {}
     for shading in ("none", "12"):
         out = tmp_path / f"{shading}.svg"
@@ -269,6 +275,22 @@ def test_the_command_shades_as_asked(run_cli, tmp_path):
         texts[shading] = out.read_text()
     assert "clipPath" not in texts["none"]
     assert 1 <= texts["12"].count("<path") - 3 <= 12  # two shapes and the clip
+
+
+def test_a_drawing_gives_way_to_a_shaded_one_that_its_sketch_cannot_reach(monkeypatch):
+    finished = []
+
+    def finish(*given):
+        finished.append(given)
+        return regularised(*given)
+
+    monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.regularised", finish)
+    for many, drawings in ((150, 2), (0, 1)):  # with and without a sketch; the objects of the shaded one have no fewer
+        monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.MANY", many)
+        finished.clear()
+        made = vectorize(image_of_ball(), style="artwork", shading="auto", steps=120, threads=1, measure=False)
+        assert "clipPath" in made.svg
+        assert len(finished) == drawings
 
 
 @pytest.mark.parametrize("shading", ["0", "many", "-3", "1.5"])

@@ -32,13 +32,16 @@ SAMPLES = 48  # edges per cubic of the engine's own picture
 ENLARGED = 0.41  # standard deviation in px, before it, of what linear interpolation spreads: a triangle 2 px wide
 
 
-def drawn_artwork(task: Task) -> Made:
-    """Few opaque shapes with exact outlines; cells where the picture is made of such."""
+def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
+    """Few opaque shapes with exact outlines; cells where the picture is made of such.
+
+    on_sketch: as of `drawn_outlines`.
+    """
     from cubicsplat_cli.artwork.input.cells import cells_of
 
     # Small regions are joined to their neighbours by outlines only.
     cells = None if task.request.artwork.min_area else cells_of(task.pixels)
-    return drawn_outlines(task) if cells is None else drawn_cells(task, cells)
+    return drawn_outlines(task, on_sketch) if cells is None else drawn_cells(task, cells)
 
 
 def drawn_pixels(task: Task) -> Made:
@@ -103,10 +106,16 @@ def drawn_outlines(
         prepared = prepare(target, task.target.compression)
         noise = prepared.condition.noise
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
+        known: dict[str, Any] = {
+            "blur": blur,
+            "noise": noise,
+            "may_be_photo": not prepared.scanned,
+            "of_scan": prepared.scanned,
+        }
 
         def add_sketch(sketch: Drawing) -> None:
             made = result_of_drawing(scaled_drawing(sketch, *task.picture.size), task.request)
-            on_sketch(replace(made, blur=blur, noise=noise))
+            on_sketch(replace(made, **known))
 
         drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)
@@ -118,8 +127,7 @@ def drawn_outlines(
     if not made.facts["shapes"]:
         notes.append(f"no shapes: {TOO_FINE}, but as a photo it can be")
     facts = {**made.facts, "interrupted": work.interrupted}
-    made = replace(made, notes=notes, facts=facts, blur=blur, noise=noise)
-    return replace(made, may_be_photo=not prepared.scanned, of_scan=prepared.scanned)
+    return replace(made, notes=notes, facts=facts, **known)
 
 
 def result_of_one_fill(fill: Rgba, task: Task) -> Made:

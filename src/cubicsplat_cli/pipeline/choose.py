@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
+from typing import cast
 
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style, only_fill
 from cubicsplat_cli.errors import CubicSplatError, UsageError
@@ -34,6 +36,10 @@ class PhotoIsNearer(Exception):
     """A drawing is not worth finishing; the text says why, as `photo_is_nearer` does."""
 
 
+class ShadedIsNearer(Exception):
+    """A drawing is not worth finishing; the argument is the shaded one instead."""
+
+
 def candidates(task: Task, style: Style | None = None) -> Iterator[Made]:
     """Yield finished results, each to replace the one before. With the style "auto", the result of the style that suits
     the picture comes first. A second one follows if the other style is nearer, or if there is a note on the comparison.
@@ -58,8 +64,7 @@ def _first(task: Task, style: Style | None) -> Made:
         from cubicsplat_cli.raster.cuda.driver import require_gpu
 
         require_gpu()  # which a drawing would not ask for
-    fill = only_fill(task.picture)
-    if fill is not None:
+    if (fill := only_fill(task.picture)) is not None:
         return result_of_one_fill(fill, task)
     asked = _asked_for(request)
     if asked is not None:
@@ -85,8 +90,7 @@ def _first(task: Task, style: Style | None) -> Made:
 
 def _page(task: Task) -> Made | None:
     """The drawing of a page with its photographs; None where the picture is none that is worth drawing."""
-    page = page_in(task)
-    if page is None:
+    if (page := page_in(task)) is None:
         return None
     try:
         made = drawn_page(task, page, check_worth_finishing)
@@ -211,24 +215,29 @@ def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
 
 def _made(task: Task, style: Style) -> Made:
     """The result of a style."""
-    made = MAKERS[style.name](task)
-    return replace(_or_shaded(task, made) if style.name == ARTWORK else made, style=style)
+    make = _drawn_or_shaded if style.name == ARTWORK and task.request.may_shade else MAKERS[style.name]
+    return replace(make(task), style=style)
 
 
-def _or_shaded(task: Task, drawing: Made) -> Made:
-    """A drawing; or a shaded one, where that is asked for, the picture has shading, and that is plainly nearer."""
-    if not task.request.may_shade or not drawing.may_be_photo or drawing.interrupted:
-        return drawing
-    drawn_db = _seen_db(task, drawing, _enough_db(drawing))
-    if math.isinf(drawn_db):
-        return drawing
+def _drawn_or_shaded(task: Task) -> Made:
+    """A drawing; or a shaded one, where that is plainly nearer than it is, or than its sketch may become."""
     from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # which few pictures need
 
-    objects = shaded_objects(task.pixels)
-    if objects is None:
-        return drawing
-    shaded = drawn_shaded(task, objects)
-    return shaded if _seen_db(task, shaded) > drawn_db + MARGIN_DB else drawing
+    shaded = cache(lambda: None if (objects := shaded_objects(task.pixels)) is None else drawn_shaded(task, objects))
+
+    def check(drawing: Made, rise_db: float = SKETCH_DB) -> None:
+        drawn_db = _seen_db(task, drawing, _enough_db(drawing))
+        made = None if math.isinf(drawn_db) or not drawing.may_be_photo or drawing.interrupted else shaded()
+        if made is not None and _seen_db(task, made) > drawn_db + rise_db + MARGIN_DB:
+            raise ShadedIsNearer(made)
+        if made is not None and made.interrupted and rise_db:
+            raise KeyboardInterrupt  # which ends the drawing too
+
+    try:
+        check(drawing := drawn_artwork(task, check), 0.0)
+    except ShadedIsNearer as nearer:
+        return cast("Made", nearer.args[0])
+    return drawing
 
 
 def _enough_db(drawing: Made) -> float:

@@ -37,8 +37,9 @@ SHADED = 2.0  # levels, of the root mean square off its paint, above which an ob
 PX_PER_CURVE = 42.0  # at first: leaving out many at the end is worse than to begin with fewer
 # Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
 MOST_PIXELS = 2**18
-# What a curve must take away of the squared CIEDE2000, summed over pixels, to stay.
-PRICE = 50.0
+# What a curve must take away of the squared CIEDE2000, summed over pixels, to stay: what leaves the bytes of a photo of
+# 128 curves, in the mean of 3D emoji.
+PRICE = 43.0
 # A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
@@ -197,10 +198,11 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     target, behind = ((each[window] / 255.0).astype(np.float32) for each in (goal, ground))
     steps = round(settings.steps * min(1.0, max(LEAST_STEPS, settings.curves / FULL_STEPS)))
+    recipe = settings.recipe  # whose first edges are as wide as these curves
     given = {**vars(FitSettings.from_preset(preset=settings.preset, shapes=SHAPES)), "curves": settings.curves}
     own = FitSettings(**given).with_(
         steps=steps, seed=settings.seed, threads=settings.threads, device="cpu", background="auto",
-        recipe=replace(settings.recipe, shared_opacity=SHARED_OPACITY, rate_opacities=0.0),
+        recipe=replace(recipe, shared_opacity=SHARED_OPACITY, rate_opacities=0.0, edge_start=recipe.edge_end),
     )  # fmt: skip
     inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind, metric=_seen(goal[window]))
     fitting = Fitting(target, own, inputs=inputs)
