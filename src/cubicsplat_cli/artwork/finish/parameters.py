@@ -8,9 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, polygon_lengths
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.cubics import held_ring
@@ -21,7 +20,7 @@ from cubicsplat_cli.record import record
 ON_BORDER = 0.06
 LEAST_SIZE = 0.05  # px, of a primitive
 FINEST_TURN = 1e-9
-SPECK, SMOOTH_SPECK = 0.3, 1.5  # px
+SPECK, SMOOTH_SPECK = 0.3, 1.5  # px, ascending
 
 
 class Parameters(Protocol):
@@ -116,9 +115,8 @@ def without_specks(ring: Ring) -> Ring:
 
 def _speck_lengths(cubics: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     """(S,) the lengths of the pieces (S, 4, 2) of a ring, of the least that they may have."""
-    way = cubics[:, 1:] - cubics[:, :-1]
-    lengths = summed(np.sqrt(summed(way * way)))
-    return np.asarray(lengths / np.where(smooth | np.append(smooth[1:], smooth[:1]), SMOOTH_SPECK, SPECK))
+    least = np.where(smooth | np.append(smooth[1:], smooth[:1]), SMOOTH_SPECK, SPECK)
+    return np.asarray(polygon_lengths(cubics) / least)
 
 
 class RingParameters:

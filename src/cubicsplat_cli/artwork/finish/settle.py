@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import CopyParameters, Parameters, RingParameters
+from cubicsplat_cli.artwork.finish.parameters import SMOOTH_SPECK, CopyParameters, Parameters, RingParameters
 from cubicsplat_cli.artwork.finish.state import State
+from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Unknowns
 
@@ -80,8 +81,14 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
 
 def trimmed(state: State, moved: np.ndarray) -> State:
     """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
-    may = {k: o for k in np.flatnonzero(moved).tolist() if isinstance(o := state.outlines[k], RingParameters)}
-    return state.with_outlines({k: fewer for k, o in may.items() if (fewer := o.trimmed()) is not o})
+    rings = [(k, o) for k in np.flatnonzero(moved).tolist() if isinstance(o := state.outlines[k], RingParameters)]
+    if not rings:
+        return state
+    # One look at the lengths of all, since hardly any ring has a short piece.
+    lengths = polygon_lengths(np.concatenate([o.cubics for _, o in rings]))
+    least = np.minimum.reduceat(lengths, np.cumsum([0, *(len(o.cubics) for _, o in rings[:-1])]))
+    short = [own for own, length in zip(rings, least.tolist(), strict=True) if length < SMOOTH_SPECK]
+    return state.with_outlines({k: fewer for k, o in short if (fewer := o.trimmed()) is not o})
 
 
 def _stepped(state: State, families: np.ndarray, damping: np.ndarray, awake: np.ndarray) -> dict[int, Parameters]:
