@@ -47,7 +47,7 @@ class Stopped(Exception):
     """Ends the work with the result so far: the time is up, or the user interrupted."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Work:
     """Work in stages that can be stopped between any two steps, and still has a result.
 
@@ -173,7 +173,7 @@ class Observer:
         """Its work has ended, in whatever way; also of a picture that needed no work."""
 
 
-@dataclass
+@dataclass(eq=False)
 class StageTimer:
     """Times the stages of the work on one picture ("read", "fit", "write", "draw", "measure"), and tells an observer.
 

@@ -93,7 +93,7 @@ def _painted_alike(first: Shape, second: Shape) -> bool:
     return bool(np.abs(colours[0] - colours[1]).max() <= UNSEEN)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Tracker:
     """All shapes so far, back to front, and where each is in every frame."""
 

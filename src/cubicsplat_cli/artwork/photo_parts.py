@@ -127,11 +127,12 @@ def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray
     """
     y, x = np.nonzero(areas)
     owner, sides = areas[y, x] - 1, np.array(areas.shape, float)
-    terms = np.stack([np.ones(len(y)), x / sides[1] - 0.5, y / sides[0] - 0.5, *levels[y, x].T.astype(float)])
-    sums = np.array([[np.bincount(owner, a * b, count) for b in terms] for a in terms]).transpose(2, 0, 1)
+    terms = [np.ones(len(y)), x / sides[1] - 0.5, y / sides[0] - 0.5, *levels[y, x].T.astype(float)]
+    sums = np.array([[np.bincount(owner, a * b, count) for b in terms] for a in terms[:3]]).transpose(2, 0, 1)
     # A very thin area has no slope across: the ridge is far below any other.
-    normal, right = sums[:, :3, :3] + 1e-6 * np.eye(3), sums[:, :3, 3:]
-    squares = np.einsum("nkk->nk", sums[:, 3:, 3:]) - (right * np.linalg.solve(normal, right)).sum(axis=1)
+    normal, right = sums[..., :3] + 1e-6 * np.eye(3), sums[..., 3:]
+    squares = np.stack([np.bincount(owner, a * a, count) for a in terms[3:]], axis=1)
+    squares = squares - (right * np.linalg.solve(normal, right)).sum(axis=1)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0).max(axis=1, initial=0.0) / np.maximum(sums[:, 0, 0], 1.0)))
 
 

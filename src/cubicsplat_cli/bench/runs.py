@@ -64,7 +64,7 @@ class FitFigures:
     cached: bool
 
 
-@dataclass
+@dataclass(eq=False)
 class Runs:
     """Results: figures with the SVG of each, and failures as (picture, configuration, error); the configuration
     of a picture that cannot be read is empty.

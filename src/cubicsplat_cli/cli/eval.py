@@ -26,7 +26,7 @@ _USUAL = ",".join(USUAL)
 Compare = Callable[[Path, Path], "Comparison"]
 
 
-@dataclass
+@dataclass(eq=False)
 class ComparedPairs:
     """Results of two folders: comparisons, failures as (reference, error), and candidates without a reference."""
 

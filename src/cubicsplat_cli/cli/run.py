@@ -52,7 +52,7 @@ def _cells(outcomes: Sequence[Outcome]) -> list[str]:
     ]
 
 
-@dataclass
+@dataclass(eq=False)
 class BatchRun:
     """One run: what it is to do, and what came of it so far."""
 

@@ -101,7 +101,7 @@ def decibels(mean_square: float) -> float:
     return -10.0 * math.log10(mean_square)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Sums:
     """Sums over two pictures on one ground: values, squared differences and the largest of these; windows of SSIM."""
 

@@ -212,7 +212,7 @@ def names_a_folder(output: str) -> bool:
     return output.endswith(("/", "\\")) or is_folder(Path(output))
 
 
-@dataclass
+@dataclass(eq=False)
 class MatchedFolders:
     """pairs: (reference, candidate). missing: references without a candidate. extra: candidates without one."""
 

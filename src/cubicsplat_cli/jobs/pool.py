@@ -79,7 +79,7 @@ class _Worker:
     job: Job | None = None
 
 
-@dataclass
+@dataclass(eq=False)
 class _Pool:
     request: Request
     threads: list[int]

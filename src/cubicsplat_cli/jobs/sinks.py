@@ -20,7 +20,7 @@ class Sink(Protocol):
     def put(self, kind: str, data: bytes) -> None: ...
 
 
-@dataclass
+@dataclass(eq=False)
 class FileSink:
     """Writes each file whole to where the job wants it; an SVG without a place goes to standard output.
 
@@ -64,7 +64,7 @@ class FileSink:
         return replaced
 
 
-@dataclass
+@dataclass(eq=False)
 class MemorySink:
     """Keeps the files, for whoever asked for them from afar."""
 

@@ -26,7 +26,7 @@ class Source:
     below: Path = Path()
 
 
-@dataclass
+@dataclass(eq=False)
 class PictureSearch:
     """Result of a search: pictures in a fixed order, and by name the arguments that failed."""
 

@@ -226,7 +226,7 @@ class ClipFit:
         work().at(stage, min(1.0, (self.done + frames) / self.count) if self.count else 0.0)
 
 
-@dataclass
+@dataclass(eq=False)
 class FrameGroup:
     """pictures: (H, W, C) float32 each. times: when each begins, s. end: of the last, s. after_cut: whether its first
     frame has nothing to do with the one before.

@@ -40,7 +40,7 @@ LONGEST = 1.0  # px: of a round, for which the pictures may be taken as linear
 STIFFNESS = 3e-3  # squared gradient, in values a px, below which a place moves as little as it can
 
 
-@dataclass
+@dataclass(eq=False)
 class Follower:
     """The curves of a group's frames so far.
 

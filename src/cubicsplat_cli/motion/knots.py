@@ -58,7 +58,7 @@ def split_offsets(tracks: Tracks, weights: dict[str, np.ndarray]) -> None:
     shapes[..., :-1] -= np.tile(moved, (1, 1, points.shape[2]))
 
 
-@dataclass
+@dataclass(eq=False)
 class Choice:
     """The knots of a track for any price: its errors are computed once.
 

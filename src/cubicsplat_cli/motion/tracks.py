@@ -20,7 +20,7 @@ LEVELS = 255
 EVERY = slice(None)
 
 
-@dataclass
+@dataclass(eq=False)
 class KnotTrack:
     """One of `TRACKS`, linear in time between knots. values: (F, N, C) float32, of which only the rows of knots count.
     knots: (F, N) bool, the first and the last frame always.
@@ -76,7 +76,7 @@ class Lines:
         return before, after, np.ascontiguousarray(self.share[frame, curves])
 
 
-@dataclass
+@dataclass(eq=False)
 class Tracks:
     """All numbers of N curves over F frames without a scene cut. scene: canvas and topology. times: (F,) s, rising, at
     which each frame begins. end: of the last frame, s.

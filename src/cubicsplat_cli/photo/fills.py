@@ -13,7 +13,7 @@ LOGIT_LIMIT = 9.0  # as in the engines
 ENDS_RATE = 0.4  # of that of the control points
 
 
-@dataclass
+@dataclass(eq=False)
 class LinearFills(CurveArrays):
     """ends (N, 2, 2) px: start and end, seen from the curve's middle, with which they move. stop_logits (N, 2, 3): of
     the colours there. moments (N, 10, 4), ages (N,) int32: Adan's, as in `OptimiserState`.

@@ -41,7 +41,7 @@ class FitInputs:
 NO_INPUTS = FitInputs()
 
 
-@dataclass
+@dataclass(eq=False)
 class FitResult:
     """The best scene of a fit, and how it came about.
 
@@ -62,7 +62,7 @@ class FitResult:
     notes: list[str]
 
 
-@dataclass
+@dataclass(eq=False)
 class TrainingLog:
     """history: a few entries over the whole fit. replaced: curves so far. inequality: of their importance, when last
     measured, 0 to 1. notes: what the user should know. started, reported: by the clock of `time.perf_counter`.

@@ -12,7 +12,7 @@ from cubicsplat_cli.scene.shapes import TEMPLATES, lengths, nearest_shape, shape
 LEAST_AXIS = 0.25  # px, of half the first axis: where that is a point, the second one has no direction
 
 
-@dataclass
+@dataclass(eq=False)
 class Shapes(CurveArrays):
     """N shapes of a kind. values (N, P): their parameters, px, see `scene.shapes`. moments (N, P, 4), ages (N,) int32:
     Adan's, as in `OptimiserState`.

@@ -21,7 +21,7 @@ _ROUNDING = 1e-9
 Background = tuple[float, float, float] | None
 
 
-@dataclass
+@dataclass(eq=False)
 class FitCurves(EngineScene):
     """The curves of a fit: colours and opacities are logits, `edge_widths` are there where edges are soft.
 
@@ -103,7 +103,7 @@ class FitCurves(EngineScene):
         return None
 
 
-@dataclass
+@dataclass(eq=False)
 class FitState(CurveArrays):
     """All that a fit changes from step to step. Every operation keeps a curve and its optimiser state together."""
 

@@ -45,7 +45,7 @@ def _shapes(n: int, k: int, rings: int, stops: int, picture: tuple[int, int, int
     }  # fmt: skip
 
 
-@dataclass
+@dataclass(eq=False)
 class EngineScene(Scene):
     """A scene as an engine takes it: float32, contiguous, on its device.
 
@@ -77,7 +77,7 @@ class EngineScene(Scene):
         return found
 
 
-@dataclass
+@dataclass(eq=False)
 class Rates:
     """Step sizes (0 freezes a group, its moments included) and constants of one Adan update.
 
@@ -94,7 +94,7 @@ class Rates:
     epsilon: float = Recipe.epsilon
 
 
-@dataclass
+@dataclass(eq=False)
 class OptimiserState(CurveArrays):
     """Adan moments (N, V, 4), those of the edge widths (N, 4), and each curve's number of updates (N,) int32.
 
@@ -127,7 +127,7 @@ class OptimiserState(CurveArrays):
         self.moments *= xp.stack([growth, growth, growth * growth, growth], axis=-1)
 
 
-@dataclass
+@dataclass(eq=False)
 class Backward:
     """One backward pass: where its gradient comes from, and the tensors to fill; see `Engine.gradients`."""
 
@@ -139,7 +139,7 @@ class Backward:
     out: dict[str, Array]
 
 
-@dataclass
+@dataclass(eq=False)
 class Training:
     """The inputs of training steps, their rates, and what else they write or add. Made once for a fit and changed in
     place.

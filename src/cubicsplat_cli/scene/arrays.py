@@ -144,7 +144,7 @@ def one_torch_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-@dataclass
+@dataclass(eq=False)
 class CurveArrays:
     """A dataclass whose arrays, and those of the CurveArrays among its fields, have a row for each curve.
 

@@ -20,7 +20,7 @@ FLAT, LINEAR, RADIAL = 0, 1, 2  # values of `Gradients.kinds`
 LEAST_LENGTH = 1e-6
 
 
-@dataclass
+@dataclass(eq=False)
 class Gradients(CurveArrays):
     """The gradient fills of N curves, with room for S stops each.
 

@@ -35,7 +35,7 @@ def points_from_segments(mode: Mode, segments: int) -> int:
     return 3 * segments if mode is Mode.CLOSED else 3 * segments + 1
 
 
-@dataclass
+@dataclass(eq=False)
 class Scene(CurveArrays):
     """N primitives, front to back (index 0 is the front-most), on a canvas of `width` x `height` pixels.
 

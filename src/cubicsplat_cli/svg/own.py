@@ -165,7 +165,7 @@ def own_subpaths(element: OwnElement) -> list[list[PathSegment]]:
     return paths
 
 
-@dataclass
+@dataclass(eq=False)
 class _Definition:
     element: OwnElement
     stops: list[Stop] = field(default_factory=list)

@@ -44,7 +44,7 @@ class PaintedShape:
     matrix: np.ndarray
 
 
-@dataclass
+@dataclass(eq=False)
 class PaintedShapes:
     """The shapes of a drawing of width x height px, the first at the back. left_out: what they lack of the SVG, and how
     many of each.

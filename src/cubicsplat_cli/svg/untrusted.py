@@ -83,7 +83,7 @@ def with_size(data: bytes, size: SvgSize) -> bytes:
     return _ROOT.sub(with_size, data, count=1)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Named:
     """An element that references may name. elements: it and those in it, but for those of `inside`, which have names of
     their own; uses: names that their <use> refer to; paints: those that their fills, masks, markers and so on do.

@@ -26,7 +26,7 @@ LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
 
 
-@dataclass
+@dataclass(eq=False)
 class Layer:
     """A shape while it is optimised. fill: (4,) premultiplied, in the goal's coordinates; signs:
     (outlines,) +1 where a ring runs as it must."""

@@ -50,7 +50,7 @@ def gradient_areas(
     return united(levels, parts, boxes, search.found) if search.found else []
 
 
-@dataclass
+@dataclass(eq=False)
 class _Search:
     """The gradients found so far, and how often one may still be sought."""
 

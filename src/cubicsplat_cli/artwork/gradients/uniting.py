@@ -42,7 +42,7 @@ def united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list
     return out + [ShadedArea(group.shade, part.patch) for group in groups for part in group.members]
 
 
-@dataclass
+@dataclass(eq=False)
 class _Group:
     """Parts that share a gradient. near: what is within GAP px of them."""
 

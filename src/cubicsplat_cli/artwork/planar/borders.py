@@ -13,7 +13,7 @@ from cubicsplat_cli.record import record
 _JUMP = 0.5  # of the parameter: where a ring of one piece begins again
 
 
-@dataclass
+@dataclass(eq=False)
 class Run:
     """A part of one piece between two vertices. edges: (edge, whether along it), in order; t: parameters at its ends;
     loop: the number of the closed border without nodes that it is of, or -1."""

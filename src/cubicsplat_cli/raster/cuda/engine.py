@@ -48,7 +48,7 @@ from cubicsplat_cli.settings import Mode
 PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact finish
 
 
-@dataclass
+@dataclass(eq=False)
 class _Plan:
     """A step that has been prepared, and captured when it came a second time."""
 
