@@ -130,7 +130,8 @@ def test_the_error_is_what_this_browser_finds(opened, folder, name):
     page.locator(".stage[data-browser-db]").wait_for()
     level = page.locator(".stage").get_attribute("data-browser-db")
     said = page.locator(".facts dd").first.inner_text()
-    assert float(level.split()[0]) == pytest.approx(float(said.split()[0]), abs=0.6)
+    # Chromium rounds colours after each translucent shape, and its edges are not cairo's.
+    assert float(level.split()[0]) == pytest.approx(float(said.split()[0]), abs=1.2)
 
 
 def test_dark_and_narrow_fits_the_screen(opened, folder):
