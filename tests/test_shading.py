@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from skimage import data
 from skimage.color import deltaE_ciede2000, rgb2lab
 from test_svg_viewers import AGREEMENT_DB, agreement, in_chromium
 
@@ -262,6 +263,13 @@ def test_flat_pictures_and_textures_have_no_shading():
     assert shaded_objects(ball(0)) is None
     noise = np.random.default_rng(0).random((SIDE, SIDE, 3), np.float32)
     assert shaded_objects(noise) is None
+
+
+def test_photos_stay_photos_where_shading_may_be():
+    photo = data.chelsea()[90:154, 140:204]
+    plain, shaded = (vectorize(photo, preset="draft", threads=1, shading=how) for how in ("none", "auto"))
+    assert shaded.report.style == "photo"
+    assert re.findall(r'd="[^"]*"', shaded.svg) == re.findall(r'd="[^"]*"', plain.svg)
 
 
 def test_the_command_shades_as_asked(run_cli, tmp_path):

@@ -18,7 +18,6 @@ from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo, is_smaller
 from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
-from cubicsplat_cli.request import Request
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
@@ -59,15 +58,13 @@ def candidates(task: Task, style: Style | None = None) -> Iterator[Made]:
 
 def _first(task: Task, style: Style | None) -> Made:
     """The result of the style that is asked for or suits the picture; if that fails, of the other style."""
-    request = task.request
-    if request.settings.device == "cuda":
+    if task.request.settings.device == "cuda":
         from cubicsplat_cli.raster.cuda.driver import require_gpu
 
         require_gpu()  # which a drawing would not ask for
     if (fill := only_fill(task.picture)) is not None:
         return result_of_one_fill(fill, task)
-    asked = _asked_for(request)
-    if asked is not None:
+    if (asked := _asked_for(task)) is not None:
         page = _page(task)
         made = _made(task, asked) if page is None else replace(page, style=asked)
         return replace(made, may_be_photo=False)
@@ -99,14 +96,17 @@ def _page(task: Task) -> Made | None:
     return replace(made, style=Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}"))
 
 
-def _asked_for(request: Request) -> Style | None:
-    """The style that the user chose, by name or by an option that only that style has."""
-    if request.style != "auto":
-        return Style(request.style, "asked for")
-    for name, options in ((PHOTO, request.of_photos()), (ARTWORK, request.of_artwork())):
-        if options:
-            return Style(name, f"asked for by {listed(options)}")
-    return None
+def _asked_for(task: Task) -> Style | None:
+    """The style that the user chose, by name or an option that only that style has; by shading where there is any."""
+    if (name := task.request.style) != "auto":
+        return Style(name, "asked for")
+    if photo := task.request.of_photos():
+        return Style(PHOTO, f"asked for by {listed(photo)}")
+    if (drawn := task.request.of_artwork()) == ["shading"]:
+        from cubicsplat_cli.pipeline.shaded import shaded_objects
+
+        drawn = drawn if shaded_objects(task.pixels) is not None else []
+    return Style(ARTWORK, f"asked for by {listed(drawn)}") if drawn else None
 
 
 def _nearer(task: Task, made: Made) -> Made:
