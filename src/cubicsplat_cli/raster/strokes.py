@@ -52,21 +52,19 @@ class OffsetPlan:
         """The outline `half` px from a centre line of this plan, of cubics (S, 4, 2); their number and kind are the
         plan's."""
         room = self._room
-        points, straight = np.empty((room, 4, 2)), np.empty(room, bool)
-        owners, ends = np.empty((room, 2), np.int64), np.zeros(2, np.int64)
+        points, straight, ends = np.empty((room, 4, 2)), np.empty(room, bool), np.zeros(2, np.int64)
         given = self._given(cubics, half)
-        count = native("strokes", "cs_offset", *given, points, straight, owners, ends, result=c_int64)
+        count = native("strokes", "cs_offset", *given, points, straight, ends, result=c_int64)
         return StrokeOutline(points[:count], straight[:count], tuple(ends[ends > 0].tolist()))
 
-    def slopes(self, cubics: np.ndarray, half: float) -> SparseRows:
-        """(8 n, 8 S): how the points of the outline move with those of the one or two pieces of the centre line that
-        they depend on."""
-        room = 128 * self._room
+    def slopes(self, cubics: np.ndarray, half: float, pieces: int) -> SparseRows:
+        """(8 n, 8 S): how the points of the outline, of n pieces, move with those of the one or two pieces of the
+        centre line that they depend on."""
+        room = 128 * pieces
         rows, columns, values = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
         given = self._given(cubics, half)
         count = native("strokes", "cs_offset_slopes", *given, STEP, rows, columns, values, result=c_int64)
-        shape = 8 * len(self.outline(cubics, half).lines), 8 * len(cubics)
-        return SparseRows.of(rows[:count], columns[:count], values[:count], shape)
+        return SparseRows.of(rows[:count], columns[:count], values[:count], (8 * pieces, 8 * len(cubics)))
 
     @property
     def _room(self) -> int:

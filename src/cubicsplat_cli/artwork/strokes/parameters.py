@@ -91,7 +91,7 @@ class StrokeParameters:
     def jacobian(self) -> SparseRows:
         """(8 pieces of the outline, variables): by the control points of the centre line, times how these move."""
         half = 0.5 * self._stroke.width
-        centre = self.plan.slopes(self.line.cubics, half).after(self.line.jacobian)
+        centre = self.plan.slopes(self.line.cubics, half, len(self.cubics)).after(self.line.jacobian)
         if self.fixed:
             return centre
         wider = (self.plan.outline(self.line.cubics, half + 0.5 * STEP).cubics - self.cubics).ravel() / STEP

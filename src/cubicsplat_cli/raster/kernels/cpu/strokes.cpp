@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "abi.h"
+#include "cubic.h"
+#include "outline_variables.h"
 
 namespace cs {
 namespace {
@@ -21,32 +23,24 @@ constexpr double kMiterLimit = 4.0;               // SVG's own: of the length of
 constexpr double kShort = 1e-9;                   // px: no length
 constexpr int64_t kMostParts = 64;
 
-struct Point {
-  double x, y;
-  Point operator+(Point o) const { return {x + o.x, y + o.y}; }
-  Point operator-(Point o) const { return {x - o.x, y - o.y}; }
-  Point operator*(double f) const { return {x * f, y * f}; }
-  Point normal() const { return {-y, x}; }
-  double length() const { return std::hypot(x, y); }
-};
-
-double cross(Point a, Point b) { return a.x * b.y - a.y * b.x; }
+Vector normal(Vector way) { return {-way.y, way.x}; }
+double cross(Vector a, Vector b) { return a.x * b.y - a.y * b.x; }
 // Radians from one direction to another, positive from x to y.
-double turn(Point a, Point b) { return std::atan2(cross(a, b), a.x * b.x + a.y * b.y); }
+double turn(Vector a, Vector b) { return std::atan2(cross(a, b), a.x * b.x + a.y * b.y); }
 
 enum Cap { kButt, kRound, kSquare, kClosed, kOneSide };
 enum Join { kMiter, kRoundJoin, kBevel };
 
 // A piece of an outline, and the pieces of the centre line that it depends on, the same one twice but at a joint.
 struct Piece {
-  Point at[4];
+  Vector at[4];
   uint8_t line;
   int64_t first, last;
 };
 
 struct Line {
   int64_t count;
-  const Point (*cubics)[4];
+  const Vector (*cubics)[4];
   const uint8_t* lines;
   const int64_t* parts;
   const double* turns;
@@ -58,10 +52,10 @@ struct Style {
 };
 
 // Unit tangents at both ends of a cubic; where a handle has no length, those of what follows it.
-void tangents(const Point* p, Point* out) {
+void tangents(const Vector* p, Vector* out) {
   for (int end = 0; end < 2; end++) {
-    const Point& from = end ? p[3] : p[0];
-    Point way = (end ? p[2] : p[1]) - from;
+    const Vector& from = end ? p[3] : p[0];
+    Vector way = (end ? p[2] : p[1]) - from;
     for (int k = 2; k < 4 && way.length() <= kShort; k++) way = (end ? p[3 - k] : p[k]) - from;
     out[end] = way * ((end ? -1.0 : 1.0) / way.length());
   }
@@ -70,7 +64,7 @@ void tangents(const Point* p, Point* out) {
 // The number of cubics of an arc, of an eighth of a turn at most.
 int64_t eighths(double by) { return std::max<int64_t>(1, int64_t(std::ceil(std::fabs(by) / (0.25 * kPi + 1e-9)))); }
 
-class Outline {
+class StrokeOutline {
  public:
   std::vector<Piece> pieces;
   std::vector<int64_t> ends;  // of its rings
@@ -81,7 +75,7 @@ class Outline {
     if (style.cap == kOneSide) return close();
     if (style.cap == kClosed) close();
     const int64_t last = line.count - 1;
-    Point end[2], start[2];
+    Vector end[2], start[2];
     tangents(line.cubics[last], end), tangents(line.cubics[0], start);
     if (style.cap != kClosed) cap(line.cubics[last][3], end[1], style, last);
     const size_t back = pieces.size();
@@ -93,7 +87,7 @@ class Outline {
   }
 
  private:
-  void straight(Point a, Point b, int64_t first, int64_t last) {
+  void straight(Vector a, Vector b, int64_t first, int64_t last) {
     pieces.push_back({{a, a + (b - a) * (1.0 / 3.0), a + (b - a) * (2.0 / 3.0), b}, 1, first, last});
   }
 
@@ -104,14 +98,14 @@ class Outline {
     ends.push_back(int64_t(pieces.size()));
   }
 
-  void arc(Point middle, Point start, double by, int64_t count, int64_t first, int64_t last) {
+  void arc(Vector middle, Vector start, double by, int64_t count, int64_t first, int64_t last) {
     const double radius = (start - middle).length(), from = std::atan2(start.y - middle.y, start.x - middle.x);
     const double reach = 4.0 / 3.0 * std::tan(by / count / 4.0);
     for (int64_t k = 0; k < count; k++) {
       const double angles[2] = {from + by * k / count, from + by * (k + 1) / count};
-      Point unit[2];
+      Vector unit[2];
       for (int e = 0; e < 2; e++) unit[e] = {std::cos(angles[e]), std::sin(angles[e])};
-      const Point way[4] = {unit[0], unit[0] + unit[0].normal() * reach, unit[1] - unit[1].normal() * reach, unit[1]};
+      const Vector way[4] = {unit[0], unit[0] + normal(unit[0]) * reach, unit[1] - normal(unit[1]) * reach, unit[1]};
       Piece piece{{}, 0, first, last};
       for (int e = 0; e < 4; e++) piece.at[e] = middle + way[e] * radius;
       pieces.push_back(piece);
@@ -122,7 +116,7 @@ class Outline {
   void side(const Line& line, double reach, Style style) {
     for (int64_t i = 0; i < line.count; i++) {
       const int64_t next = (i + 1) % line.count;
-      Point own[2], following[2];
+      Vector own[2], following[2];
       tangents(line.cubics[i], own), tangents(line.cubics[next], following);
       offset(line.cubics[i], line.lines[i], reach, own, line.parts[i], i);
       if (line.turns[i] != 0.0 && (next || style.cap == kClosed || style.cap == kOneSide))
@@ -130,27 +124,25 @@ class Outline {
     }
   }
 
-  void offset(const Point* p, bool line, double reach, const Point* ends_of, int64_t count, int64_t owner) {
+  void offset(const Vector* p, bool line, double reach, const Vector* ends_of, int64_t count, int64_t owner) {
     if (line) {
-      const Point by = ends_of[0].normal() * reach;
+      const Vector by = normal(ends_of[0]) * reach;
       return straight(p[0] + by, p[3] + by, owner, owner);
     }
-    std::vector<Point> places(count + 1), slopes(count + 1);
+    std::vector<Vector> places(count + 1), slopes(count + 1);
     std::vector<double> speeds(count + 1), turning(count + 1);
     double fastest = 0.0;
     for (int64_t k = 0; k <= count; k++) {
-      const double t = double(k) / count, s = 1.0 - t;
-      const Point d[3] = {p[1] - p[0], p[2] - p[1], p[3] - p[2]};
-      const Point first = (d[0] * (s * s) + d[1] * (2.0 * s * t) + d[2] * (t * t)) * 3.0;
-      const Point second = ((d[1] - d[0]) * s + (d[2] - d[1]) * t) * 6.0;
-      places[k] = p[0] * (s * s * s) + p[1] * (3.0 * s * s * t) + p[2] * (3.0 * s * t * t) + p[3] * (t * t * t);
+      const Place here(&p->x, double(k) / count);
+      const Vector first{here.first.x, here.first.y}, second{here.second.x, here.second.y};
+      places[k] = {here.at.x, here.at.y};
       speeds[k] = first.length(), turning[k] = cross(first, second);
       slopes[k] = first * (1.0 / std::max(speeds[k], kShort));
       fastest = std::max(fastest, speeds[k]);
     }
     slopes[0] = ends_of[0], slopes[count] = ends_of[1];
     for (int64_t k = 0; k <= count; k++) {
-      places[k] = places[k] + slopes[k].normal() * reach;
+      places[k] = places[k] + normal(slopes[k]) * reach;
       // Where a handle has no length the curve stops for a moment, and its bend there is not known.
       const double bend = speeds[k] > 1e-3 * fastest ? turning[k] / (speeds[k] * speeds[k] * speeds[k]) : 0.0;
       slopes[k] = slopes[k] * (speeds[k] * (1.0 - bend * reach) / (3.0 * count));
@@ -162,20 +154,21 @@ class Outline {
 
   // What fills the gap between the offsets of two pieces; on the inner side the way over the joint itself. planned:
   // about the angle by which the line turns, which says what it is made of.
-  void join(Point at, Point before, Point after, double reach, int64_t kind, double planned, int64_t i, int64_t next) {
-    const Point a = at + before.normal() * reach, b = at + after.normal() * reach;
+  void join(Vector at, Vector before, Vector after, double reach, int64_t kind, double planned, int64_t i,
+            int64_t next) {
+    const Vector a = at + normal(before) * reach, b = at + normal(after) * reach;
     if (planned * reach > 0.0) return straight(a, at, i, next), straight(at, b, i, next);
     if (kind == kRoundJoin) return arc(at, a, turn(before, after), eighths(planned), i, next);
     if (kind != kMiter || 1.0 > kMiterLimit * std::max(std::cos(0.5 * planned), kShort)) return straight(a, b, i, next);
-    const Point middle = before.normal() + after.normal();
+    const Vector middle = normal(before) + normal(after);
     const double stretch = 1.0 / std::max(std::cos(0.5 * turn(before, after)), kShort);
-    const Point tip = at + middle * (reach * stretch / std::max(middle.length(), kShort));
+    const Vector tip = at + middle * (reach * stretch / std::max(middle.length(), kShort));
     straight(a, tip, i, next), straight(tip, b, i, next);
   }
 
   // From the left side of an end (that of the normal) around to its right.
-  void cap(Point at, Point way, Style style, int64_t owner) {
-    const Point out = way * style.half, a = at + out.normal(), b = at - out.normal();
+  void cap(Vector at, Vector way, Style style, int64_t owner) {
+    const Vector out = way * style.half, a = at + normal(out), b = at - normal(out);
     if (style.cap == kRound) return arc(at, a, -kPi, eighths(kPi), owner, owner);
     if (style.cap == kButt) return straight(a, b, owner, owner);
     straight(a, a + out, owner, owner), straight(a + out, b + out, owner, owner), straight(b + out, b, owner, owner);
@@ -191,34 +184,35 @@ extern "C" {
 // from each to the next, 0 where that needs no join.
 CS_EXPORT void cs_plan_offset(int64_t count, const double* cubics, const uint8_t* lines, int64_t* parts,
                               double* turns) {
-  const auto* p = reinterpret_cast<const Point(*)[4]>(cubics);
+  const auto* p = reinterpret_cast<const Vector(*)[4]>(cubics);
   for (int64_t i = 0; i < count; i++) {
-    Point own[2], next[2];
+    Vector own[2], next[2];
     tangents(p[i], own), tangents(p[(i + 1) % count], next);
     const double by = turn(own[1], next[0]);
     turns[i] = std::fabs(by) < kStraight ? 0.0 : by;
     double all = 0.0;
-    Point before{0.0, 0.0};
+    const Vector* before = nullptr;
+    Vector ways[3];
     for (int k = 0; k < 3; k++) {
-      const Point way = p[i][k + 1] - p[i][k];
-      if (way.length() <= kShort) continue;
-      if (before.length() > 0.0) all += std::fabs(turn(before, way));
-      before = way;
+      ways[k] = p[i][k + 1] - p[i][k];
+      if (ways[k].length() <= kShort) continue;
+      if (before) all += std::fabs(turn(*before, ways[k]));
+      before = &ways[k];
     }
     parts[i] = lines[i] ? 1 : std::clamp<int64_t>(int64_t(std::ceil(all / kMostTurn)), 1, kMostParts);
   }
 }
 
-// cap, join: as numbered above. points: room for (n, 4, 2), straight: (n,), owners: (n, 2), and ends of two rings, the
+// cap, join: as numbered above. points: room for (n, 4, 2), straight: (n,), and ends of two rings, the
 // second 0 where there is one. Returns n, or -1 without memory.
 CS_EXPORT int64_t cs_offset(int64_t count, const double* cubics, const uint8_t* lines, const int64_t* parts,
                             const double* turns, double half, int64_t cap, int64_t join, double* points,
-                            uint8_t* straight, int64_t* owners, int64_t* ends) try {
-  Outline outline;
-  outline.around({count, reinterpret_cast<const Point(*)[4]>(cubics), lines, parts, turns}, {half, cap, join});
+                            uint8_t* straight, int64_t* ends) try {
+  StrokeOutline outline;
+  outline.around({count, reinterpret_cast<const Vector(*)[4]>(cubics), lines, parts, turns}, {half, cap, join});
   for (const Piece& piece : outline.pieces) {
-    for (const Point& at : piece.at) *points++ = at.x, *points++ = at.y;
-    *straight++ = piece.line, *owners++ = piece.first, *owners++ = piece.last;
+    for (const Vector& at : piece.at) *points++ = at.x, *points++ = at.y;
+    *straight++ = piece.line;
   }
   std::copy(outline.ends.begin(), outline.ends.end(), ends);
   return int64_t(outline.pieces.size());
@@ -233,8 +227,8 @@ CS_EXPORT int64_t cs_offset_slopes(int64_t count, const double* cubics, const ui
                                    const double* turns, double half, int64_t cap, int64_t join, double step,
                                    int64_t* rows, int64_t* columns, double* values) try {
   std::vector<double> moved(cubics, cubics + 8 * count);
-  const Line line{count, reinterpret_cast<const Point(*)[4]>(moved.data()), lines, parts, turns};
-  Outline still, now;
+  const Line line{count, reinterpret_cast<const Vector(*)[4]>(moved.data()), lines, parts, turns};
+  StrokeOutline still, now;
   still.around(line, {half, cap, join});
   const auto colour_of = [&](int64_t i) { return count % 2 && i + 1 == count ? 2 : i % 2; };
   int64_t found = 0;
@@ -251,7 +245,7 @@ CS_EXPORT int64_t cs_offset_slopes(int64_t count, const double* cubics, const ui
             const Piece& owner = still.pieces[q < 3 ? n : n + 1 < end ? n + 1 : first];
             const int64_t own = colour_of(owner.first) == colour ? owner.first : owner.last;
             if (colour_of(own) != colour) continue;
-            const Point change = (now.pieces[n].at[q] - still.pieces[n].at[q]) * (1.0 / step);
+            const Vector change = (now.pieces[n].at[q] - still.pieces[n].at[q]) * (1.0 / step);
             for (int c = 0; c < 2; c++) {
               const double value = c ? change.y : change.x;
               if (std::fabs(value) <= 1e-12) continue;
