@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
+from collections.abc import Sequence
 from ctypes import c_int64
 from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import address_of, doubles, native
+from cubicsplat_cli.raster.cpu import address_of, doubles, int64s, native
 
 _native = partial(native, "points")
 
@@ -43,34 +43,6 @@ class PointTree:
         _native("cs_off_line", *self._sorted(), *given, result=None)
         return sizes, ways
 
-    def laid_on(
-        self,
-        seen: np.ndarray,
-        other: PointTree,
-        other_seen: np.ndarray,
-        placed: tuple[np.ndarray, np.ndarray],
-        limits: tuple[float, float, float, float],
-        tries: int,
-        on_it: float,
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """The shift (2,) with which the closed line through the points lies nearest to another one, and (2,) what the
-        points that show tell of it, 1/px^2 if each is known to a px; None where it lies not near enough.
-
-        seen, other_seen: (n, 2) and (m, 2) the points of either line that show. placed: signs (2,) by which x and y are
-        multiplied first, and the shift (2,) to begin with. limits: px that a point may be off at first, after a try,
-        and at last, and that all may be off at last in the root mean square. tries: steps of least squares, of points
-        off the other line. on_it: as of `off_line`.
-        """
-        signs, shift, told = doubles(placed[0]), doubles(placed[1]).copy(), np.empty(2)
-        kept = [tree._line(points) for tree, points in ((self, seen), (other, other_seen))]
-        given = (*kept, signs, np.array(limits), tries, on_it, shift, told)
-        return (shift, told) if _native("cs_lay_on", *given, result=c_int64) else None
-
-    def _line(self, seen: np.ndarray) -> ctypes.Array[c_int64]:
-        """The line and the points of it that show, as the library takes them."""
-        arrays = (*self._sorted()[1:], self._given)
-        return (c_int64 * 7)(len(self._given), *map(address_of, arrays), len(seen), address_of(seen))
-
     def query_ball_point(self, places: np.ndarray, reach: float | np.ndarray) -> list[np.ndarray]:
         """For each place (m, 2) the indices, ascending, of the points no farther than `reach` or reach (m,)."""
         found, ends = self._within(_pairs(places), reach)
@@ -93,8 +65,47 @@ class PointTree:
                 return found[:count], ends
             room = count
 
+    def line(self, seen: np.ndarray) -> list[int]:
+        """The closed line through the points, and points (n, 2) of it that show, as the library takes them."""
+        arrays = (*self._sorted()[1:], self._given)
+        return [len(self._given), *map(address_of, arrays), len(seen), address_of(seen)]
+
     def _sorted(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         return len(self._points), self._points, self._order, self._axes
+
+
+class ClosedLines:
+    """Closed lines, of which one may lie on another one when it is moved or mirrored. trees: of the points of each
+    line; seen: (n, 2) the points of each that show; boxes: (lines, 2, 2) their least and greatest x and y, px."""
+
+    def __init__(self, trees: Sequence[PointTree], seen: Sequence[np.ndarray], boxes: np.ndarray) -> None:
+        self._kept = trees, seen
+        self._lines = np.array([tree.line(points) for tree, points in zip(trees, seen, strict=True)], np.int64)
+        self._boxes = doubles(boxes)
+
+    def first_on(
+        self,
+        own: int,
+        models: np.ndarray,
+        firsts: np.ndarray,
+        flips: np.ndarray,
+        limits: tuple[float, float, float],
+        tries: tuple[int, int],
+        on_it: float,
+    ) -> tuple[int, int, np.ndarray, np.ndarray] | None:
+        """Which of the lines `models` (m,), the first, and of the flips (f, 2), by which x and y are multiplied, lies
+        on the line `own`; the shift (2,), px, by which it does, and (2,) what the points that show tell of it, 1/px^2
+        if each is known to a px. None where none lies near enough.
+
+        firsts, limits: px that a point of each model may be off at first, with the middles of both boxes on each other,
+        after a step and at last, and that all may be off at last in the root mean square. tries: points that are tried
+        before all of them, and steps of least squares, of points off the other line. on_it: as of `off_line`.
+        """
+        shift, told = np.empty(2), np.empty(2)
+        lines = (self._lines, self._boxes, own, len(models), int64s(models), doubles(firsts), len(flips), flips)
+        given = (*lines, np.array(limits), *tries, on_it, shift, told)
+        model, flip = divmod(_native("cs_lay_on", *given, result=c_int64), len(flips))
+        return None if model == len(models) else (int(models[model]), flip, shift, told)
 
 
 def _pairs(points: np.ndarray) -> np.ndarray:

@@ -9,7 +9,8 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, ON_IT, SIGMAS, SYSTEMATIC, TRIES, Track
-from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, NEAR, STEPS, Turn, Walk, evenly, turned_onto
+from cubicsplat_cli.artwork.regularities.turned import FEWEST, LENGTH_OFF, NEAR, STEPS, Turn, Walk, evenly, turned_onto
+from cubicsplat_cli.raster.point_tree import ClosedLines
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
@@ -17,7 +18,8 @@ SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may dif
 ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
 MOST_MODELS = 32  # of about its size that an outline is compared with, the first ones
-FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
+# As it is, mirrored either way, turned by half a circle.
+FLIPS = np.array([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 
 
 def found_copies(
@@ -33,35 +35,37 @@ def found_copies(
     pairs = 0.5 * len(tracks) ** 2
     # Most pairs are of other sizes.
     names = list(tracks)
-    spans = np.array([track.extent[1] - track.extent[0] for track in tracks.values()]).reshape(-1, 2)
     areas = np.array([walk.area for walk in walks.values()])
     lengths = np.array([walk.length for walk in walks.values()])
-    # Root mean squares of their points from the middle, along the axes and in all: no farther apart than the points.
+    # Root mean squares of their points from the middle: no farther apart than the points.
     steps = np.array([walk.steps for walk in walks.values()]).reshape(-1, STEPS)
-    widths = np.sqrt(np.array([steps.real**2, steps.imag**2]).mean(axis=2))
-    radii = np.hypot(*widths)
+    radii = np.sqrt((steps.real**2 + steps.imag**2).mean(axis=1))
     whole = np.array([track.whole for track in tracks.values()], dtype=bool)
+    tells = np.array([len(track.seen) >= FEWEST for track in tracks.values()], dtype=bool)
+    boxes = np.array([track.extent for track in tracks.values()]).reshape(-1, 2, 2)
+    spans = boxes[:, 1] - boxes[:, 0]
+    lines = ClosedLines([t.tree for t in tracks.values()], [t.seen for t in tracks.values()], boxes)
     level: dict[int, tuple[int, RigidTransform]] = {}
     turns: dict[int, dict[int, Turn]] = {}  # by model
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
     first, models = (np.zeros(len(names), dtype=bool) for _ in range(2))
     for i, (k, track) in enumerate(tracks.items()):
-        sized = (
-            first & (np.abs(spans[:, 0] - spans[i, 0]) <= SIZE_OFF) & (np.abs(spans[:, 1] - spans[i, 1]) <= SIZE_OFF)
-        )
+        sized = first & tells[i] & (np.abs(spans - spans[i]).max(axis=1) <= SIZE_OFF)
         full = np.abs(areas - areas[i]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
         sized &= full | ~(whole & track.whole)
-        able = [names[j] for j in np.flatnonzero(sized)[:MOST_MODELS].tolist()]
-        transforms = ((m, _transform(tracks[m], track, step, mirrors)) for m in able)
-        found = next(((m, each) for m, each in transforms if each is not None), None)
+        able = np.flatnonzero(sized)[:MOST_MODELS]
+        # Where all of it shows, what is alike and of one size lies nearly right at once.
+        astray = np.where(whole[able] & track.whole, ASTRAY, LARGEST)
+        found = lines.first_on(i, able, astray, FLIPS, (LARGEST, FARTHEST, MEAN), (FIRST_LOOK, TRIES), ON_IT)
         if found is not None:
-            level[k] = found
+            model, flip, shift, told = found
+            level[k] = names[model], _transform(tuple(FLIPS[flip].tolist()), shift, told, step, mirrors)
             continue
-        first[i] = True
+        first[i] = tells[i]
         long = models & (np.abs(lengths - lengths[i]) <= LENGTH_OFF) & (np.abs(radii - radii[i]) <= NEAR)
-        able = [names[j] for j in np.flatnonzero(long)[:MOST_MODELS].tolist()]
-        told = walks[k].is_certain(numbers[k], pairs)
-        turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in (able if told else ()))
+        like = [names[j] for j in np.flatnonzero(long)[:MOST_MODELS].tolist()]
+        is_told = walks[k].is_certain(numbers[k], pairs)
+        turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in (like if is_told else ()))
         rotated = next(((m, turn) for m, turn in turned if turn is not None), None)
         if rotated is None:
             turns[k], models[i] = {}, True
@@ -76,33 +80,13 @@ def found_copies(
     return copies
 
 
-def _transform(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> RigidTransform | None:
-    """The transform that takes a model to an outline; None where they are not alike."""
-    (low, high), (start, end) = model.extent, track.extent
-    if min(len(model.seen), len(track.seen)) < 8:
-        return None
-    for flip in FLIPS:
-        signs = np.array(flip)
-        shift = 0.5 * (start + end) - 0.5 * signs * (low + high)
-        settled = _fitted(model, track, signs, shift)
-        if settled is not None:
-            shift, error = settled
-            for c in (0, 1):
-                home = mirrors[c] if flip[c] < 0.0 else 0.0
-                if abs(shift[c] - home) <= SIGMAS * np.hypot(error[c], SYSTEMATIC):
-                    shift[c] = home
-            return RigidTransform(flip, tuple((np.rint(shift / step) * step).tolist()))
-    return None
-
-
-def _fitted(model: Track, track: Track, signs: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """The shift (2,) with which the model lies nearest to an outline, and its standard errors (2,) px; None where it
-    lies not near enough."""
-    most = ASTRAY if model.whole and track.whole else LARGEST
-    # Most outlines are not alike, which a few points tell.
-    if track.off((model.seen * signs + shift)[:: len(model.seen) // FIRST_LOOK + 1])[0].max() > most:
-        return None
-    # Where all of it shows, what is alike and of one size lies nearly right at once.
-    limits = most, LARGEST, FARTHEST, MEAN
-    found = model.tree.laid_on(model.seen, track.tree, track.seen, (signs, shift), limits, TRIES, ON_IT)
-    return None if found is None else (found[0], 2.0 * SEEN_SIGMA / np.sqrt(found[1]))
+def _transform(
+    flip: tuple[float, float], shift: np.ndarray, told: np.ndarray, step: float, mirrors: tuple[float, float]
+) -> RigidTransform:
+    """The transform with a flip and about a shift (2,), of which the points of both outlines tell so much (2,)."""
+    errors = 2.0 * SEEN_SIGMA / np.sqrt(told)
+    for c in (0, 1):
+        home = mirrors[c] if flip[c] < 0.0 else 0.0
+        if abs(shift[c] - home) <= SIGMAS * np.hypot(errors[c], SYSTEMATIC):
+            shift[c] = home
+    return RigidTransform(flip, tuple((np.rint(shift / step) * step).tolist()))

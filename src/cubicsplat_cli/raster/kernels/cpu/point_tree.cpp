@@ -1,6 +1,7 @@
 // Which of many points lie near a place, by a k-d tree (J. Bentley, "Multidimensional Binary Search Trees Used for
 // Associative Searching", 1975). raster/point_tree.py says what each function means.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <exception>
@@ -134,6 +135,45 @@ void sort(const Point* points, int64_t low, int64_t high, int64_t* order, uint8_
   sort(points, middle + 1, high, order, axes);
 }
 
+// Brings the shift of a line to where it lies nearest to another one, and tells whether that is near enough: see
+// `cs_lay_on`. limits: at first, after a step, at last, in the mean at last.
+bool laid_on(const Outline& first, const Outline& second, const Point& sign, const std::array<double, 4>& limits,
+             int64_t look, int64_t tries, double on_it, Point& shift, Point& told) {
+  const Line one = first.line(on_it), other = second.line(on_it);
+  const auto moved = [&](const Point& p) {
+    return Point{{p.at[0] * sign.at[0] + shift.at[0], p.at[1] * sign.at[1] + shift.at[1]}};
+  };
+  // Most lines are not alike, which a few points tell.
+  for (int64_t i = 0; i < first.shown; i += first.shown / look + 1)
+    if (other.off(moved(first.seen[i])).first > limits[0]) return false;
+  for (int64_t left = tries;; left--) {
+    double gram[3] = {1e-6, 0.0, 1e-6}, pull[2] = {0.0, 0.0}, farthest = 0.0, squares = 0.0;
+    const auto add = [&](double size, const Point& way) {
+      gram[0] += way.at[0] * way.at[0], gram[1] += way.at[0] * way.at[1], gram[2] += way.at[1] * way.at[1];
+      for (int c = 0; c < 2; c++) pull[c] += way.at[c] * size;
+      farthest = std::max(farthest, size), squares += size * size;
+      return size <= limits[left == tries ? 0 : 1];
+    };
+    for (int64_t i = 0; i < first.shown; i++) {
+      const auto [size, way] = other.off(moved(first.seen[i]));
+      if (!add(size, way)) return false;
+    }
+    for (int64_t i = 0; i < second.shown; i++) {
+      const Point& p = second.seen[i];
+      const auto [size, way] = one.off({{(p.at[0] - shift.at[0]) * sign.at[0], (p.at[1] - shift.at[1]) * sign.at[1]}});
+      add(size, {{-way.at[0] * sign.at[0], -way.at[1] * sign.at[1]}});
+    }
+    if (farthest > limits[1]) return false;
+    if (left == 0) {
+      told = {{gram[0], gram[2]}};
+      return farthest <= limits[2] && std::sqrt(squares / double(first.shown + second.shown)) <= limits[3];
+    }
+    const double area = gram[0] * gram[2] - gram[1] * gram[1];
+    shift.at[0] -= (gram[2] * pull[0] - gram[1] * pull[1]) / area;
+    shift.at[1] -= (gram[0] * pull[1] - gram[1] * pull[0]) / area;
+  }
+}
+
 }  // namespace
 }  // namespace cs
 
@@ -164,41 +204,26 @@ CS_EXPORT void cs_off_line(int64_t count, const Point* points, const int64_t* or
   for (int64_t i = 0; i < places; i++) std::tie(sizes[i], ways[i]) = tree.off(at[i]);
 }
 
-// The shift with which a closed line, mirrored as the signs say, lies nearest to another one: least squares of how far
-// points that show of either lie off the other. first, second: trees, lines and `seen` points that show, of both lines.
-// limits: px that a point is off at most before and after the first of the `tries`, and at last, in the mean too. The
-// shift is brought up to date; told: what the points tell of its coordinates, 1/px^2 with errors of 1 px. Returns
-// whether it lies near enough.
-CS_EXPORT int64_t cs_lay_on(const Outline* first, const Outline* second, const double* signs, const double* limits,
-                            int64_t tries, double on_it, double* shift, double* told) {
-  const Line one = first->line(on_it), other = second->line(on_it);
-  for (int64_t left = tries;; left--) {
-    double gram[3] = {1e-6, 0.0, 1e-6}, pull[2] = {0.0, 0.0}, farthest = 0.0, squares = 0.0;
-    const auto add = [&](double size, const Point& way) {
-      gram[0] += way.at[0] * way.at[0], gram[1] += way.at[0] * way.at[1], gram[2] += way.at[1] * way.at[1];
-      for (int c = 0; c < 2; c++) pull[c] += way.at[c] * size;
-      farthest = std::max(farthest, size), squares += size * size;
-      return size <= limits[left == tries ? 0 : 1];
-    };
-    for (int64_t i = 0; i < first->shown; i++) {
-      const Point& p = first->seen[i];
-      const auto [size, way] = other.off({{p.at[0] * signs[0] + shift[0], p.at[1] * signs[1] + shift[1]}});
-      if (!add(size, way)) return 0;
-    }
-    for (int64_t i = 0; i < second->shown; i++) {
-      const Point& p = second->seen[i];
-      const auto [size, way] = one.off({{(p.at[0] - shift[0]) * signs[0], (p.at[1] - shift[1]) * signs[1]}});
-      add(size, {{-way.at[0] * signs[0], -way.at[1] * signs[1]}});
-    }
-    if (farthest > limits[1]) return 0;
-    if (left == 0) {
-      told[0] = gram[0], told[1] = gram[2];
-      return farthest <= limits[2] && std::sqrt(squares / double(first->shown + second->shown)) <= limits[3];
-    }
-    const double area = gram[0] * gram[2] - gram[1] * gram[1];
-    shift[0] -= (gram[2] * pull[0] - gram[1] * pull[1]) / area;
-    shift[1] -= (gram[0] * pull[1] - gram[1] * pull[0]) / area;
+// Finds the first of `models` that, mirrored as one of the `flips`, lies on the line `own`, by least squares of how far
+// points that show of either lie off the other; first with the middles of both boxes on each other. lines: all of them;
+// boxes: their least and greatest coordinates. firsts: px that a point of each model is off at most at the beginning;
+// limits: after a step and at last, and in the root mean square at last. look: points that are tried before all are.
+// shift: where the model comes to lie; told: what the points tell of that, 1/px^2 with errors of 1 px. Returns
+// flips x the place among the models + the flip; flips x count where none lies on it.
+CS_EXPORT int64_t cs_lay_on(const Outline* lines, const Point* boxes, int64_t own, int64_t count, const int64_t* models,
+                            const double* firsts, int64_t flips, const Point* signs, const double* limits, int64_t look,
+                            int64_t tries, double on_it, Point* shift, Point* told) {
+  const Point &start = boxes[2 * own], &end = boxes[2 * own + 1];
+  for (int64_t k = 0; k < count * flips; k++) {
+    const int64_t model = models[k / flips];
+    const Point &low = boxes[2 * model], &high = boxes[2 * model + 1], &sign = signs[k % flips];
+    for (int c = 0; c < 2; c++)
+      shift->at[c] = 0.5 * (start.at[c] + end.at[c]) - 0.5 * sign.at[c] * (low.at[c] + high.at[c]);
+    if (laid_on(lines[model], lines[own], sign, {firsts[k / flips], limits[0], limits[1], limits[2]}, look, tries,
+                on_it, *shift, *told))
+      return k;
   }
+  return count * flips;
 }
 
 // The indices of the points within reach of each place, ascending, as far as there is room; ends: (places,) of their
