@@ -151,9 +151,10 @@ class Window:
         reached, own = enclosed(ring, self.extent)
         both = zip(self.box, reached, strict=True)
         rows, columns = box = tuple(slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
-        inside = np.zeros_like(self.must)
-        inside[reached] = own
-        y, x = np.nonzero((inside[box] & ~self.may[box]) | (~inside[box] & self.must[box]))
+        off = self.must[box].copy()
+        part = tuple(slice(b.start - a.start, b.stop - a.start) for a, b in zip(box, reached, strict=True))
+        off[part] = np.where(own, ~self.may[reached], off[part])
+        y, x = np.nonzero(off)
         within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
         return np.concatenate([within, points[self._astray(points)]])
 

@@ -43,17 +43,17 @@ def found_copies(
     whole = np.array([track.whole for track in tracks.values()], dtype=bool)
     tells = np.array([len(track.seen) >= FEWEST for track in tracks.values()], dtype=bool)
     boxes = np.array([track.extent for track in tracks.values()]).reshape(-1, 2, 2)
-    spans = boxes[:, 1] - boxes[:, 0]
+    wide, high = np.ascontiguousarray((boxes[:, 1] - boxes[:, 0]).T)
     lines = ClosedLines([t.tree for t in tracks.values()], [t.seen for t in tracks.values()], boxes)
     level: dict[int, tuple[int, RigidTransform]] = {}
     turns: dict[int, dict[int, Turn]] = {}  # by model
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
     first, models = (np.zeros(len(names), dtype=bool) for _ in range(2))
     for i, (k, track) in enumerate(tracks.items()):
-        sized = first & tells[i] & (np.abs(spans - spans[i]).max(axis=1) <= SIZE_OFF)
-        full = np.abs(areas - areas[i]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
-        sized &= full | ~(whole & track.whole)
-        able = np.flatnonzero(sized)[:MOST_MODELS]
+        sized = first & (np.abs(wide - wide[i]) <= SIZE_OFF) & (np.abs(high - high[i]) <= SIZE_OFF)
+        able = np.flatnonzero(sized if tells[i] else [])
+        full = np.abs(areas[able] - areas[i]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
+        able = able[full | ~(whole[able] & track.whole)][:MOST_MODELS]
         # Where all of it shows, what is alike and of one size lies nearly right at once.
         astray = np.where(whole[able] & track.whole, ASTRAY, LARGEST)
         found = lines.first_on(i, able, astray, FLIPS, (LARGEST, FARTHEST, MEAN), (FIRST_LOOK, TRIES), ON_IT)

@@ -88,11 +88,12 @@ struct Line {
     // The nearest point of the line lies on one of the two edges at the nearest of its points.
     for (const int64_t first : {(best.index + tree.count - 1) % tree.count, best.index}) {
       const Point &a = points[first], &b = points[(first + 1) % tree.count];
-      const double x = b.at[0] - a.at[0], y = b.at[1] - a.at[1], length = std::max(std::hypot(x, y), 1e-12);
+      const double x = b.at[0] - a.at[0], y = b.at[1] - a.at[1], squares = std::max(x * x + y * y, 1e-24);
       const double dx = place.at[0] - a.at[0], dy = place.at[1] - a.at[1];
-      const double share = std::clamp((dx * x + dy * y) / (length * length), 0.0, 1.0);
-      const double gx = dx - share * x, gy = dy - share * y, size = std::hypot(gx, gy);
+      const double share = std::clamp((dx * x + dy * y) / squares, 0.0, 1.0);
+      const double gx = dx - share * x, gy = dy - share * y, size = std::sqrt(gx * gx + gy * gy);
       if (!(size < out.first)) continue;
+      const double length = std::sqrt(squares);
       out = {size, size > on_it ? Point{{gx / size, gy / size}} : Point{{-y / length, x / length}}};
     }
     return out;

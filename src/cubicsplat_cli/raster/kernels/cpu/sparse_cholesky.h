@@ -166,11 +166,14 @@ class Factor {
   void solve(std::vector<double>& values) const {
     std::vector<double> x(n_);
     for (int32_t k = 0; k < n_; k++) x[k] = values[order_[k]];
-    for (int32_t k = 0; k < n_; k++)
-      for (int64_t p = starts_[k]; p < starts_[k + 1]; p++) x[row_[p]] -= value_[p] * x[k];
+    for (int32_t k = 0; k < n_; k++) {
+      const double own = x[k];
+      for (int64_t p = starts_[k]; p < starts_[k + 1]; p++) x[row_[p]] -= value_[p] * own;
+    }
     for (int32_t k = n_; k-- > 0;) {
-      x[k] /= diagonal_[k];
-      for (int64_t p = starts_[k]; p < starts_[k + 1]; p++) x[k] -= value_[p] * x[row_[p]];
+      double own = x[k] / diagonal_[k];
+      for (int64_t p = starts_[k]; p < starts_[k + 1]; p++) own -= value_[p] * x[row_[p]];
+      x[k] = own;
     }
     for (int32_t k = 0; k < n_; k++) values[order_[k]] = x[k];
   }
@@ -184,14 +187,37 @@ class Factor {
   bool positive_ = true, dear_ = false;
 };
 
-// A symmetric matrix, of whose entries one triangle is given, each once, times a vector.
-inline void multiply(const std::vector<Entry>& entries, const std::vector<double>& x, std::vector<double>& out) {
-  std::fill(out.begin(), out.end(), 0.0);
-  for (const Entry& e : entries) {
-    out[e.row] += e.value * x[e.column];
-    if (e.row != e.column) out[e.column] += e.value * x[e.row];
+// A symmetric matrix by the rows of one triangle, times vectors.
+class Rows {
+ public:
+  // entries: of the upper triangle by rows, each once, as `summed` gives them.
+  Rows(const std::vector<Entry>& entries, size_t count) : ends_(count, 0) {
+    column_.reserve(entries.size()), value_.reserve(entries.size());
+    for (const Entry& e : entries) ends_[e.row]++, column_.push_back(e.column), value_.push_back(e.value);
+    std::partial_sum(ends_.begin(), ends_.end(), ends_.begin());
   }
-}
+
+  void multiply(const std::vector<double>& x, std::vector<double>& out) const {
+    std::fill(out.begin(), out.end(), 0.0);
+    int64_t n = 0;
+    for (size_t row = 0; row < ends_.size(); row++) {
+      const double own = x[row];
+      double sum = out[row];
+      for (; n < ends_[row]; n++) {
+        const int32_t column = column_[n];
+        sum += value_[n] * x[column];
+        // The diagonal counts once: what is added to it here is written over.
+        out[column] += value_[n] * own;
+      }
+      out[row] = sum;
+    }
+  }
+
+ private:
+  std::vector<int64_t> ends_;
+  std::vector<int32_t> column_;
+  std::vector<double> value_;
+};
 
 // Solves a system for `values`, in place, until the residual is `enough` of what it was, in the norm of the preconditioner;
 // false where the matrix is not positive definite. Method: conjugate gradients (M. Hestenes and E. Stiefel, "Methods of
@@ -206,13 +232,14 @@ inline bool iterate(const std::vector<Entry>& entries, const Factor& part, doubl
     for (size_t k = 0; k < n; k++) sum += a[k] * b[k];
     return sum;
   };
+  const Rows rows(entries, n);
   std::vector<double> x(n, 0.0), rest = values, ahead = rest, way, product(n);
   part.solve(ahead);
   way = ahead;
   double size = dot(rest, ahead);
   const double least = enough * enough * size;
   for (int step = 0; step < kMost && size > least; step++) {
-    multiply(entries, way, product);
+    rows.multiply(way, product);
     const double curved = dot(way, product);
     if (!(curved > 0.0)) return false;
     for (size_t k = 0; k < n; k++) x[k] += size / curved * way[k], rest[k] -= size / curved * product[k];
