@@ -73,14 +73,14 @@ def test_a_tiny_file_holds_polygons_and_nothing_else(placeholder):
     assert 285 <= packed_size(svg) <= 300
     assert re.fullmatch(
         r'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 \d\d \d\d" fill-opacity="\.\d">'
-        r'<path fill-opacity="1" d="M0 0h\d\dv\d\dH0" fill="#[0-9a-f]{3}"/>'
-        r'(<path d="M[-0-9 ]+" fill="#[0-9a-f]{3}"/>)+</svg>',
+        r'<path d="m0 0h\d\dv\d\dH0" fill="#[0-9a-f]{3}" fill-opacity="1"/>'
+        r'(<path d="m[-0-9 ]+" fill="#[0-9a-f]{3}"/>)+</svg>',
         svg,
     )
     report = placeholder.report
     assert (report.style, report.settings["max_bytes"], report.settings["shapes"]) == ("photo", "300gz", "polygon")
     assert report.output.compressed_bytes == packed_size(svg)
-    assert ", 2" in summary_line(report) and "B gzipped" in summary_line(report)
+    assert f", {packed_size(svg)} B gzipped" in summary_line(report)
     assert report.output.paths == svg.count("<path") - 1 == placeholder.scene.curves
     assert report.quality.svg.psnr_db > 24.0
     assert abs(report.quality.surrogate.psnr_db - report.quality.svg.psnr_db) < 0.1
@@ -124,7 +124,7 @@ def test_an_interrupted_search_still_fits(hills):
 
 def test_triangles_stay_triangles(hills):
     drawn = vectorize(hills, max_bytes="300gz", shapes="triangle", **SHORT)
-    numbers = [len(re.findall(r"-?\d+", d)) for d in re.findall(r'd="M([-0-9 ]+)"', drawn.svg)]
+    numbers = [len(re.findall(r"-?\d+", d)) for d in re.findall(r'd="m([-0-9 ]+)"', drawn.svg)]
     assert numbers == [6] * len(numbers)
 
 
@@ -154,6 +154,15 @@ def test_rounding_to_the_grid_keeps_a_drawing_that_is_on_it():
     polygons = random_polygons((60.0, 40.0))
     again = polygons_on_grid(polygons.scene(300, 200), polygons.size)
     assert again.text() == polygons.text()
+
+
+def test_a_polygon_has_one_text_wherever_and_whichever_way_it_begins():
+    def text(vertices: list[list[int]]) -> str:
+        return GridPolygons((60.0, 40.0), [np.array(vertices)], np.array([[1, 2, 3]]), None, 7).path(0)
+
+    corners = [[30, 12], [21, 9], [21, 18], [28, 20]]
+    assert text(corners) == '<path d="m21 9 0 9 7 2 2-8" fill="#123"/>'
+    assert {text(way[k:] + way[:k]) for way in (corners, corners[::-1]) for k in range(4)} == {text(corners)}
 
 
 def test_more_than_4_kb_is_a_usual_file_whose_compressed_bytes_count(hills):

@@ -1,8 +1,7 @@
 """Polygons on a coarse grid as the shortest SVG: the files of a few hundred bytes that stand in for a photo.
 
 Such a file holds nothing but a view box, a background and paths: no size, comment, title, ids or decimals, one opacity
-for all, and colours of 12 bits. Each path is absolute, because two digits of a coordinate compress better than the
-many values of differences.
+for all, and colours of 12 bits. Each path is relative: most differences have one digit, and a minus separates numbers.
 """
 
 from __future__ import annotations
@@ -41,8 +40,13 @@ class GridPolygons:
     opacity: int
 
     def path(self, index: int) -> str:
-        """The element of one polygon."""
-        return f'<path d="M{joined(self.vertices[index].ravel().tolist())}" fill="{_hex(self.colours[index])}"/>'
+        """The element of one polygon, from its leftmost vertex on, the way round that is shorter to say."""
+        vertices = self.vertices[index].tolist()
+        first = vertices.index(min(vertices))
+        around = vertices[first:] + vertices[:first]
+        ways = _relative(around), _relative(around[:1] + around[:0:-1])
+        d = min(ways, key=lambda text: (len(text), text.count("-"), text))
+        return f'<path d="m{d}" fill="{_hex(self.colours[index])}"/>'
 
     def head(self) -> str:
         """The document up to its first polygon."""
@@ -53,7 +57,7 @@ class GridPolygons:
             return start
         width, height = (math.ceil(side) for side in self.size)
         opaque = opacity and ' fill-opacity="1"'
-        return f'{start}<path{opaque} d="M0 0h{width}v{height}H0" fill="{_hex(self.background)}"/>'
+        return f'{start}<path d="m0 0h{width}v{height}H0" fill="{_hex(self.background)}"{opaque}/>'
 
     def text(self) -> str:
         """The SVG document, back to front."""
@@ -137,6 +141,12 @@ def with_more(vertex: int, way: np.ndarray, most: int) -> Step:
 def is_colour(colour: np.ndarray) -> bool:
     """Whether all levels are in 0..LEVELS."""
     return bool(colour.min() >= 0 and colour.max() <= LEVELS)
+
+
+def _relative(vertices: list[list[int]]) -> str:
+    """Vertices, each but the first from the one before."""
+    befores = [[0, 0], *vertices]
+    return joined(n for (x, y), (a, b) in zip(vertices, befores, strict=False) for n in (x - a, y - b))
 
 
 def _hex(colour: np.ndarray) -> str:
