@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -138,8 +139,7 @@ def _around(line: Subpath, shape: PaintedShape) -> list[np.ndarray]:
     cubics = line.ring() if line.closed else line.cubics
     lines = np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2))
     plan = OffsetPlan.of(cubics, lines, "closed" if line.closed else shape.cap, shape.join)
-    plan.parts = np.minimum(plan.parts, _PARTS)
-    outline = plan.outline(cubics, shape.width / 2.0)
+    outline = replace(plan, parts=np.minimum(plan.parts, _PARTS)).outline(cubics, shape.width / 2.0)
     return np.split(outline.cubics, outline.ends[:-1])
 
 
