@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.scene import filled_scene
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.borders import border_map
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Rgba
@@ -153,61 +154,28 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns (n, 2) int the x and y of their corners, one loop after the other, each beginning with a level side; outer
     loops run clockwise as seen, holes the other way; and (m,) int where each loop ends.
     """
-    filled = np.pad(mask, 1).astype(np.int8)
-    # Sides run with the mask on their right: east along its tops, south along its right ends.
-    level = _sides(np.diff(filled, axis=0)[:, 1:-1])
-    upright = _sides(-np.diff(filled, axis=1)[1:-1].T)[:, [1, 0, 3, 2, 4]]
-    if not len(level):
-        return np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
-    sides = np.concatenate([level, upright])
-    count, wide = len(level), mask.shape[1] + 1
-    forward = sides[:, 4] > 0
-    begins = np.full((2, 2, wide * (mask.shape[0] + 1)), -1, dtype=np.int64)
-    kind = np.arange(len(sides)) >= count
-    begins[kind.astype(int), forward.astype(int), sides[:, 1] * wide + sides[:, 0]] = np.arange(len(sides))
-    ends = sides[:, 3] * wide + sides[:, 2]
-    # Where two cells touch at a corner only, a loop goes on around its own: to the right.
-    other = (~kind).astype(int)
-    right = np.where(kind, ~forward, forward).astype(int)
-    turned = begins[other, right, ends]
-    following = np.where(turned >= 0, turned, begins[other, 1 - right, ends])
-    order, lengths = _in_loops(following)
-    return sides[order, :2], np.cumsum(lengths)
+    loops = border_map(mask.astype(np.int32)).loops
+    owner = np.repeat(np.arange(len(loops.ends)), np.diff(loops.ends, prepend=0))
+    own = (loops.owners == 1)[owner]
+    (x, y, way), owner = loops.cracks[own].T, owner[own]
+    # The last crack of a loop comes before its first one.
+    before = _shifted(owner, -1)
+    turns = way != way[before]
+    x, y, level, owner = x[turns], y[turns], way[turns] % 2 == 0, owner[turns]
+    # Each begins with its uppermost level side, of several the one farthest to the left.
+    low = np.minimum(x, x[_shifted(owner, 1)])
+    order = np.lexsort((low, y, ~level, owner))
+    starts, counts = np.unique(owner, return_index=True, return_counts=True)[1:]
+    heads = order[starts]
+    rank = np.empty(len(heads), dtype=np.int64)
+    rank[np.lexsort((low[heads], y[heads]))] = np.arange(len(heads))
+    place = (np.arange(len(x)) - np.repeat(heads, counts)) % np.repeat(counts, counts)
+    return np.stack([x, y], axis=1)[np.lexsort((place, np.repeat(rank, counts)))], np.cumsum(counts[np.argsort(rank)])
 
 
-def _sides(steps: np.ndarray) -> np.ndarray:
-    """(n, 5) from, along and across, to, along and across, and direction of the longest runs of 1 and of -1 along the
-    rows of steps (H, W).
-    """
-    padded = np.pad(steps, ((0, 0), (1, 1)))
-    row, at = np.nonzero(np.diff(padded, axis=1))
-    # Each change ends a run, begins one, or both.
-    after, before = padded[row, at + 1], padded[row, at]
-    start, end = after != 0, before != 0
-    low, high, row, direction = at[start], at[end], row[start], after[start].astype(np.int64)
-    first, last = np.where(direction > 0, low, high), np.where(direction > 0, high, low)
-    return np.stack([first, row, last, row, direction], axis=1)
-
-
-def _in_loops(following: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The elements of a permutation (n,) by cycles, each from its least one on, and (m,) how long each cycle is.
-
-    By pointer jumping: after k rounds each knows the least of the next 2^k.
-    """
-    count = len(following)
-    least, jump = np.arange(count), following.copy()
-    while True:
-        smaller = np.minimum(least, least[jump])
-        if (smaller == least).all() and (least == least[following]).all():
-            break
-        least, jump = smaller, jump[jump]
-    backward = np.empty(count, dtype=np.int64)
-    backward[following] = np.arange(count)
-    heads = least == np.arange(count)
-    backward[heads] = np.flatnonzero(heads)
-    place = (~heads).astype(np.int64)
-    while not heads[backward].all():
-        place += place[backward]
-        backward = backward[backward]
-    order = np.lexsort((place, least))
-    return order, np.bincount(least)[np.flatnonzero(heads)]
+def _shifted(owner: np.ndarray, by: int) -> np.ndarray:
+    """(n,) of each element the number of the next one (1), or the one before (-1), of those of one owner, (n,)
+    ascending, around."""
+    starts, index, counts = np.unique(owner, return_index=True, return_inverse=True, return_counts=True)[1:]
+    first, count = starts[index], counts[index]
+    return first + (np.arange(len(owner)) - first + by) % count

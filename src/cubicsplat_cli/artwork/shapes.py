@@ -6,15 +6,17 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke
 from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 _ALIKE = 1e-3
+AnyLine = TypeVar("AnyLine", Outline, Path)
 # Hues in degrees up to which a colour has this name.
 _HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (160, "green"), (195, "teal"), (255, "blue"), (290, "purple"))
 _HUES_END = ((335, "pink"), (361, "red"))
@@ -123,20 +125,16 @@ def _alike(across: float, down: float) -> bool:
 
 
 def _scaled_stroke(stroke: Stroke, factor: float) -> Stroke:
-    path = stroke.path
-    if isinstance(path, Chain):
-        path = replace(path, anchors=path.anchors * factor, controls=path.controls * factor)
-    else:
-        path = scaled_outline(path, factor, factor)
-    return replace(stroke, path=path, width=stroke.width * factor)
+    return replace(stroke, path=scaled_outline(stroke.path, factor, factor), width=stroke.width * factor)
 
 
-def scaled_outline(outline: Outline, across: float, down: float) -> Outline:
-    """An outline with its x times `across` and its y times `down`."""
-    if isinstance(outline, Ring) or not _alike(across, down):
-        ring = outline.ring()
+def scaled_outline(outline: AnyLine, across: float, down: float) -> AnyLine:
+    """An outline, or a centre line, with its x times `across` and its y times `down`."""
+    if not _alike(across, down) and not isinstance(outline, Chain):
+        outline = outline.ring()
+    if isinstance(outline, (Ring, Chain)):
         factors = np.array([across, down])
-        return replace(ring, anchors=ring.anchors * factors, controls=ring.controls * factors)
+        return replace(outline, anchors=outline.anchors * factors, controls=outline.controls * factors)
     # Every number of a primitive but its angle is a length.
     return replace(outline, **{f.name: getattr(outline, f.name) * across for f in fields(outline) if f.name != "angle"})
 

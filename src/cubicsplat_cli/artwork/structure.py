@@ -14,7 +14,7 @@ from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 # A rectangle that ends so near to the canvas' edge covers it.
 _ON_EDGE = 0.5  # px
-# Shapes nearer to each other than this keep their order: no pixel is of both.
+# Shapes as near to each other keep their order: no pixel is of both.
 _MARGIN = 1.0  # px
 _SAMPLES = 32  # points of an outline that are looked at, to tell where it lies
 _FLAT = 2.0  # px between the points of an outline in which others may lie
@@ -92,12 +92,12 @@ def _in_groups(drawing: Drawing, keys: Sequence[Hashable], names: Sequence[str])
     A shape goes back to a group of its key unless a shape that touches it is in a later one; a cutout's go to the
     first, since none of them touch but along edges. names: of the groups, by shape; further ones of a name get numbers.
     """
-    boxes = _boxes(drawing.shapes).T.copy()
+    boxes = boxes_of(drawing.shapes).T.copy()
     groups: list[list[int]] = []
     of_key: dict[Hashable, list[int]] = {}
     group_of = np.zeros(len(keys), dtype=np.int64)
     for index, key in enumerate(keys):
-        near = group_of[:index][_near(boxes[:, :index], boxes[:, index])]
+        near = group_of[:index][near_box(boxes[:, :index], boxes[:, index])]
         lowest = 0 if drawing.abutting else int(near.max(initial=0))
         group = next((number for number in of_key.setdefault(key, []) if number >= lowest), len(groups))
         if group == len(groups):
@@ -115,7 +115,7 @@ def _in_groups(drawing: Drawing, keys: Sequence[Hashable], names: Sequence[str])
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _boxes(shapes: Sequence[Shape]) -> np.ndarray:
+def boxes_of(shapes: Sequence[Shape]) -> np.ndarray:
     """(n, 4) left, top, right and bottom of all control points of each shape."""
     boxes = np.empty((len(shapes), 4))
     for row, shape in zip(boxes, shapes, strict=True):
@@ -124,11 +124,11 @@ def _boxes(shapes: Sequence[Shape]) -> np.ndarray:
     return boxes
 
 
-def _near(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(n,) bool: which boxes (4, n) are nearer to a box (4,) than the margin."""
+def near_box(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """(n,) bool: which boxes (4, n) are as near to a box (4,) as the margin."""
     left, top, right, bottom = boxes
     low, high = box[:2] - _MARGIN, box[2:] + _MARGIN
-    return np.asarray((left < high[0]) & (right > low[0]) & (top < high[1]) & (bottom > low[1]))
+    return np.asarray((left <= high[0]) & (right >= low[0]) & (top <= high[1]) & (bottom >= low[1]))
 
 
 def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
@@ -138,7 +138,7 @@ def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
     A shape lies in a larger one if half of its outline does, holes of that one not counted.
     """
     shapes = drawing.shapes
-    boxes = _boxes(shapes)
+    boxes = boxes_of(shapes)
     outer = [flattened(shape.outlines[0].ring(), _FLAT) for shape in shapes]
     areas = np.array([abs(signed_area(shape.outlines[0].ring())) for shape in shapes])
     if ground is not None:

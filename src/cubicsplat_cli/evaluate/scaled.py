@@ -9,17 +9,14 @@ device offset); resvg draws the file inside an SVG whose viewBox is the tile.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from types import ModuleType
 from typing import TYPE_CHECKING
-from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
+from xml.etree import ElementTree
 
 import numpy as np
 
-from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import (
     RGBA,
     Rendered,
@@ -41,8 +38,6 @@ TILE_PIXELS = 2**22
 _MOST_SAMPLES = 64
 # cairo's image surfaces end at 32767 px a side.
 MAX_TILE_SIDE = 16_384
-_SVG = "http://www.w3.org/2000/svg"
-_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 
 def downsampled_svg(
@@ -197,35 +192,18 @@ def _tile_resvg(
 def crop(svg: bytes, size: SvgSize, width: int, height: int, part: Tile) -> str:
     """An SVG that shows `part` (px) of `svg` drawn at width x height px: the file, nested in a viewBox of that part.
 
-    size: the file's natural size, its viewBox where it has none. Raises InputError for text that is not UTF-8.
+    size: the file's natural size, its viewBox where it has none.
     """
-    try:
-        text = svg.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError("an SVG that is not UTF-8 cannot be drawn in parts by resvg; save it as UTF-8") from error
-    data = text.encode()
-    name, attributes, end = _root_tag(data)
-    attributes = {"viewBox": f"0 0 {size.width:g} {size.height:g}"} | attributes
+    from cubicsplat_cli.svg.elements import SVG
+
+    ElementTree.register_namespace("", SVG[1:-1])
+    root = ElementTree.fromstring(svg)
+    root.attrib = {"viewBox": f"0 0 {size.width:g} {size.height:g}"} | root.attrib
     # Clipping to the whole picture would cost resvg a layer, and every tile lies inside it.
-    attributes |= {"x": "0", "y": "0", "width": str(width), "height": str(height), "overflow": "visible"}
-    tag = " ".join([name, *(f"{key}={quoteattr(value)}" for key, value in attributes.items())])
+    root.attrib |= {"x": "0", "y": "0", "width": str(width), "height": str(height), "overflow": "visible"}
     box = f"{part.left} {part.top} {part.width} {part.height}"
-    outer = f'<svg xmlns="{_SVG}" width="{part.width}" height="{part.height}" viewBox="{box}">'
-    return f"{outer}<{tag}{data[end:].decode()}</svg>"
-
-
-def _root_tag(svg: bytes) -> tuple[str, dict[str, str], int]:
-    """Name and attributes of the root element, and the byte at which its tag ends with > or />."""
-    root: list[tuple[str, dict[str, str], int]] = []
-    parser = expat.ParserCreate("utf-8")
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        if not root:
-            root.append((name, attributes, parser.CurrentByteIndex))
-
-    parser.StartElementHandler = start
-    parser.Parse(svg, True)
-    name, attributes, begin = root[0]
-    tag = _TAG.match(svg, begin)
-    assert tag is not None  # the parser has found it
-    return name, attributes, tag.end() - (2 if tag[0].endswith(b"/>") else 1)
+    sides = {"width": str(part.width), "height": str(part.height)}
+    space = {} if root.tag.startswith("{") else {"xmlns": SVG[1:-1]}
+    outer = ElementTree.Element(root.tag, {**space, **sides, "viewBox": box})
+    outer.append(root)
+    return ElementTree.tostring(outer, encoding="unicode")

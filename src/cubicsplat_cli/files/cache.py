@@ -9,8 +9,10 @@ import contextlib
 import hashlib
 import os
 import sys
-import tempfile
 from pathlib import Path
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.write import write_atomically
 
 _MAGIC = b"cubicsplat cache 1\n"  # at the start of each file
 
@@ -43,16 +45,10 @@ def read_cache(kind: str, key: str) -> bytes | None:
 
 
 def write_cache(kind: str, key: str, data: bytes) -> None:
-    """Writes beside the place and moves, so that no reader ever sees half a file; gives up where it may not write."""
+    """Keeps data under a key; gives up where it may not write."""
     folder = cache_folder(kind)
     if folder is None:
         return
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, InputError):
         folder.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(dir=folder, prefix=".new-")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(_MAGIC + hashlib.sha256(data).digest() + data)
-            Path(temporary).replace(folder / f"{key}.bin")
-        except OSError:
-            Path(temporary).unlink(missing_ok=True)
+        write_atomically(folder / f"{key}.bin", _MAGIC + hashlib.sha256(data).digest() + data)

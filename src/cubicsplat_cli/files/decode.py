@@ -94,11 +94,6 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
         if compression is not None and not (same or np.array_equal(np.asarray(colour), np.asarray(image))):
             compression = Compression()  # it says nothing of pixels that were turned, or of other colours
         rgb = _as_float(colour)
-    return _finish(rgb, alpha, notes, compression)
-
-
-def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str], compression: Compression | None) -> Decoded:
-    """Drop an alpha that hides nothing, and blank the colours that alpha hides altogether."""
     if alpha is not None and bool((alpha >= 1.0).all()):
         alpha = None
     if alpha is not None:

@@ -17,7 +17,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import Phase
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.engine import Engine
-from cubicsplat_cli.raster.ndimage import uniform_filter1d
+from cubicsplat_cli.raster.ndimage import uniform_filter
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import FitSettings
@@ -223,8 +223,8 @@ def sampled(picture: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _windowed(values: np.ndarray, side: int = WINDOW) -> np.ndarray:
     """The mean over the square around each pixel."""
-    across = uniform_filter1d(values, side, 1, mode="nearest")
-    return uniform_filter1d(across, side, 0, mode="nearest").astype(np.float32)
+    across = uniform_filter(values, (1, side, 1)[: values.ndim], mode="nearest")
+    return uniform_filter(across, (side, 1, 1)[: values.ndim], mode="nearest").astype(np.float32)
 
 
 def _halved(picture: np.ndarray) -> np.ndarray:

@@ -5,12 +5,11 @@ spikes, which show when a file is enlarged: joins at which an outline turns back
 from __future__ import annotations
 
 import math
-from ctypes import c_float, c_int32, c_void_p
 
 import numpy as np
 
 from cubicsplat_cli.photo.segments import SegmentIndices, cross, interleaved, lengths, points_of_segments, segments_of
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace
 from cubicsplat_cli.settings import Mode, Recipe
 
@@ -173,13 +172,9 @@ def _native_gradient(points: np.ndarray, size: tuple[int, int], ring_ends: Array
     points = np.ascontiguousarray(points, np.float32)
     ends = None if ring_ends is None else np.ascontiguousarray(as_numpy(ring_ends), np.int32)
     found = np.empty_like(points)
-    call = library().cs_slivers
-    call.restype = None
-    call.argtypes = [c_void_p, c_int32, c_int32, c_void_p, c_int32, c_int32, *[c_float] * 4, c_void_p]
-    call(
-        points.ctypes.data, points.shape[0], points.shape[1] // 3, None if ends is None else ends.ctypes.data,
-        0 if ends is None else ends.shape[1], EDGES, THINNEST, OPPOSITE, *size, found.ctypes.data,
-    )  # fmt: skip
+    rings = 0 if ends is None else ends.shape[1]
+    given = points, len(points), points.shape[1] // 3, ends, rings, EDGES, THINNEST, OPPOSITE, *map(float, size)
+    native("fit", "cs_slivers", *given, found, result=None)
     return found
 
 

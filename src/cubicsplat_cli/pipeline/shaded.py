@@ -68,7 +68,7 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     levels = as_levels(target)
     labels = objects_of(levels)
     count = int(labels.max()) + 1
-    inside = ndimage.minimum_filter(labels, 5) == ndimage.maximum_filter(labels, 5)
+    inside = ndimage.alike(labels, 5)
     visible = inside & (levels[..., 3] >= CLEAR)
     if count > MOST_OBJECTS or not visible.any() or (levels[..., 3][visible] < 250.0).mean() > MOST_ROUGH:
         return None

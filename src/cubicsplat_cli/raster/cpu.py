@@ -95,13 +95,13 @@ def library() -> ctypes.CDLL:
 def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> Any:
     """The result of a function of the library.
 
-    given: contiguous arrays, which it takes as pointers; ints and bools, which it takes as int64, and floats, as
-    double; None, a null pointer; and objects of ctypes. result: c_int32, which is 0 but on failure; c_int64 or
-    c_double, below 0 on failure; or None. Raises EngineError where the library is missing, or on failure, which is
-    memory that is missing for the `work`.
+    given: contiguous arrays, which it takes as pointers; ints, which addresses are too, and bools, which it takes as
+    int64, and floats, as double; None, a null pointer; and objects of ctypes. result: c_int32, which is 0 but on
+    failure; c_int64 or c_double, below 0 on failure; c_void_p, null on failure; or None. Raises EngineError where the
+    library is missing, or on failure, which is memory that is missing for the `work`.
     """
     found = _function(name, result)(*[_KINDS.get(each.__class__, _in_c)(each) for each in given])
-    if result is not None and (found < 0 or (result is c_int32 and found)):
+    if result is not None and (found is None or found < 0 or (result is c_int32 and found)):
         raise EngineError(f"there is no memory for the {work} of the drawing; make the picture smaller")
     return found
 

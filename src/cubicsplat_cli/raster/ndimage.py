@@ -27,22 +27,12 @@ _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 SQUARE = np.ones((3, 3), dtype=bool)  # the structure of a pixel and the eight around it
 
 
-def maximum_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
-    """The largest of `size` neighbours along an axis, of which size // 2 come before.
+def maximum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
+    """The largest of the neighbours in a box, `size` along all axes or along each, of which size // 2 come before.
 
     values: bools, uint8, int32, int64 or floats. mode: what lies beyond the ends: "reflect" (c b a | a b c | c b a),
     "nearest" (a a a | a b c | c c c) or "constant", which is 0.
     """
-    return _filtered(_LARGEST, values, [_line(size, axis)], mode)
-
-
-def minimum_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
-    """The smallest of `size` neighbours along an axis; see maximum_filter1d."""
-    return _filtered(_SMALLEST, values, [_line(size, axis)], mode)
-
-
-def maximum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
-    """The largest of the neighbours in a box, `size` along all axes or along each; see maximum_filter1d."""
     return _filtered(_LARGEST, values, _boxes(size, values.ndim), mode)
 
 
@@ -51,14 +41,9 @@ def minimum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str =
     return _filtered(_SMALLEST, values, _boxes(size, values.ndim), mode)
 
 
-def alike(values: np.ndarray, size: int) -> np.ndarray:
-    """(H, W) bool: whether all neighbours in a box, `size` along both axes, have one value. None of scipy's."""
+def alike(values: np.ndarray, size: int | Sequence[int]) -> np.ndarray:
+    """(H, W) bool: whether all neighbours in a box, see maximum_filter, have one value. None of scipy's."""
     return np.asarray(maximum_filter(values, size) == minimum_filter(values, size))
-
-
-def uniform_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
-    """The mean of `size` neighbours along an axis, of floats and in their type; see maximum_filter1d."""
-    return _filtered(_MEAN, values, [_line(size, axis)], mode)
 
 
 def uniform_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
@@ -67,7 +52,7 @@ def uniform_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str =
 
 
 def correlate1d(values: np.ndarray, weights: np.ndarray, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
-    """The sum of the neighbours along an axis times weights (n,), of floats and in their type; see maximum_filter1d."""
+    """The sum of the neighbours along an axis times weights (n,), of floats and in their type; see maximum_filter."""
     return _filtered(_SUM, values, [_weighted(weights, axis)], mode)
 
 
@@ -75,7 +60,7 @@ def gaussian_filter(
     values: np.ndarray, sigma: float | Sequence[float], *, mode: str = "reflect", truncate: float = 4.0
 ) -> np.ndarray:
     """Floats through a Gaussian, in their type. sigma: px, along all axes or along each, 0 for none; truncate: sigmas
-    beyond which it is cut off; mode: see maximum_filter1d."""
+    beyond which it is cut off; mode: see maximum_filter."""
     wide = [(own, axis) for own, axis in _per_axis(sigma, values.ndim) if own > 0.0]
     return _filtered(_SUM, values, [_weighted(_gaussian(own, truncate), axis) for own, axis in wide], mode)
 
@@ -180,13 +165,8 @@ def distance_transform_edt(pixels: np.ndarray) -> np.ndarray:
     return found
 
 
-def distance_transform_cdt(pixels: np.ndarray, metric: str) -> np.ndarray:
-    """The same by the larger of the distances along rows and columns, int32; -1 where no pixel is 0.
-
-    metric: "chessboard". Raises ValueError for others.
-    """
-    if metric != "chessboard":
-        raise ValueError(f"there is no metric {metric!r}, but 'chessboard'")
+def distance_transform_cdt(pixels: np.ndarray) -> np.ndarray:
+    """The same by the larger of the distances along rows and columns, int32; -1 where no pixel is 0."""
     mask = _mask(pixels)
     found = np.empty(mask.shape, np.int32)
     _native("cs_chessboard", *mask.shape, mask, found, result=None)

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import POINTER, c_double, c_int32, c_int64, c_void_p
+from ctypes import byref, c_double, c_int32, c_int64, c_void_p
 from dataclasses import field
-from functools import cached_property, lru_cache
+from functools import cached_property, partial
 
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import address_of, int32s, library, members
+from cubicsplat_cli.raster.cpu import address_of, int32s, members, native
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
+_native = partial(native, "finish")
 _OPAQUE = 254.5 / 255.0
 
 
@@ -154,7 +155,7 @@ class DrawnStack:
         over: tuple[DrawnStack, np.ndarray] | None = None,
     ) -> None:
         self.goal, self._over = goal, over  # a base lives as long as what is drawn over it
-        lib, layers, count = _library(), len(pieces.ends), len(pieces.cubics)
+        layers, count = len(pieces.ends), len(pieces.cubics)
         stack = _Stack(
             layers, _at(pieces.ends, np.int32, (layers,)), _at(pieces.cubics, np.float64, (count, 4, 2)),
             _at(pieces.lines, np.bool_, (count,)), _at(pieces.signs, np.float64, (count,)),
@@ -162,24 +163,23 @@ class DrawnStack:
             None if over is None else over[0]._handle, None if over is None else _at(over[1], np.int32, (layers,)),
         )  # fmt: skip
         old: int | None = previous._handle if previous is not None and previous.goal is goal else None
-        self._handle: int | None = lib.cs_stack_draw(goal._pointers(), stack, old)
-        _check(self._handle is None)
+        self._handle: int = _native("cs_stack_draw", byref(goal._pointers()), byref(stack), old, result=c_void_p)
 
     def __del__(self) -> None:
         if getattr(self, "_handle", None):
-            _library().cs_stack_free(self._handle)
+            _native("cs_stack_free", self._handle, result=None)
 
     @cached_property
     def cost(self) -> float:
         """The sum of the misfit of all pixels, and of the leaks."""
-        return float(_library().cs_stack_cost(self._handle))
+        return float(_native("cs_stack_cost", self._handle, result=c_double))
 
     @cached_property
     def picture(self) -> tuple[np.ndarray, np.ndarray]:
         """The picture (H, W, 4), blurred where the goal is, and the misfit (H, W) of its pixels."""
         height, width, _ = self.goal.target.shape
         image, misfit = np.empty((height, width, 4)), np.empty((height, width))
-        _library().cs_stack_picture(self._handle, address_of(image), address_of(misfit))
+        _native("cs_stack_picture", self._handle, image, misfit, result=None)
         return image, misfit
 
     def uppermost(self, rows: slice, columns: slice, least: float) -> np.ndarray:
@@ -187,16 +187,16 @@ class DrawnStack:
         canvas; -1 for none."""
         out = np.empty((rows.stop - rows.start, columns.stop - columns.start), np.int32)
         box = columns.start, rows.start, *out.shape[::-1]
-        _library().cs_stack_uppermost(self._handle, *box, least, out.ctypes.data)
+        _native("cs_stack_uppermost", self._handle, *box, float(least), out, result=None)
         return out
 
     @cached_property
     def crossings(self) -> CoverageJacobian:
         """The pixels that the pieces cross, and how these change with them: as exact areas do in any case."""
-        lib = _library()
-        m = lib.cs_stack_crossings(self._handle, None)
+        m = _native("cs_stack_crossings", self._handle, None, result=c_int64)
         parts = np.empty(m, np.int32), np.empty(m, np.int32), np.empty(m), np.empty((m, 8)), np.empty((m, 4))
-        _check(lib.cs_stack_crossings(self._handle, _Crossings(*(address_of(part) for part in parts))) < 0)
+        out = _Crossings(*(address_of(part) for part in parts))
+        _native("cs_stack_crossings", self._handle, byref(out), result=c_int64)
         return CoverageJacobian(*parts)
 
     def growth(
@@ -208,15 +208,14 @@ class DrawnStack:
         group, other: (pieces,) the group of each piece here and there, or -1.
         """
         group, other, found = int32s(group), int32s(other), np.empty(count)
-        arrays = address_of(group), address_of(other), count, spread, leaks, address_of(found)
-        _check(_library().cs_stack_growth(self._handle, after._handle, *arrays))
+        _native("cs_stack_growth", self._handle, after._handle, group, other, count, spread, leaks, found)
         return found
 
     def changed(self, before: DrawnStack, group: np.ndarray, groups: int, least: float) -> np.ndarray:
         """(groups,) bool: whether the picture has changed by more than `least` at a pixel that a piece of the group
         crosses. group: (pieces,) of each piece, or -1."""
         group, found = int32s(group), np.zeros(groups, dtype=bool)
-        _library().cs_stack_changed(before._handle, self._handle, address_of(group), least, address_of(found))
+        _native("cs_stack_changed", before._handle, self._handle, group, float(least), found, result=None)
         return found
 
     def step(self, unknowns: Unknowns, chance: float = 0.0) -> Step:
@@ -235,8 +234,7 @@ class DrawnStack:
             address_of(column), _at(value, np.float64, value.shape),
             _at(unknowns.damping, np.float64, (variables,)), unknowns.keep,
         )  # fmt: skip
-        out = (address_of(array) for array in (found.values, found.gradient, found.moves, found.misfits))
-        _check(_library().cs_stack_step(self._handle, given, chance, *out))
+        _native("cs_stack_step", self._handle, byref(given), float(chance), *vars(found).values())
         return found
 
 
@@ -245,25 +243,3 @@ def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:
     if array.dtype != kind or array.shape != shape or not array.flags.c_contiguous:
         raise EngineError(f"expected a contiguous {np.dtype(kind)} array {shape}, not {array.dtype} {array.shape}")
     return address_of(array)
-
-
-def _check(failed: bool) -> None:
-    if failed:
-        raise EngineError("there is no memory for the finish of the drawing; make the picture smaller")
-
-
-@lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL:
-    lib = library()
-    lib.cs_stack_draw.restype, lib.cs_stack_draw.argtypes = c_void_p, [POINTER(_Goal), POINTER(_Stack), c_void_p]
-    lib.cs_stack_free.restype, lib.cs_stack_free.argtypes = None, [c_void_p]
-    lib.cs_stack_picture.restype, lib.cs_stack_picture.argtypes = None, [c_void_p] * 3
-    lib.cs_stack_uppermost.restype = None
-    lib.cs_stack_uppermost.argtypes = [c_void_p, *[c_int64] * 4, c_double, c_void_p]
-    lib.cs_stack_cost.restype, lib.cs_stack_cost.argtypes = c_double, [c_void_p]
-    lib.cs_stack_crossings.restype, lib.cs_stack_crossings.argtypes = c_int64, [c_void_p, POINTER(_Crossings)]
-    lib.cs_stack_growth.argtypes = [*[c_void_p] * 4, c_int64, c_int32, c_int32, c_void_p]
-    lib.cs_stack_changed.restype = None
-    lib.cs_stack_changed.argtypes = [*[c_void_p] * 3, c_double, c_void_p]
-    lib.cs_stack_step.argtypes = [c_void_p, POINTER(_Unknowns), c_double, *[c_void_p] * 4]
-    return lib

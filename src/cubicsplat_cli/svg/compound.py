@@ -9,6 +9,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.artwork.structure import boxes_of, near_box
 from cubicsplat_cli.raster.outlines import coverage
 
 # Two shapes of one colour may be a pair of eyes; this many are lettering or a pattern.
@@ -17,8 +18,6 @@ LEAST_SHAPES = 3
 FEW_PAINTS = 4
 _OPAQUE = 255
 Pen = tuple[float, str, str, bool]
-# Shapes nearer to each other than this keep their order.
-_MARGIN = 1.0  # px
 _LOOP = 1.0  # px^2 of a loop that is seen
 _COPY = 512  # px a side, on which loops are looked for
 
@@ -32,7 +31,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     every hole the other way. A shape joins an earlier one where nothing of another fill that is drawn between them
     by then touches it, so the picture stays the same. Shapes of different groups, and those with shading, stay apart.
     """
-    boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
+    boxes = boxes_of(shapes).T.copy()
     paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
     sign = len(number_of) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
@@ -50,15 +49,15 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
 
 
 def _leaders(boxes: np.ndarray, numbers: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(n,) the first of the shapes with which each is drawn, by their boxes (n, 4), the numbers of their paints (n,),
+    """(n,) the first of the shapes with which each is drawn, by their boxes (4, n), the numbers of their paints (n,),
     and whether they may be drawn with others (n,): the first that nothing is drawn after which it has to lie above.
     """
-    leaders = np.arange(len(boxes))
+    leaders = np.arange(len(numbers))
     known: dict[int, list[int]] = {}
     for index in np.flatnonzero(free).tolist():
         same = known.setdefault(int(numbers[index]), [])
         if same:
-            beneath = _near(boxes[:index], boxes[index]) & (numbers[:index] != numbers[index])
+            beneath = near_box(boxes[:, :index], boxes[:, index]) & (numbers[:index] != numbers[index])
             lowest = leaders[:index][beneath].max(initial=-1)
             leaders[index] = next((other for other in same if other > lowest), index)
         if leaders[index] == index:
@@ -99,16 +98,3 @@ def _reversed_area(ring: Ring) -> float:
     width, height = np.ceil(extent / factor).astype(int).tolist()
     covered = coverage((ring.cubics - low) / factor, ring.lines, 0, 0, height, width).sum()
     return 0.5 * (factor**2 * float(covered) - abs(signed_area(ring)))
-
-
-def _near(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(n,) bool: which boxes (n, 4) overlap a box (4,)."""
-    left, top, right, bottom = boxes.T
-    return np.asarray((left <= box[2]) & (right >= box[0]) & (top <= box[3]) & (bottom >= box[1]))
-
-
-def _box(shape: Shape) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of all its control points, with a margin."""
-    points = np.concatenate([outline.ring().cubics.reshape(-1, 2) for outline in shape.outlines])
-    (left, top), (right, bottom) = points.min(axis=0) - _MARGIN, points.max(axis=0)
-    return left, top, right, bottom

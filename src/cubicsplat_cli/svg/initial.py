@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import points_at
+from cubicsplat_cli.artwork.geometry.outlines import points_at, thirds
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import counted, printable
+from cubicsplat_cli.raster.strokes import OffsetPlan
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, mean_fill
@@ -23,12 +25,12 @@ from cubicsplat_cli.svg.elements import LEAST_OPACITY
 from cubicsplat_cli.svg.painted import Paint, PaintedShape, painted_shapes
 from cubicsplat_cli.svg.paths import Subpath, apart
 from cubicsplat_cli.svg.scene_reader import read_svg
-from cubicsplat_cli.svg.stroke_outlines import stroke_rings
 from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted
 from cubicsplat_cli.svg.values import Rgba
 
 ASPECT_TOLERANCE = 0.01  # sides of canvases are whole pixels
 _SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
+_PARTS = 2  # of the offset of each cubic of a stroke, at most
 _MOST_POINTS = 2**23  # of all curves, each with as much room as the longest one needs
 
 
@@ -124,10 +126,21 @@ def _curves_of(shape: PaintedShape, mode: Mode, left_out: Counter[str]) -> Itera
         if mode is Mode.OPEN:
             yield _Curve([line.ring() if line.closed else line.cubics], stroke, shape.width / 2.0)
         else:
-            half = shape.width / 2.0 / math.sqrt(abs(np.linalg.det(shape.matrix[:2, :2])))
-            own = line.mapped(np.linalg.inv(shape.matrix))
-            around = stroke_rings(own, half, shape.cap, shape.join, shape.limit)
-            yield _Curve([Subpath(ring, True).mapped(shape.matrix).cubics for ring in around], stroke)
+            # As the strokes are skewed but not scaled.
+            frame = np.diag([*([1.0 / math.sqrt(abs(np.linalg.det(shape.matrix[:2, :2])))] * 2), 1.0]) @ shape.matrix
+            around = _around(line.mapped(np.linalg.inv(frame)), shape)
+            yield _Curve([Subpath(ring, True).mapped(frame).cubics for ring in around], stroke)
+
+
+def _around(line: Subpath, shape: PaintedShape) -> list[np.ndarray]:
+    """The closed cubics (M, 4, 2) around a shape's stroke along a line, near enough to begin a fit with: all segments
+    that would make them exact would take twice the time.
+    """
+    cubics = line.ring() if line.closed else line.cubics
+    lines = np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2))
+    plan = OffsetPlan.of(cubics, lines, "closed" if line.closed else shape.cap, shape.join)
+    outline = replace(plan, parts=np.minimum(plan.parts, _PARTS)).outline(cubics, shape.width / 2.0)
+    return np.split(outline.cubics, outline.ends[:-1])
 
 
 def _colour(paint: Paint | None) -> Rgba | None:

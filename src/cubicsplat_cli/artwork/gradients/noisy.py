@@ -77,9 +77,9 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
     at = np.arange(WINDOW) - WINDOW // 2
     spread = float((at * at).mean())
     slope = np.zeros_like(left)
-    for axis in (0, 1):
+    for axis, across in enumerate(((1, WINDOW, 1), (WINDOW, 1, 1))):
         along = ndimage.correlate1d(levels, at / (WINDOW * spread), axis=axis, mode="nearest")
-        own = ndimage.uniform_filter1d(along, WINDOW, axis=1 - axis, mode="nearest")
+        own = ndimage.uniform_filter(along, across, mode="nearest")
         left -= spread * own * own
         slope += own * own
     most = (JPEG_LEFT if condition.jpeg else LEFT) * condition.noise + LEFT_LEVELS

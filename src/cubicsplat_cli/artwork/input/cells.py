@@ -270,8 +270,7 @@ def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:
     """Whether some of the colours of cells (R, C, 4), levels, are there to smooth edges."""
     blend = _between(levels) | _between(levels.swapaxes(0, 1)).swapaxes(0, 1)
     share = np.bincount(numbers[blend], minlength=count) / np.bincount(numbers.ravel(), minlength=count)
-    ends = [[f(numbers, 3, axis) for f in (ndimage.minimum_filter1d, ndimage.maximum_filter1d)] for axis in (0, 1)]
-    edge = np.logical_or.reduce([low != high for low, high in ends])
+    edge = ~(ndimage.alike(numbers, (3, 1)) & ndimage.alike(numbers, (1, 3)))
     return bool((blend & (share >= BLENDING)[numbers]).sum() > SMOOTHED * edge.sum())
 
 

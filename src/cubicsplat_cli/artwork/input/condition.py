@@ -214,7 +214,7 @@ def _indexed(levels: np.ndarray) -> bool:
 
 def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
     """Whether a picture is rough a few px away from its edges, and is not blurred, which reaches as far."""
-    away = ndimage.distance_transform_cdt(quiet, metric="chessboard")
+    away = ndimage.distance_transform_cdt(quiet)
     band = (away >= NEAR) & (away <= FAR)
     if rough[band].sum() < LEAST_RINGING * band.sum() or not band.any():
         return False

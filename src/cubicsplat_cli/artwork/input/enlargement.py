@@ -111,7 +111,7 @@ def _off(lines: np.ndarray, small: np.ndarray, enlarging: sparse.csr_matrix) -> 
     again = (enlarging @ small.reshape(len(small), -1)).reshape(lines.shape)
     off = np.abs(np.clip(again, 0, 255) - lines).max(axis=-1)
     edge = np.abs(np.gradient(lines, axis=0)).max(axis=-1) > EDGE
-    return off, ndimage.maximum_filter1d(edge, 5, axis=0)
+    return off, ndimage.maximum_filter(edge, (5, 1))
 
 
 def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:

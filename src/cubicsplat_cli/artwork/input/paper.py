@@ -129,7 +129,7 @@ def _centred(luma: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, float]:
     off = luma - light
     # What is lighter than the commonest difference is paper alone.
     counts = np.bincount(np.clip(np.rint(off + 64.0), 0, 128).astype(int).ravel(), minlength=129)
-    middle = float(ndimage.uniform_filter1d(counts.astype(float), 3).argmax()) - 64.0
+    middle = float(ndimage.uniform_filter(counts.astype(float), 3).argmax()) - 64.0
     above = off[off >= middle] - middle
     return light + middle, float(np.sqrt(np.mean(above[above <= np.quantile(above, 0.99)] ** 2)))
 

@@ -165,7 +165,7 @@ def _deep(labels: np.ndarray, count: int) -> np.ndarray:
 
 def _depth(labels: np.ndarray) -> np.ndarray:
     """(H, W) px from the edges between labels (H, W)."""
-    return ndimage.distance_transform_cdt(ndimage.alike(labels, 3), metric="chessboard")
+    return ndimage.distance_transform_cdt(ndimage.alike(labels, 3))
 
 
 def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:

@@ -71,9 +71,9 @@ def _along_runs(shares: np.ndarray) -> np.ndarray:
     """
     known = np.nan_to_num(shares, nan=-9.0)
     even = np.zeros(shares.shape, dtype=bool)
-    for axis in (0, 1):
-        spread = ndimage.maximum_filter1d(known, RUN, axis) - ndimage.minimum_filter1d(known, RUN, axis)
-        even |= ndimage.maximum_filter1d((spread <= 1.5 / STEPS) & (known >= 0.0), RUN, axis)
+    for run in ((RUN, 1), (1, RUN)):
+        spread = ndimage.maximum_filter(known, run) - ndimage.minimum_filter(known, run)
+        even |= ndimage.maximum_filter((spread <= 1.5 / STEPS) & (known >= 0.0), run)
     return np.where(even, shares, np.nan)
 
 

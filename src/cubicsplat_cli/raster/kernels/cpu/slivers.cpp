@@ -129,11 +129,11 @@ void push(const Penalty& penalty, const Edge* all, int count, Edge& one, Edge& o
 
 // points: curves x 3 segments x 2, closed; ring_ends: curves x rings, as in CsScene, or null. width, height: of the
 // canvas, px. gradient: as points.
-CS_EXPORT void cs_slivers(const float* points, int32_t curves, int32_t segments, const int32_t* ring_ends,
-                          int32_t rings, int32_t edges, float thinnest, float opposite, float width, float height,
+CS_EXPORT void cs_slivers(const float* points, int64_t curves, int64_t segments, const int32_t* ring_ends,
+                          int64_t rings, int64_t edges, double thinnest, double opposite, double width, double height,
                           float* gradient) {
   const Basis basis(edges);
-  const Penalty penalty{thinnest, opposite, {width, height}};
+  const Penalty penalty{float(thinnest), float(opposite), {float(width), float(height)}};
   std::vector<Edge> all(size_t(segments) * edges);
   Lines lines(all.size());
   std::vector<Box> boxes(segments);

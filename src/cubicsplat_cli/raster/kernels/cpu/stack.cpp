@@ -141,13 +141,13 @@ int64_t cs_stack_crossings(const CsPicture* picture, const CsCrossings* out) {
 }
 
 int32_t cs_stack_growth(const CsPicture* before, const CsPicture* after, const int32_t* group_before,
-                        const int32_t* group_after, int64_t groups, int32_t spread, int32_t leaks, double* growth) {
+                        const int32_t* group_after, int64_t groups, int64_t spread, int64_t leaks, double* growth) {
   try {
     const cs::stack::Groups old(group_before, before->starts.back(), groups),
         fresh(group_after, after->starts.back(), groups);
     const int64_t parts = cs::worth_starting(before->goal.threads, int64_t(old.pieces.size()), kLeastPieces);
     cs::each_index(parts, parts, [&](int64_t part) {
-      cs::stack::Growth pixels(*before, *after, spread, leaks != 0);
+      cs::stack::Growth pixels(*before, *after, int32_t(spread), leaks != 0);
       for (int64_t k = part * groups / parts; k < (part + 1) * groups / parts; k++) {
         growth[k] = 0.0;
         for (int64_t n = old.starts[k]; n < old.starts[k + 1]; n++)

@@ -80,7 +80,7 @@ CS_EXPORT int64_t cs_stack_crossings(const CsPicture*, const CsCrossings* out);
 // the pixels that the pieces of a group change in either picture, px around those that they cross: `spread`.
 // group_before, group_after: of each piece, or -1. Returns 0, or 1 where there is no memory.
 CS_EXPORT int32_t cs_stack_growth(const CsPicture* before, const CsPicture* after, const int32_t* group_before,
-                                  const int32_t* group_after, int64_t groups, int32_t spread, int32_t leaks,
+                                  const int32_t* group_after, int64_t groups, int64_t spread, int64_t leaks,
                                   double* growth);
 
 // changed: groups, whether the picture changes from `before` to `after` by more than `least` at a pixel that a piece of
