@@ -155,6 +155,15 @@ def test_the_library_takes_pictures_and_prints_nothing(capfd):
         cubicsplat_cli.animate([pictures[0], pictures[1][:8]])
 
 
+def test_scenes_of_a_frame_each_keep_theirs_at_times_that_the_file_rounds():
+    shades = [Image.new("RGB", (24, 16), shade) for shade in ("black", "white", "black", "white", "black", "white")]
+    made = cubicsplat_cli.animate(shades, fps=7, style="photo", curves=2, steps=30, threads=1)
+    drawn = [
+        rerender(still.encode(), 24, 16).pixels for name, still in sorted(made.frames().items()) if name[-3:] == "svg"
+    ]
+    assert [round(float(pixels[..., :3].mean()) / 255.0) for pixels in drawn] == [0, 1, 0, 1, 0, 1]
+
+
 def test_an_interrupt_writes_the_clip_so_far():
     pictures = [np.asarray(image.convert("RGB")) for image in frames(5)]
 

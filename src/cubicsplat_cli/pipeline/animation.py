@@ -165,8 +165,9 @@ class CurvesAnimation(Animation):
     def scenes(self, form: str = SMIL) -> Iterator[Scene]:
         """The scene that each frame shows, as the file of a format says it."""
         clip = read_clip(self.svg) if form == SMIL else self.clip
-        ends = np.searchsorted(self.begins, [group.end - 1e-6 for group in self.clip.groups])
-        for group, exact in zip(clip.groups, np.split(self.exact, ends[:-1]), strict=True):
+        # The file rounds the time at which a group begins, to either side of its first frame's.
+        firsts = [int(np.abs(self.begins - group.begin).argmin()) for group in self.clip.groups[1:]]
+        for group, exact in zip(clip.groups, np.split(self.exact, firsts), strict=True):
             for scene in clip.scenes(group, exact):
                 yield quantise_scene(scene, self._still_precision) if form == FRAMES else scene
 
