@@ -17,9 +17,10 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of, sharpened
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
-from cubicsplat_cli.artwork.vectorize import draw, versions
+from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate.rerender import rerender
 
 SIDE, FILL = 600, np.array([26.0, 43.0, 109.0])
@@ -107,7 +108,7 @@ def test_pens_of_scans_become_strokes_of_their_width_and_ink(name, width, blur, 
     prepared = analysed(picture)
     assert prepared.pens is not None and prepared.condition.coarse
     assert prepared.scanned and prepared.notes[0] == "drawn as ink on white paper under even light"
-    ground, *shapes = next(versions(picture, prepared=prepared, strokes=True)).shapes
+    ground, *shapes = draw(picture, ArtworkSettings(strokes=True), prepared).shapes
     assert ground.fill == (255, 255, 255, 255)
     pens = scaled_pens(ICONS[name], width * SIZE / SIDE)
     assert len(shapes) == len(pens)

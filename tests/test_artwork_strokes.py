@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -23,12 +24,14 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pi
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.strokes import parameters as strokes
-from cubicsplat_cli.artwork.strokes.find import with_strokes
+from cubicsplat_cli.artwork.strokes.centre_line import with_corners
+from cubicsplat_cli.artwork.strokes.find import as_strokes
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_strokes
-from cubicsplat_cli.artwork.vectorize import versions
+from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.raster.strokes import evenly_wide
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.drawing_reader import read_drawing
@@ -39,7 +42,7 @@ FILL = (26, 43, 109, 255)
 
 
 def strokes_in(picture: np.ndarray) -> list[Stroke]:
-    drawing = next(versions(picture.astype(np.float32) / 255.0, strokes=True))
+    drawing = draw(picture.astype(np.float32) / 255.0, ArtworkSettings(strokes=True))
     return [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
 
 
@@ -136,13 +139,13 @@ def test_widths_that_are_alike_become_one():
 def test_what_no_pen_drew_stays_a_shape():
     wedge = polygon(np.array([[20.0, 20.0], [200.0, 30.0], [60.0, 180.0]]))
     drawing = Drawing(SIZE, SIZE, (Shape(FILL, (wedge,), "wedge"), Shape(FILL, (Circle(200.0, 200.0, 20.0),), "disc")))
-    assert with_strokes(drawing) == drawing
+    assert as_strokes(drawing) == [(shape,) for shape in drawing.shapes]
 
 
 def test_rings_and_bars_are_strokes_as_they_stand():
     ring = Shape(FILL, (Circle(60.0, 60.0, 40.0), Circle(60.0, 60.0, 34.0)), "ring")
     bar = Shape(FILL, (Rectangle(20.0, 150.0, 100.0, 8.0, 4.0),), "bar")
-    found = [shape.stroke for shape in with_strokes(Drawing(SIZE, SIZE, (ring, bar))).shapes]
+    found = [shape.stroke for (shape,) in as_strokes(Drawing(SIZE, SIZE, (ring, bar)))]
     assert found[0] is not None and found[0].path == Circle(60.0, 60.0, 37.0) and found[0].width == 6.0
     assert found[1] is not None and found[1].cap == "round"
     assert isinstance(found[1].path, Chain)
@@ -177,7 +180,7 @@ def test_outlines_are_those_that_viewers_draw(d, cap, join):
 
 
 def test_a_file_with_strokes_is_read_back():
-    found = next(versions(picture_of(ICONS["house"]).astype(np.float32) / 255.0, strokes=True))
+    found = draw(picture_of(ICONS["house"]).astype(np.float32) / 255.0, ArtworkSettings(strokes=True))
     text = write_drawing(found, title="t", comment="c")
     again = read_drawing(text)
     assert write_drawing(again, title="t", comment="c") == text
@@ -196,6 +199,15 @@ def test_strokes_alike_are_one_path_and_say_only_what_differs_from_the_usual():
     assert (
         'stroke="#000" stroke-opacity=".502" stroke-width="4" stroke-linecap="round" stroke-linejoin="round"/>' in text
     )
+
+
+def test_filled_shapes_of_few_colours_are_one_path_beside_strokes_too():
+    stroke = Stroke(line_chain(np.array([[10.0, 90.0], [90.0, 90.0]])), 4.0)
+    corners = np.array([[10.0, 10.0], [30.0, 12.0], [20.0, 40.0]])
+    shapes = [Shape(FILL, (polygon(corners + np.array([x, 0.0])),), "part") for x in (0.0, 40.0)]
+    shapes.append(Shape(FILL, outlines_of_stroke(stroke), "line", stroke=stroke))
+    text = write_drawing(Drawing(100, 100, tuple(shapes)), precision=1, title="t", comment="c")
+    assert text.count("<path") == 2
 
 
 def test_a_scaled_stroke_stays_one_where_both_sides_grow_alike():
@@ -220,6 +232,59 @@ def test_strokes_of_others_are_refused(attributes, why):
     text = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="0 0 9 9">'
     with pytest.raises(InputError, match=re.escape(why)):
         read_drawing(f'{text}<path id="a" fill="none" {attributes}/></svg>')
+
+
+# Shapes that no pen draws: a star, a moon, and a letter of thick and thin lines.
+FILLED = [
+    "M195 20L206 52L240 52L213 72L223 105L195 85L167 105L177 72L150 52L184 52z",
+    "M60 190A30 30 0 1 1 60 240A30 24 0 1 0 60 190z",
+]
+FILLED += ["M140 150H168L205 218V150H215V240H200L155 160V240H140z"]
+
+
+def with_pens(pens: list[Pen], filled: Sequence[str] = FILLED) -> np.ndarray:
+    """A picture (SIZE, SIZE, 3) uint8 of pens beside filled paths."""
+    paths = "".join(f'<path d="{d}" fill="#1a2b6d"/>' for d in filled)
+    text = svg_of(pens).replace("</svg>", f"{paths}</svg>")
+    fine = rerender(text.encode(), 4 * SIZE, 4 * SIZE).pixels[..., :3].astype(float)
+    return np.rint(fine.reshape(SIZE, 4, SIZE, 4, 3).mean(axis=(1, 3))).astype(np.uint8)
+
+
+WAVY = [Pen("M30 60C60 10 90 110 130 60", 10, "round", "round"), Pen("M30 120L60 170L120 110", 12, "round", "round")]
+
+
+def test_pens_are_strokes_by_themselves_and_filled_shapes_are_none():
+    result = vectorize(with_pens(WAVY), threads=1, measure=False)
+    assert (result.report.style, result.report.shapes, result.report.strokes) == ("artwork", 6, 2)
+    drawing = read_drawing(result.svg)
+    assert sorted(round(s.stroke.width, 1) for s in drawing.shapes if s.stroke) == [10.0, 12.0]
+    assert drawing.coordinates < read_drawing(vectorize(with_pens(WAVY), strokes=False, threads=1).svg).coordinates
+
+
+@pytest.mark.parametrize("without", [{"strokes": False}, {"stacking": "cutout"}, {"curves": 3}])
+def test_no_strokes_where_none_are_wanted_or_they_would_be_too_many_shapes(without):
+    result = vectorize(picture_of(ICONS["arrow"]), style="artwork", threads=1, measure=False, **without)
+    assert result.report.strokes == 0
+
+
+def test_outlines_of_one_width_are_told_by_the_discs_within_them():
+    way = line_chain(np.array([[20.0, 20.0], [90.0, 40.0]]))
+    pen = [outline.ring().cubics for outline in outlines_of_stroke(Stroke(way, 8.0, "round"))]
+    ring = [Circle(60.0, 60.0, radius).ring().cubics for radius in (40.0, 32.0)]
+    moon = [ring[0], Circle(66.0, 60.0, 32.0).ring().cubics]
+    wedge = [polygon(np.array([[20.0, 20.0], [200.0, 30.0], [60.0, 180.0]])).cubics]
+    turned = [cubics[::-1, ::-1] for cubics in ring]
+    widths = evenly_wide([pen, ring, moon, wedge, turned], share=0.05, px=0.2, beside=2.0)
+    assert widths == pytest.approx([8.0, 8.0, 0.0, 0.0, 8.0], abs=0.05)
+    assert not len(evenly_wide([], share=0.05, px=0.2, beside=2.0))
+
+
+def test_a_line_that_turns_back_has_no_corner_far_away():
+    there = np.stack([np.arange(20.0), np.zeros(20)], axis=1)
+    back = np.stack([np.arange(20.0)[::-1], np.full(20, 4.0) - 1e-9 * np.arange(20.0)], axis=1)
+    gaps = np.arange(40) == 19
+    points, corners = with_corners(np.concatenate([there, back]), gaps, closed=False)
+    assert len(points) == 40 and not len(corners)
 
 
 def test_the_command_draws_strokes(run_cli, tmp_path):

@@ -28,7 +28,7 @@ except ImportError:  # Windows
 
 HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
 # What only scans, enlargements, blurred pictures, strokes and photos need; any part of scipy takes 0.2 s to import.
-RARE = ("torch", "skimage", "scipy", "svgwrite", "cubicsplat_cli.photo.loop", "cubicsplat_cli.artwork.strokes.find")
+RARE = ("torch", "skimage", "scipy", "svgwrite", "cubicsplat_cli.photo.loop", "cubicsplat_cli.artwork.strokes.build")
 OTHERS = ("cubicsplat_cli.cli.bench", "cubicsplat_cli.cli.render", "pydantic")  # other commands and wrong options
 
 

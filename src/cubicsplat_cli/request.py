@@ -168,14 +168,14 @@ class Request:
 
     @property
     def _is_plain(self) -> bool:
-        others = [name for name in self.of_artwork() if name not in ("shading", "detail")]
+        others = [name for name in self.of_artwork() if name not in ("shading", "detail", "strokes")]
         bounds = (self.max_bytes, self.target_psnr, self.settings.time_limit, self.animation)
-        return not others and all(each is None for each in bounds) and self.settings.mode is Mode.CLOSED
+        return not others and all(each is None for each in bounds) and not self.strokes
 
     @property
-    def strokes(self) -> bool:
-        """Whether lines of even width in a drawing become strokes."""
-        return self.artwork.strokes or self.settings.mode is Mode.OPEN
+    def strokes(self) -> bool | None:
+        """Whether lines of even width in a drawing become strokes; None for where that is shorter."""
+        return self.settings.mode is Mode.OPEN or self.artwork.strokes
 
     def of_photos(self) -> list[str]:
         """The given options that only the fit of a photo has."""

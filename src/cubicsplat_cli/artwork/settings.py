@@ -25,7 +25,8 @@ class ArtworkSettings:
     px^2, smaller regions join a neighbour. detail: 1 weighs outlines as the picture supports them, more follows it more
     closely, less draws with fewer pieces; 0.01..100. stacking: "stacked" or "cutout". completion: "on" or "off",
     whether outlines go on beneath what hides them as what shows suggests, and pieces of one fill are one shape there.
-    strokes: lines of even width become strokes. curves: at most so many shapes, or None.
+    strokes: whether lines of even width become strokes; None for those whose description is shorter for it, in stacked
+    shapes. curves: at most so many shapes, or None.
     """
 
     colors: int | None = setting(
@@ -62,7 +63,13 @@ class ArtworkSettings:
     stacking: str = setting(
         STACKED, "choice", "Shapes overlap, or abut for cutters.", choices=(STACKED, CUTOUT), group=DRAWINGS
     )
-    strokes: bool = setting(False, "flag", "Lines of even width become strokes.", group=DRAWINGS)
+    strokes: bool | None = setting(
+        None,
+        "flag",
+        "Lines of even width become strokes.  [default: where that is shorter]",
+        optional=True,
+        group=DRAWINGS,
+    )
     completion: str = setting(
         ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), only_off=True, hidden=True,
         group=DRAWINGS,

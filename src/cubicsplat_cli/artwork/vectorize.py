@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -69,7 +70,6 @@ def versions(
     settings: ArtworkSettings | None = None,
     prepared: PreparedInput | None = None,
     *,
-    strokes: bool = False,
     on_sketch: Callable[[Drawing], None] = nothing,
 ) -> Iterator[Drawing]:
     """The drawing of a flat picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1], and ever
@@ -77,15 +77,15 @@ def versions(
 
     What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
-    drawn as it looks from farther away. prepared: `prepare(target)`, where that is known already. strokes: shapes of
-    even width become pen strokes. on_sketch: given the shapes with their outlines fitted, which have all their pieces
-    yet and no details, in px of the picture, where there are many; what it raises ends the drawing.
+    drawn as it looks from farther away. prepared: `prepare(target)`, where that is known already. on_sketch: given
+    the shapes with their outlines fitted, which have all their pieces yet and no details, in px of the picture, where
+    there are many; what it raises ends the drawing.
 
     Where the work under way (`progress.work`) is stopped, the drawing is what there is by then: outlines not yet fitted
     are polygons, and where the regions were not known yet it is that of a smaller copy.
     """
     settings, prepared = settings or ArtworkSettings(), prepared or prepare(target)
-    none_yet, of_prepared = True, partial(_versions, settings=settings, strokes=strokes, on_sketch=on_sketch)
+    none_yet, of_prepared = True, partial(_versions, settings=settings, on_sketch=on_sketch)
     with work().stoppable():
         for each in _with_its_shadow(prepared, settings, of_prepared) or of_prepared(prepared):
             none_yet = False
@@ -129,7 +129,7 @@ def _with_its_shadow(
 
 
 def _versions(
-    prepared: PreparedInput, settings: ArtworkSettings, strokes: bool, on_sketch: Callable[[Drawing], None]
+    prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
 ) -> Iterator[Drawing]:
     """The drawing of what was taken in, in px of that, and simpler versions of it; see `versions`."""
     condition = prepared.condition
@@ -176,17 +176,28 @@ def _versions(
             drawing = with_added(drawing, goal, condition, settings.detail, scaled.min_area, settings.curves)
     further = iter(()) if goal is None else simpler(drawing, goal, settings.detail)
     for each in chain([drawing], further):
-        yield _painted(_with_strokes(each, goal, settings.detail, error) if strokes else each)
+        yield _painted(_with_strokes(each, goal, settings, error))
 
 
-def _with_strokes(drawing: Drawing, goal: Goal | None, detail: float, error: float) -> Drawing:
-    """The drawing with strokes in place of shapes of even width, fitted to its goal."""
-    from cubicsplat_cli.artwork.strokes.find import with_strokes
-    from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes
+def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings, error: float) -> Drawing:
+    """The drawing with strokes in place of shapes of even width, fitted to its goal: of all such, or of those whose
+    description is shorter for it; cutters know none.
+    """
+    if settings.strokes is False or settings.stacking == CUTOUT or (goal is None and not settings.strokes):
+        return drawing
+    from cubicsplat_cli.artwork.strokes.find import as_strokes
 
     with work().stoppable():
         work().at("finding strokes", 0.97)
-        drawing = with_strokes(drawing, detail, error)
+        found = as_strokes(drawing, settings.detail, error, shorter=not settings.strokes)
+        if not any(shape.stroke for own in found for shape in own):
+            return drawing
+        from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes, shorter_strokes
+
+        if not settings.strokes and goal is not None:
+            shorter = shorter_strokes(drawing, found, goal, settings.detail)
+            return drawing if len(shorter.shapes) > (settings.curves or math.inf) else shorter
+        drawing = replace(drawing, shapes=tuple(chain.from_iterable(found)))
         if goal is not None:
             drawing = fitted_strokes(drawing, goal)
     return drawing

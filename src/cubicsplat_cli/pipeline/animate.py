@@ -194,7 +194,7 @@ def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
     from cubicsplat_cli.artwork.settings import ArtworkSettings
     from cubicsplat_cli.artwork.vectorize import draw
 
-    chosen, before = ArtworkSettings(curves=task.request.settings.curves), None
+    chosen, before = ArtworkSettings(strokes=False, curves=task.request.settings.curves), None
     for index, frame in enumerate(task.frames()):
         target = frame.picture.target()
         if before is None or not np.array_equal(before[0], target):

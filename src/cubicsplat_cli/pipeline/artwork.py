@@ -99,7 +99,8 @@ def drawn_outlines(
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import prepare, versions
 
-    chosen = replace(task.request.artwork, curves=task.request.settings.curves)
+    request = task.request
+    chosen = replace(request.artwork, curves=request.settings.curves, strokes=request.strokes)
     deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.pixels
@@ -117,7 +118,7 @@ def drawn_outlines(
             made = result_of_drawing(scaled_drawing(sketch, *task.picture.size), task.request)
             on_sketch(replace(made, **known))
 
-        drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
+        drawings = versions(target, chosen, prepared, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)
         sized = (scaled_drawing(each, *task.picture.size) for each in whole)
         made = within_budget(task, (_structured(each, task.request) for each in sized))

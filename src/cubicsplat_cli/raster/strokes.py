@@ -5,6 +5,7 @@ All raise EngineError where the library or the memory is missing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from ctypes import c_int64
 
 import numpy as np
@@ -16,6 +17,22 @@ from cubicsplat_cli.record import record
 CAPS, JOINS = ("butt", "round", "square", "closed", "one side"), ("miter", "round", "bevel")
 STEP = 1e-5  # px, of the differences that tell how an outline moves with its centre line
 _MOST = 4  # pieces of a join or a cap
+
+
+def evenly_wide(shapes: Sequence[Sequence[np.ndarray]], share: float, px: float, beside: float) -> np.ndarray:
+    """(shapes,) px: the usual widths of those that are of one width nearly all along their outlines, 0 of the others.
+
+    shapes: of each the cubics (S, 4, 2) of its rings, the outer one first. share, px: of the usual width, and further
+    px, that an even one is off it at the most. Of the outline that share may be uneven, or as many widths as it has
+    corners and `beside` more.
+    """
+    rings = [ring for shape in shapes for ring in shape]
+    found = np.zeros(len(shapes))
+    if rings:
+        shape_ends, ring_ends = (np.cumsum([len(each) for each in parts]) for parts in (shapes, rings))
+        given = len(shapes), shape_ends, ring_ends, np.concatenate(rings), share, px, beside
+        native("strokes", "cs_even_widths", *given, found)
+    return found
 
 
 @record

@@ -24,8 +24,8 @@ _COPY = 512  # px a side, on which loops are looked for
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     """The shapes back to front, those to be written as one together: three or more paths in one opaque fill or
-    gradient; in a drawing of at most FEW_PAINTS of these, where no shape is a stroke, any path and whatever else has
-    its paint.
+    gradient, and strokes by one pen; in a drawing of at most FEW_PAINTS of these any path, and whatever else that can
+    has its paint.
 
     The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
     every hole the other way. A shape joins an earlier one where nothing of another fill that is drawn between them
@@ -34,10 +34,11 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     boxes = boxes_of(shapes).T.copy()
     paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
-    sign = len(number_of) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
+    sign = len({paint[:1] + paint[2:] for paint in paints}) <= FEW_PAINTS  # with any pens
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
-    free = np.array([_opaque(s) and (sign or not _primitive(s)) and not _crosses(s) for s in shapes], dtype=bool)
+    joins = paths | np.array([sign and shape.stroke is None for shape in shapes], dtype=bool)
+    free = joins & np.array([_opaque(shape) and not _crosses(shape) for shape in shapes], dtype=bool)
     while True:
         leaders = _leaders(boxes, numbers, free)
         # Groups of too few, and of primitives alone, are none.

@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
 from cubicsplat_cli.artwork.strokes.centre_line import SIGMA, open_line, with_corners
-from cubicsplat_cli.artwork.strokes.ends import with_ends
+from cubicsplat_cli.artwork.strokes.ends import SLIT, with_ends
 from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline
 
@@ -38,7 +38,7 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
     width = 2.0 * area / max(around, 1e-9)
     if not width > 0.5:
         return []
-    graph, sides = skeleton_of(rings, width), Sides.of(rings)
+    graph, sides = skeleton_of(rings, width), Sides.of(rings, width)
     centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
     widths = np.array([_width(own) for own in centres])
     even = sum(int(own.even(w).sum()) for own, w in zip(centres, widths, strict=True) if np.isfinite(w))
@@ -136,7 +136,7 @@ def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> 
         out = out / size
         half_turn = math.asin(min(0.5 * size, 1.0))
         off = sides.points - line[i]
-        ahead = (np.abs(off @ np.array([-out[1], out[0]])) < 0.08) & (off @ out > 0.0)
+        ahead = (np.abs(off @ np.array([-out[1], out[0]])) < SLIT * sides.step) & (off @ out > 0.0)
         if not ahead.any():
             continue
         reach = float((off @ out)[ahead].min()) / (0.5 * width)

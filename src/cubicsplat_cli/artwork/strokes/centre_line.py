@@ -17,6 +17,7 @@ from cubicsplat_cli.raster.outlines import parabolas
 SIGMA = 0.05  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
 FLANK = 8  # points on either side of a gap that tell its direction
+MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
 END_ERRORS = (0.05, 0.05)  # px and radians
 FEWEST = 6  # points
 LEAST_LENGTH = 1e-6  # px, of a run of points that has a direction
@@ -148,11 +149,14 @@ def _bent(points: np.ndarray) -> bool:
 
 
 def _meeting(a: np.ndarray, way: np.ndarray, b: np.ndarray, onward: np.ndarray) -> np.ndarray | None:
-    """The point where the line on from a meets the line back from b; None where both are about one line."""
+    """The point where the line on from a meets the line back from b; None where both are about one line, and where it
+    lies so far out that no miter would reach it.
+    """
     turn = float(way[0] * onward[1] - way[1] * onward[0])
     if abs(math.atan2(turn, float(way @ onward))) < CORNER:
         return None
     gap = b - a
     s = (gap[0] * onward[1] - gap[1] * onward[0]) / turn
     u = (gap[0] * way[1] - gap[1] * way[0]) / turn
-    return a + s * way if s > 0.0 > u else None
+    # Of a corner like a miter's, both ways to it over the gap are the miter's length over the width.
+    return a + s * way if s > 0.0 > u and s - u < MITER_LIMIT * float(np.hypot(*gap)) else None

@@ -11,8 +11,9 @@ from cubicsplat_cli.record import record
 
 # A round end is shorter by 0.143 widths at 0.35 widths to the side.
 BESIDE, ROUND_DROP = 0.35, 0.07
-SLIT = 0.08  # px: half of how wide a look ahead is
+SLIT = 1.6  # steps of the outline: half of how wide a look ahead is
 AHEAD = 0.6  # cosine
+COARSE = 0.02  # widths between points that tell where a stroke is on both sides of
 RUN = 10  # points that tell the direction of an end
 ROUND_MEAN = (0.5 + 2.0 * (0.25 - BESIDE**2) ** 0.5) / 3.0  # widths: the three reaches of a half disc
 
@@ -66,7 +67,7 @@ def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
     along, across = off @ tip.direction, off @ np.array([-tip.direction[1], tip.direction[0]])
     found = []
     for side in (0.0, -BESIDE * width, BESIDE * width):
-        near = (np.abs(across - side) < SLIT) & (along > -0.2 * width) & (along < 2.0 * width)
+        near = (np.abs(across - side) < SLIT * sides.step) & (along > -0.2 * width) & (along < 2.0 * width)
         found.append(float(along[near].min()) if near.any() else 0.0)
     return np.array(found)
 
@@ -75,7 +76,7 @@ def _to_middle(tip: _Tip, width: float, beside: float, sides: Sides) -> float:
     """The distance ahead to the middle of the stroke, `beside` px wide, that this one ends in: half of that from its
     far side."""
     off = sides.points - tip.place
-    off = off[np.hypot(*off.T) < 2.0 * (width + beside)]
+    off = off[np.hypot(*off.T) < 2.0 * (width + beside)][:: max(1, int(COARSE * beside / sides.step))]
     for reach in np.arange(0.0, width + beside, max(0.02 * width, 0.1)):
         rest = off - reach * tip.direction
         distance = np.hypot(*rest.T)

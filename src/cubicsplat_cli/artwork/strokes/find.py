@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,
@@ -16,47 +17,92 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     oriented,
     pieces_of_rings,
 )
-from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, ROUND, Stroke, line_chain, pieces_of
+from cubicsplat_cli.artwork.geometry.stroke import (
+    BUTT,
+    EVEN_PX,
+    EVEN_SHARE,
+    MITER,
+    ROUND,
+    Stroke,
+    line_chain,
+    pieces_of,
+)
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.strokes.build import strokes_of
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.raster.outlines import coverage
+from cubicsplat_cli.raster.strokes import evenly_wide
 
 LONGEST_MEAN = 0.06  # px that the outline of strokes is off a shape's in the mean
 MOST_OFF = 0.75  # of a pixel's coverage
 # px by which an outline is off for each of the error, of full scale, of its pixels, up to a most; and widths squared
 # that ends and corners of each stroke may then be off, in place of MOST_OFF.
 SLACK, MOST_SLACK, ENDS_OFF = 1.2, 0.15, 1.0
+BESIDE = 2.0  # widths, of an outline, that are uneven at the ends of a stroke and where it meets others
+# Where the px by which widths may differ are a larger part of the width, any thin shape would be even.
+LEAST_TOLD = 8.0
+LEAST_LENGTH = 2.0 * SHAPE_PARAMETERS + 5.0  # numbers: of a shape with one straight stroke
 LEAST_ASPECT = 3.0  # of a bar that is a stroke
 ALIKE_PX, ALIKE_SHARE = 0.08, 0.015  # widths that differ by less are one
 
 
-def with_strokes(drawing: Drawing, detail: float = 1.0, error: float = 0.0) -> Drawing:
-    """The drawing with every shape of even width as strokes: one for each line that a pen would draw.
+def as_strokes(
+    drawing: Drawing, detail: float = 1.0, error: float = 0.0, *, shorter: bool = False
+) -> list[tuple[Shape, ...]]:
+    """For each shape of a drawing its strokes if it is of even width, one for each line that a pen would draw, else
+    itself.
 
     A shape is given up where its strokes would cover anything else than it does. Widths that are alike become one.
-    error: of the pixels that it was fitted to, of full scale.
+    error: of the pixels that it was fitted to, of full scale. shorter: only where their description is shorter, and
+    widths are told well enough.
     """
-    slack = min(SLACK * error, MOST_SLACK)
-    found = [_strokes(shape, detail, slack) for shape in drawing.shapes]
-    width_of = _common([stroke for strokes in found for stroke in strokes])
-    shapes: list[Shape] = []
-    for shape, strokes in zip(drawing.shapes, found, strict=True):
-        tied = [replace(stroke, width=width_of[stroke.width]) for stroke in strokes]
-        shapes += [replace(shape, outlines=outlines_of_stroke(stroke), stroke=stroke) for stroke in tied] or [shape]
-    return replace(drawing, shapes=tuple(shapes))
+    slack, shapes = min(SLACK * error, MOST_SLACK), drawing.shapes
+    hopeful = _hopeful(shapes, slack) if shorter else range(len(shapes))
+    found = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
+    width_of = _common([stroke for strokes in found.values() for stroke in strokes])
+    return [
+        tuple(_stroked(shape, stroke, width_of[stroke.width]) for stroke in found.get(n, ())) or (shape,)
+        for n, shape in enumerate(shapes)
+    ]
 
 
-def _strokes(shape: Shape, detail: float, slack: float) -> list[Stroke]:
-    """The strokes that cover what a shape does; none where there are no such, and of gradients none."""
-    if shape.gradient is not None:
-        return []
+def _hopeful(shapes: tuple[Shape, ...], slack: float) -> list[int]:
+    """The numbers of the shapes that have more numbers than a stroke, and one width nearly all along their outlines."""
+    long = [n for n, shape in enumerate(shapes) if length_of(shape) > LEAST_LENGTH]
+    rings = [[outline.ring().cubics for outline in shapes[n].outlines] for n in long]
+    widths = evenly_wide(rings, EVEN_SHARE, EVEN_PX + 2.0 * slack, BESIDE)
+    return [n for n, width in zip(long, widths.tolist(), strict=True) if width > LEAST_TOLD * EVEN_PX]
+
+
+def length_of(*shapes: Shape) -> float:
+    """Of the description of shapes, in numbers: what says how a stroke is drawn counts as a shape's fill does."""
+    return sum(
+        SHAPE_PARAMETERS + sum(outline.coordinates for outline in shape.outlines)
+        if shape.stroke is None
+        else 2.0 * SHAPE_PARAMETERS + shape.stroke.coordinates
+        for shape in shapes
+    )
+
+
+def _stroked(shape: Shape, stroke: Stroke, width: float) -> Shape:
+    """The shape as a stroke of a width."""
+    stroke = replace(stroke, width=width)
+    return replace(shape, outlines=outlines_of_stroke(stroke), stroke=stroke)
+
+
+def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[Stroke]:
+    """The strokes that cover what a shape does; none where there are no such, and where they must be shorter and are
+    not.
+    """
     simple = _simple(shape.outlines)
     if simple is not None:
         return [simple]
     if len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring):
         return []
+    from cubicsplat_cli.artwork.strokes.build import strokes_of  # few drawings have any
+
     strokes = strokes_of(shape.oriented(), detail, slack)
+    if shorter and length_of(*(replace(shape, stroke=stroke) for stroke in strokes)) >= length_of(shape):
+        return []
     return strokes if strokes and _same(shape, strokes, slack) else []
 
 

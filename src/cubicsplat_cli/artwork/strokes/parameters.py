@@ -4,17 +4,21 @@ fitted to the picture through the exact coverage of what they draw.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.finish.settle import settle
-from cubicsplat_cli.artwork.finish.state import State, layer_of
-from cubicsplat_cli.artwork.geometry.outlines import Outline
+from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
+from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.strokes.find import length_of
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.progress import log
@@ -115,52 +119,76 @@ class StrokeParameters:
 
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
-    strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
-    if not strokes:
-        return drawing
-    pieces = sum(stroke.path.pieces for stroke in strokes)
-    if pieces > MOST_PIECES:
-        log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
-        return drawing
-    state = settle(_state(drawing, goal, fixed=False), FIRST_ROUNDS)
-    tied = _with_common_widths(drawing, _strokes(state))
-    return _with(tied, _strokes(settle(_state(tied, goal, fixed=True), LAST_ROUNDS)))
+    state = State.of(_layers(drawing, drawing.shapes, goal), goal)
+    fitted = _fitted(state, drawing)
+    return drawing if fitted is state else replace(drawing, shapes=tuple(map(_drawn, fitted.layers)))
 
 
-def _state(drawing: Drawing, goal: Goal, fixed: bool) -> State:
-    """The drawing against its picture; fixed: widths stay."""
-    constraints = Constraints(drawing.width, drawing.height)
-    layers = []
-    for shape in drawing.shapes:
-        outlines: list[Parameters] = [Still(outline) for outline in shape.outlines]
-        if shape.stroke is not None:
-            outlines = [StrokeParameters.of(shape.stroke, constraints, fixed)]
-        layers.append(layer_of(shape, goal, outlines))
-    return State.of(layers, goal)
+def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Goal, detail: float) -> Drawing:
+    """The drawing with the strokes of those shapes, fitted to its goal, that make the whole description shorter.
 
-
-def _strokes(state: State) -> list[Stroke]:
-    return [o.stroke for layer in state.layers for o in layer.outlines if isinstance(o, StrokeParameters)]
-
-
-def _with(drawing: Drawing, strokes: list[Stroke]) -> Drawing:
-    """The drawing with its strokes replaced by these, in their order."""
-    following = iter(strokes)
-    shapes = []
-    for shape in drawing.shapes:
-        if shape.stroke is not None:
-            stroke = next(following)
-            shape = replace(shape, outlines=outlines_of_stroke(stroke), stroke=stroke)
-        shapes.append(shape)
+    strokes: of each shape, or the shape itself. detail: as in ArtworkSettings.
+    """
+    tried = np.array([own[0].stroke is not None for own in strokes])
+    saved = [length_of(shape) - length_of(*own) for shape, own in zip(drawing.shapes, strokes, strict=True)]
+    still = _layers(drawing, drawing.shapes, goal)
+    parts = [_layers(drawing, strokes[n], goal) if own else [still[n]] for n, own in enumerate(tried.tolist())]
+    before = State.of(still, goal)
+    after = _fitted(before.with_layers([*chain.from_iterable(parts)]), drawing)
+    owners = np.repeat(np.arange(len(parts)), [len(own) for own in parts])
+    here, there = (np.array([n for n, _ in state.places])[state.owners] for state in (before, after))
+    group, other = (np.where(tried[own], own, -1) for own in (here, owners[there]))
+    growth = before.stack.growth(after.stack, group, other, len(parts), before.spread).tolist()
+    first = np.cumsum([0, *(len(shape.outlines) for shape in drawing.shapes)]).tolist()
+    shapes: list[Shape] = []
+    for n in range(len(parts)):
+        pays = tried[n] and 0.5 * detail * growth[n] < PRICE * saved[n] * floor_of(before, first[n])
+        own = [after.layers[k] for k in np.flatnonzero(owners == n)] if pays else [still[n]]
+        shapes += map(_drawn, own)
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _with_common_widths(drawing: Drawing, fitted: list[Stroke]) -> Drawing:
-    """The drawing with fitted strokes, those that had one width before of their mean one by length."""
-    before = np.array([shape.stroke.width for shape in drawing.shapes if shape.stroke is not None])
-    lengths = np.array([np.hypot(*np.diff(pieces_of(stroke.path)[0], axis=1).T).sum() for stroke in fitted])
-    widths = np.array([stroke.width for stroke in fitted])
-    for width in np.unique(before):
-        own = before == width
-        widths[own] = np.average(widths[own], weights=lengths[own] + 1e-9)
-    return _with(drawing, [replace(stroke, width=float(width)) for stroke, width in zip(fitted, widths, strict=True)])
+def _layers(drawing: Drawing, shapes: Iterable[Shape], goal: Goal) -> list[Layer]:
+    """Layers of a drawing's shapes, of which only strokes are free."""
+    constraints = Constraints(drawing.width, drawing.height)
+    return [
+        layer_of(
+            shape,
+            goal,
+            [StrokeParameters.of(shape.stroke, constraints)] if shape.stroke else [*map(Still, shape.outlines)],
+        )
+        for shape in shapes
+    ]
+
+
+def _drawn(layer: Layer) -> Shape:
+    """The shape of a layer, as its stroke stands."""
+    own = layer.outlines[0]
+    if not isinstance(own, StrokeParameters):
+        return layer.shape
+    return replace(layer.shape, outlines=outlines_of_stroke(own.stroke), stroke=own.stroke)
+
+
+def _fitted(state: State, drawing: Drawing) -> State:
+    """The state with its strokes fitted: first their widths too, then all of those that were alike in their mean one by
+    length. Itself where these have very many pieces.
+    """
+    free = np.array([isinstance(outline, StrokeParameters) for outline in state.outlines])
+    before = {k: own.stroke for k, own in enumerate(state.outlines) if isinstance(own, StrokeParameters)}
+    pieces = sum(stroke.path.pieces for stroke in before.values())
+    if pieces > MOST_PIECES:
+        log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
+    if not 0 < pieces <= MOST_PIECES:
+        return state
+    state = settle(state, FIRST_ROUNDS, changed=free)
+    fitted = [own.stroke for own in state.outlines if isinstance(own, StrokeParameters)]
+    lengths = np.array([polygon_lengths(pieces_of(stroke.path)[0]).sum() for stroke in fitted])
+    _, alike = np.unique([stroke.width for stroke in before.values()], return_inverse=True)
+    totals = np.bincount(alike, lengths + 1e-9)
+    widths = np.bincount(alike, (lengths + 1e-9) * [stroke.width for stroke in fitted]) / totals
+    constraints = Constraints(drawing.width, drawing.height)
+    tied = {
+        k: StrokeParameters.of(replace(stroke, width=float(widths[group])), constraints, fixed=True)
+        for k, stroke, group in zip(before, fitted, alike.tolist(), strict=True)
+    }
+    return settle(state.with_outlines(tied), LAST_ROUNDS, changed=free)

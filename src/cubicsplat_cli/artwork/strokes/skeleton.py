@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, points_at
+from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.point_tree import PointTree
@@ -16,11 +17,9 @@ FINEST = 8  # pixels of the skeleton per px
 PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least
 SPUR, BRIDGE = 0.75, 0.9  # of the width: shorter branches to an end, and between junctions, are none
 _AROUND = [(-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1)]
-STEP = 0.05  # px between the points of an outline
+STEP, STEPS_ACROSS = 0.05, 256.0  # px between the points of an outline at the least, and of these over its width
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
 MOST_MOVED = 0.3  # widths, that such a point lies off the skeleton at the most
-# A width is even where it is off the usual one by no more than a share of it and so many px.
-EVEN_SHARE, EVEN_PX = 0.05, 0.2
 _ROUNDS = 3
 _Pixel = tuple[int, int]  # y, x
 
@@ -157,20 +156,22 @@ def _joined(branches: list[Branch], places: np.ndarray) -> list[Branch]:
 
 @record
 class Sides:
-    """The outline of a shape as closely spaced points (n, 2), with a tree to find the nearest."""
+    """The outline of a shape as points (n, 2) no more than `step` px apart, with a tree to find the nearest."""
 
     points: np.ndarray
     tree: PointTree
+    step: float
 
     @classmethod
-    def of(cls, rings: tuple[Ring, ...]) -> Sides:
-        """Points STEP px apart along the rings."""
+    def of(cls, rings: tuple[Ring, ...], width: float) -> Sides:
+        """Those of the rings of a stroke about so wide."""
+        step = max(STEP, width / STEPS_ACROSS)
         found = []
         for cubic in pieces_of_rings(rings)[0]:
-            count = max(1, int(np.ceil(float(np.hypot(*np.diff(cubic, axis=0).T).sum()) / STEP)))
+            count = max(1, int(np.ceil(float(np.hypot(*np.diff(cubic, axis=0).T).sum()) / step)))
             found.append(points_at(cubic[None], np.arange(count)[None] / count)[0])
         points = np.concatenate(found)
-        return cls(points, PointTree(points))
+        return cls(points, PointTree(points), step)
 
     def nearest(self, places: np.ndarray) -> np.ndarray:
         """(n, 2) the points of the outline nearest to places (n, 2)."""
