@@ -100,8 +100,8 @@ def test_outlines_of_too_many_pieces_are_said_to_be_left_as_they_are(monkeypatch
 def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, caplog):
     monkeypatch.setattr(limits, "MOST_POLISHED", 20)
     fits = []
-    fit = completion.fit_outline
-    monkeypatch.setattr(completion, "fit_outline", lambda *given: fits.append(1) or fit(*given))
+    fit = completion.fit_outlines
+    monkeypatch.setattr(completion, "fit_outlines", lambda points, *given: fits.extend(points) or fit(points, *given))
     parcels, size = 12, 9
     rng = np.random.default_rng(1)
     fills = np.repeat(np.repeat(rng.integers(0, 8, (parcels, parcels, 3)) / 7.0, size, axis=0), size, axis=1)

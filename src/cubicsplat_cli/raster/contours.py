@@ -41,23 +41,28 @@ def independent(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def fitted_contours(
-    ends: np.ndarray, points: np.ndarray, weights: np.ndarray, known: np.ndarray, prices: np.ndarray, *, astray: bool
+    ends: np.ndarray,
+    points: np.ndarray,
+    weights: np.ndarray,
+    known: np.ndarray,
+    prices: np.ndarray,
+    astray: np.ndarray,
 ) -> tuple[list[FittedContour], int]:
     """The outline nearest to each of some closed contours, and how many of these are none, since they have fewer than
     three different points. The same for any number of threads.
 
     ends: (C,) where the points of each contour end; points: (n, 2) px; weights: (n,) 1/px^2, 0 where unknown; known:
-    (n,) bool, unknown points that are corners; prices: (C,) nats of a parameter. astray: whether what encloses much
-    more or less than its points do is fitted again, ever closer to them.
+    (n,) bool, unknown points that are corners; prices: (C,) nats of a parameter. astray: (C,) bool, whether what
+    encloses much more or less than its points do is fitted again, ever closer to them.
     """
     ends, loops = int64s(ends), len(ends)
     room = 2 * (len(points) + loops)
     form, values, pieces = np.full(loops, -1, np.int32), np.zeros((loops, 6)), np.empty(loops, np.int64)
     anchors, controls = np.empty((room, 2)), np.empty((room, 2, 2))
     lines, smooth, doubtful = np.empty(room, bool), np.empty(room, bool), np.zeros(loops, bool)
-    given = ends, doubles(points), doubles(weights), bools(known), doubles(prices)
+    given = ends, doubles(points), doubles(weights), bools(known), doubles(prices), bools(astray)
     out = form, values, pieces, anchors, controls, lines, smooth, doubtful
-    bad = native("outlines", "cs_fit_contours", loops, *given, astray, work().threads, *out, result=c_int64)
+    bad = native("outlines", "cs_fit_contours", loops, *given, work().threads, *out, result=c_int64)
     places = (2 * (np.concatenate([[0], ends])[:-1] + np.arange(loops))).tolist()
     found = []
     for k, (place, count) in enumerate(zip(places, np.maximum(pieces, 0).tolist(), strict=True)):

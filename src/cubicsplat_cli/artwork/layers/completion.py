@@ -6,8 +6,9 @@ way is good when the outline covers what shows and nothing else does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import cache, partial
+from itertools import islice
 
 import numpy as np
 
@@ -15,7 +16,8 @@ from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, l
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import SLACK
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
-from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outline, fit_outlines
+from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outlines
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.outlines import fewer_points
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
@@ -31,6 +33,9 @@ SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows 
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
 DOT = 4  # px of a region, up to which it is a dot
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
+
+# Finds an outline; on the way it has others fitted to points with standard errors, and corners where some are known.
+_Search = Generator[tuple[np.ndarray, np.ndarray, np.ndarray | None], Outline, Outline]
 
 
 def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
@@ -53,27 +58,45 @@ def outlines_of_all(
     contour, a few px beneath what hides them. steps: px a pixel of the picture each way.
     """
     for some in _batches(extents):
-        plain = [
-            contour
-            for extent in some
-            for contour in extent.contours
-            if _shows_all(contour, sought) and not _is_dot(contour, extent)
-        ]
-        sigmas = [contour.sigma if sought else _known(contour.sigma) for contour in plain]
-        fitted = iter(fit_outlines([contour.points for contour in plain], sigmas, detail))
+        searches: list[_Search] = []
         for extent in some:
             window = cache(partial(Window.of, extent, canvas))  # which only hidden contours need to know
-            outlines = []
-            for contour in extent.contours:
-                if _is_dot(contour, extent):
-                    outlines.append(dot_of(contour.points, extent.shown, (extent.left, extent.top)))
-                elif _shows_all(contour, sought):
-                    outlines.append(next(fitted))
-                elif len(contour.points) < FEWEST:
-                    outlines.append(few_lines(contour.points if sought else _thinned(contour)))
-                else:
-                    outlines.append(_completed(contour, window(), detail, whole, ASTRAY * steps**2))
-            yield without_stray_holes(tuple(outlines), extent, steps) if sought else tuple(outlines)
+            searches += [_outline(own, extent, window, whole, sought, ASTRAY * steps**2) for own in extent.contours]
+        found = iter(_searched(searches, detail))
+        for extent in some:
+            outlines = tuple(islice(found, len(extent.contours)))
+            yield without_stray_holes(outlines, extent, steps) if sought else outlines
+
+
+def _searched(searches: Sequence[_Search], detail: float) -> list[Outline]:
+    """What each search finds. What all of them have fitted next is fitted together, by as many threads as there are."""
+    found: dict[int, Outline] = {}
+    answers: dict[int, Outline | None] = dict.fromkeys(range(len(searches)))
+    while answers:
+        work().at()
+        asked = {}
+        for number, answer in answers.items():
+            try:
+                search = searches[number]
+                asked[number] = next(search) if answer is None else search.send(answer)
+            except StopIteration as end:
+                found[number] = end.value
+        points, sigmas, corners = zip(*asked.values(), strict=True) if asked else ((), (), ())
+        answers = dict(zip(asked, fit_outlines(points, sigmas, detail, corners), strict=True))
+    return [found[number] for number in range(len(searches))]
+
+
+def _outline(
+    contour: Contour, extent: Extent, window: Callable[[], Window], whole: bool, sought: bool, astray: int
+) -> _Search:
+    """The outline of a contour of an extent; window: of that, and astray: see `_completed`."""
+    if _is_dot(contour, extent):
+        return dot_of(contour.points, extent.shown, (extent.left, extent.top))
+    if len(contour.points) < FEWEST:
+        return few_lines(contour.points if sought else _thinned(contour))
+    if not sought or np.isfinite(contour.sigma).all():
+        return (yield contour.points, contour.sigma if sought else _known(contour.sigma), None)
+    return (yield from _completed(contour, window(), whole, astray))
 
 
 def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
@@ -86,13 +109,8 @@ def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
             first, points = number, 0
 
 
-def _shows_all(contour: Contour, sought: bool) -> bool:
-    """Whether an outline is fitted to all points of a contour, as they lie."""
-    return len(contour.points) >= FEWEST and (not sought or bool(np.isfinite(contour.sigma).all()))
-
-
-def _completed(contour: Contour, window: Window, detail: float, whole: bool, astray: int) -> Outline:
-    """window: that of the outer contour."""
+def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _Search:
+    """window: that of the outer contour; astray: pixels of it from which an outline is wrong everywhere."""
     runs, room = hidden_runs(contour.sigma), window.room
     window = window.hole(contour) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
@@ -108,8 +126,7 @@ def _completed(contour: Contour, window: Window, detail: float, whole: bool, ast
     open_runs = np.ones(len(runs), dtype=bool)
     best, least = None, np.inf
     for _ in range(TRIALS):
-        points, sigma, corners = guided(contour, runs, ways)
-        outline = fit_outline(points, sigma, detail, corners)
+        outline = yield guided(contour, runs, ways)
         bad = window.wrong(outline)
         count = len(bad) + (0 if _every_side_shows(contour, outline) else contour.points.size)
         if count < least:
@@ -125,11 +142,14 @@ def _completed(contour: Contour, window: Window, detail: float, whole: bool, ast
     assert best is not None
     if least > astray:
         # No way is hidden all along, or the fit has gone far astray: what is hidden ends where it does for certain.
-        for outline in (fit_outline(contour.points, _known(contour.sigma), detail), few_lines(contour.points)):
+        certain = yield contour.points, _known(contour.sigma), np.zeros(len(contour.points), dtype=bool)
+        for outline in (certain, few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
     best = (level_box(best, LEVEL) or best) if isinstance(best, Ring) else best
-    return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
+    if whole and least <= ALLOWED:
+        return (yield from _with_corners(best, contour, runs, ways, loop, window))
+    return best
 
 
 def _is_dot(contour: Contour, extent: Extent) -> bool:
@@ -159,8 +179,7 @@ def _with_corners(
     ways: list[Completion],
     loop: HiddenLoop,
     window: Window,
-    detail: float,
-) -> Outline:
+) -> _Search:
     """The outline with hidden corners where straight sides meet, if that is shorter and hidden as well."""
     if not isinstance(found, Ring):
         return found
@@ -168,8 +187,7 @@ def _with_corners(
     if not any(meeting):
         return found
     ways = [other or way for other, way in zip(meeting, ways, strict=True)]
-    points, sigma, corners = guided(contour, runs, ways)
-    outline = fit_outline(points, sigma, detail, corners)
+    outline = yield guided(contour, runs, ways)
     good = outline.coordinates <= found.coordinates and len(window.wrong(outline)) <= ALLOWED
     return outline if good else found
 

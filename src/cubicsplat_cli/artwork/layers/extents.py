@@ -111,13 +111,15 @@ def enclosed(ring: Ring, extent: Extent) -> tuple[tuple[slice, slice], np.ndarra
 class Window:
     """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
     shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
-    lies outside of the outer one. box: rows and columns beyond which there is nothing that it must."""
+    lies outside of the outer one. must: of a box, rows and columns, beyond which there is nothing that it must. may:
+    all that it may, but for what the outer one must, where it is of a hole."""
 
     extent: Extent
     must: np.ndarray
     may: np.ndarray
     canvas: tuple[int, int]
     box: tuple[slice, slice]
+    outer: np.ndarray | None = None
 
     @classmethod
     def of(cls, extent: Extent, canvas: tuple[int, int]) -> Window:
@@ -140,20 +142,24 @@ class Window:
     def hole(self, contour: Contour) -> Window:
         """The same of a contour of a hole of the extent."""
         box, free = enclosed(polygon(contour.points), self.extent)
-        must = np.zeros_like(self.must)
-        must[box] = ndimage.binary_erosion(free & ~self.extent.allowed[box], ndimage.SQUARE)
-        return replace(self, must=must, may=self.may & ~self.must, box=box)
+        must = ndimage.binary_erosion(free & ~self.extent.allowed[box], ndimage.SQUARE)
+        return replace(self, must=must, box=box, outer=self.must)
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
         ring = outline.ring()
         points = dense(flattened(ring, 1.0), 1.0)
         reached, own = enclosed(ring, self.extent)
+        may = self.may[reached] if self.outer is None else self.may[reached] & ~self.outer[reached]
         both = zip(self.box, reached, strict=True)
-        rows, columns = box = tuple(slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
-        off = self.must[box].copy()
-        part = tuple(slice(b.start - a.start, b.stop - a.start) for a, b in zip(box, reached, strict=True))
-        off[part] = np.where(own, ~self.may[reached], off[part])
+        rows, columns = box = [slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both]
+        off = np.zeros([side.stop - side.start for side in box], dtype=bool)
+        needed, part = (
+            tuple(slice(b.start - a.start, b.stop - a.start) for a, b in zip(box, each, strict=True))
+            for each in (self.box, reached)
+        )
+        off[needed] = self.must
+        off[part] = np.where(own, ~may, off[part])
         y, x = np.nonzero(off)
         within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
         return np.concatenate([within, points[self._astray(points)]])
@@ -161,7 +167,7 @@ class Window:
     def _astray(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: points of an outline beyond the window, though on the canvas."""
         low = np.array([self.extent.left, self.extent.top])
-        beyond = (points < low - 1.0) | (points > low + self.must.shape[::-1] + 1.0)
+        beyond = (points < low - 1.0) | (points > low + self.may.shape[::-1] + 1.0)
         return np.asarray(beyond.any(axis=1) & ((points > 0.0) & (points < self.canvas[::-1])).all(axis=1))
 
 

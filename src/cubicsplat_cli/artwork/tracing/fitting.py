@@ -49,16 +49,46 @@ def fit_outline(
     the points make no loop.
     """
     points, sigma = np.asarray(points, dtype=float), np.asarray(sigma, dtype=float)
-    return _fitted([points], [sigma], detail, np.zeros(len(points), bool) if corners is None else corners)[0]
+    return fit_outlines([points], [sigma], detail, [np.zeros(len(points), bool) if corners is None else corners])[0]
 
 
-def fit_outlines(points: Sequence[np.ndarray], sigmas: Sequence[np.ndarray], detail: float = 1.0) -> list[Outline]:
-    """The outline through each of some loops of boundary points, fitted ever closer to these where it has gone astray.
+def fit_outlines(
+    points: Sequence[np.ndarray],
+    sigmas: Sequence[np.ndarray],
+    detail: float = 1.0,
+    corners: Sequence[np.ndarray | None] | None = None,
+) -> list[Outline]:
+    """The outline through each of some loops of boundary points, which those without corners are fitted ever closer to
+    where it has gone astray.
 
     Arguments and errors as of `fit_outline`.
     """
-    known = np.zeros(sum(map(len, points)), dtype=bool)
-    return _fitted(points, sigmas, detail, known, astray=True) if points else []
+    for loop, sigma in zip(points, sigmas, strict=True):
+        if loop.ndim != 2 or loop.shape[1] != 2 or sigma.shape != loop.shape[:1] or not len(loop):
+            raise InputError(f"an outline needs points (n, 2) and sigma (n,), not {loop.shape} and {sigma.shape}")
+    if not points:
+        return []
+    places, errors = np.concatenate(points), np.concatenate(sigmas)
+    if not np.isfinite(places).all() or np.isnan(errors).any():
+        raise InputError("the points of an outline must be finite")
+    given = [None] * len(points) if corners is None else corners
+    known = [np.zeros(len(loop), bool) if own is None else own for loop, own in zip(points, given, strict=True)]
+    astray = np.array([own is None for own in given])
+    weights = np.where(errors < HIDDEN_SIGMA, 1.0 / np.maximum(errors, FINEST_SIGMA) ** 2, 0.0)
+    prices = np.array([parameter_price(loop, detail) for loop in points])
+    ends = np.cumsum([len(loop) for loop in points])
+    found, unfit = fitted_contours(ends, places, weights, np.concatenate(known), prices, astray)
+    if unfit:
+        raise InputError("an outline needs at least 3 different points")
+    outlines: list[Outline] = []
+    for each, loop, sigma, own in zip(found, points, sigmas, given, strict=True):
+        if each.form >= 0:
+            outlines.append(primitive_of(each.form, each.values))
+            continue
+        # Where a part is hidden its points do not tell where the outline ought to run.
+        otherwise = few_lines(loop) if own is None and each.doubtful and (sigma < HIDDEN_SIGMA).all() else None
+        outlines.append(Ring(each.anchors, each.controls, each.lines, each.smooth, otherwise))
+    return outlines
 
 
 def parameter_price(points: np.ndarray, detail: float) -> float:
@@ -75,33 +105,6 @@ def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
     while len(few := fewer_points(closed, tolerance)[:-1]) < 3 and tolerance > FINEST_SIGMA:
         tolerance *= 0.25
     return polygon(few if len(few) >= 3 else points)
-
-
-def _fitted(
-    loops: Sequence[np.ndarray], sigmas: Sequence[np.ndarray], detail: float, known: np.ndarray, astray: bool = False
-) -> list[Outline]:
-    """The outlines of loops; known: whether each of all their points is a hidden corner."""
-    for points, sigma in zip(loops, sigmas, strict=True):
-        if points.ndim != 2 or points.shape[1] != 2 or sigma.shape != points.shape[:1] or not len(points):
-            raise InputError(f"an outline needs points (n, 2) and sigma (n,), not {points.shape} and {sigma.shape}")
-    places, errors = np.concatenate(loops), np.concatenate(sigmas)
-    if not np.isfinite(places).all() or np.isnan(errors).any():
-        raise InputError("the points of an outline must be finite")
-    weights = np.where(errors < HIDDEN_SIGMA, 1.0 / np.maximum(errors, FINEST_SIGMA) ** 2, 0.0)
-    prices = np.array([parameter_price(points, detail) for points in loops])
-    ends = np.cumsum([len(points) for points in loops])
-    found, unfit = fitted_contours(ends, places, weights, known, prices, astray=astray)
-    if unfit:
-        raise InputError("an outline needs at least 3 different points")
-    outlines: list[Outline] = []
-    for each, points, sigma in zip(found, loops, sigmas, strict=True):
-        if each.form >= 0:
-            outlines.append(primitive_of(each.form, each.values))
-            continue
-        # Where a part is hidden its points do not tell where the outline ought to run.
-        otherwise = few_lines(points) if astray and each.doubtful and (sigma < HIDDEN_SIGMA).all() else None
-        outlines.append(Ring(each.anchors, each.controls, each.lines, each.smooth, otherwise))
-    return outlines
 
 
 def primitive_of(form: int, values: np.ndarray) -> Outline:

@@ -187,12 +187,12 @@ CS_EXPORT void cs_independent(int64_t count, const double* points, const double*
 
 // Fits an outline to each of some loops of points (x 2): see `fitted_contours` in raster/contours.py. ends: loops, where
 // the points of each end; weights: 1/px^2; known: whether a hidden point is a corner; prices: loops, of a parameter, nats.
-// astray: whether loops are fitted ever closer to their points where their outline has gone astray. form: loops, of a
+// astray: loops, whether one is fitted ever closer to its points where its outline has gone astray. form: loops, of a
 // primitive, -1 for a ring; values: loops x 6; pieces: loops; anchors, controls, lines, smooth: of rings, room for 2 x
 // points + 2 pieces a loop; doubtful: loops, whether a ring lies off its points or crosses itself. Returns the number of
 // loops that have fewer than three different points; -1 where there is no memory.
 CS_EXPORT int64_t cs_fit_contours(int64_t loops, const int64_t* ends, const double* points, const double* weights,
-                                  const uint8_t* known, const double* prices, int64_t astray, int64_t threads,
+                                  const uint8_t* known, const double* prices, const uint8_t* astray, int64_t threads,
                                   int32_t* form, double* values, int64_t* pieces, double* anchors, double* controls,
                                   uint8_t* lines, uint8_t* smooth, uint8_t* doubtful) {
   using namespace cs;
@@ -211,7 +211,7 @@ CS_EXPORT int64_t cs_fit_contours(int64_t loops, const int64_t* ends, const doub
     pieces[k] = -1;
     if (contour.count() < 3) return;
     Outline found = fitted(contour, prices[k]);
-    for (int finer = 1; astray && finer <= 3 && !sound(all, found); finer++)
+    for (int finer = 1; astray[k] && finer <= 3 && !sound(all, found); finer++)
       found = finer < 3 ? fitted(contour, prices[k] / kFiner[finer]) : few_lines(all, kTolerance);
     form[k] = found.form, pieces[k] = int64_t(found.anchors.size());
     doubtful[k] = found.form == kRing && (found.away > allowed(all) || found.crosses());
