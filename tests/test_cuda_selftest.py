@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import pytest
 from conftest import rest_slow
 from emulated import EmulatedDriver, compiler
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.cuda import selftest
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.settings import Mode
 
 PROGRAMS = [Program(mode, channels, painted) for painted in (False, True) for mode in Mode for channels in (3, 4)]
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
+def test_the_self_test_would_notice(program):
+    """What it compares is far from nothing, so that a wrong sign or a missing step is outside of the tolerance."""
+    with closing(CpuEngine(1)) as cpu:
+        for _, values in selftest.numbers(cpu, program):
+            assert all(abs(2.0 * value) > selftest.TOLERANCE * (1.0 + abs(value)) for value in values if value != 0.0)
 
 
 class Broken(EmulatedDriver):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from contextlib import closing
 from itertools import product
 
@@ -103,15 +104,21 @@ def _trained(engine: Engine, program: Program, coverage: str) -> tuple[float, ..
     return _digest(float(losses[-1]), [getattr(small, name) - getattr(start, name) for name in TRAINED])
 
 
+def numbers(engine: Engine, program: Program) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """What an engine computes of the scene, in each coverage: pictures with gradients, and training steps."""
+    # With gradient fills a step does nothing else.
+    cases = [("gradients", _drawn)] + [("training", _trained)] * (not program.painted)
+    for coverage, (doing, of) in product(COVERAGES, cases):
+        yield f"{coverage} {doing}", of(engine, program, coverage)
+
+
 def self_test(engine: Engine, program: Program) -> None:
     """Raises EngineError where the engine's numbers are not the CPU's: pictures, gradients, training steps."""
-    # With gradients a step does nothing else.
-    cases = [("gradients", _drawn)] + [("training", _trained)] * (not program.painted)
     with closing(CpuEngine(1)) as cpu:
-        for coverage, (doing, of) in product(COVERAGES, cases):
-            for value, right in zip(of(engine, program, coverage), of(cpu, program, coverage), strict=True):
+        for (doing, found), (_, expected) in zip(numbers(engine, program), numbers(cpu, program), strict=True):
+            for value, right in zip(found, expected, strict=True):
                 if not abs(value - right) <= TOLERANCE * (1.0 + abs(right)):
                     raise EngineError(
-                        f"the CUDA engine's self-test ({program.name}, {coverage} {doing}) gives {value:.6g} in place "
+                        f"the CUDA engine's self-test ({program.name}, {doing}) gives {value:.6g} in place "
                         f"of {right:.6g}: the GPU, its driver or its compiler is broken; use --device cpu"
                     )
