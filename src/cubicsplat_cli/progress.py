@@ -121,20 +121,24 @@ def nothing(*_: object) -> None:
     """A callback that ignores what it is told."""
 
 
+class _Telling(logging.Handler):
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._tell(record.getMessage())
+
+
 @contextmanager
 def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
     """Within, `tell` gets the text of each warning that the library logs."""
-
-    def heard(record: logging.LogRecord) -> bool:
-        if record.levelno >= logging.WARNING:
-            tell(record.getMessage())
-        return True
-
-    log.addFilter(heard)
+    handler = _Telling(tell)
+    log.addHandler(handler)
     try:
         yield
     finally:
-        log.removeFilter(heard)
+        log.removeHandler(handler)
 
 
 # When the command began that this process is; None in a worker, and in other programs.
