@@ -63,3 +63,23 @@ def test_edges_within_a_row_of_pixels_are_no_rules():
     fills, found = with_pixel_lines(levels, palette, pure, None)
     assert fills[3:].tolist() == [[128, 128, 128, 255]] and (found[5, :59] == 3).all() and (found[6] == -1).all()
     assert len(with_pixel_lines(levels, palette, pure, 3)[0]) == 3
+
+
+@pytest.mark.parametrize(("white", "rules"), [(12, 1), (60, 0)])
+def test_a_line_between_two_grounds_is_a_rule_but_where_what_is_beneath_may_shine_through(white, rules):
+    """White letters above the line lie beneath none of it, a white strip as long as it may lie beneath all of it."""
+    palette = np.array([(59, 59, 59, 255), (46, 46, 46, 255), WHITE], dtype=float)
+    pure = np.repeat([0, -1, 1], [20, 1, 19])[:, None].repeat(60, axis=1)
+    pure[4:9, :white] = 2
+    levels = palette[pure].astype(np.float32)
+    levels[20, :, :3] = 91
+    fills, found = with_pixel_lines(levels, palette, pure.astype(np.int32), None)
+    assert len(fills) == 3 + rules and (found[20, 1:59] == (3 if rules else -1)).all()
+
+
+def test_the_soft_edge_of_a_line_of_one_px_is_no_rule():
+    palette = np.array([(177, 12, 12, 255), (49, 16, 3, 255), (255, 217, 0, 255)], dtype=float)
+    pure = np.repeat([0, 1, -1, 2], [19, 1, 1, 19])[:, None].repeat(60, axis=1)
+    levels = palette[pure].astype(np.float32)
+    levels[20, :, :3] = (127, 108, 0)
+    assert len(with_pixel_lines(levels, palette, pure.astype(np.int32), None)[0]) == 3

@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, PURE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import steps
-from cubicsplat_cli.raster.unmix import nearest_fills
+from cubicsplat_cli.raster.unmix import components, nearest_fills, seam_shares
 from cubicsplat_cli.record import record
 
 # Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
@@ -20,8 +20,8 @@ ALIKE, APART = 0.5, 8.0
 # Px from which a pixel line tells its fill, and from which it is one where others have told it; fill of the most pixel
 # lines.
 LONG, SHORT, MOST_RULES = 24, 5, 16
-# Between two grounds, where seams lie as well, so many long ones in both directions tell it.
-FRAMES = 3
+# Where it may be something else, so many long ones in both directions tell it; steps of the share of a seam's fill.
+FRAMES, SHARES = 3, 32
 # Px of a frame's corner, between its sides, and the share of the pixel line's fill from which a pixel there is its;
 # grounds of one fill's pixel lines that are looked at.
 CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
@@ -58,7 +58,7 @@ def with_pixel_lines(
     grounds = np.maximum(*(nearest_fills(each, palette)[1] for each in (found.before, found.behind)))
     found = found.where(told & (grounds <= PURE))
     out, fills = pure.copy(), palette
-    for colour in _colours(found):
+    for colour in _colours(found, _doubtful(found, palette, pure)):
         gaps = largest(np.abs(fills - colour))
         if gaps.min() > ALIKE:
             if len(fills) >= min(most or 256, 256):
@@ -85,12 +85,43 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRun
     return ndimage.binary_dilation(on, ndimage.SQUARE, CORNER, mask=blends | on)
 
 
-def _colours(found: _LineRuns) -> list[np.ndarray]:
-    """The colours that long pixel lines have, those of the most px first."""
-    long = found.where(found.length >= LONG)
+def _doubtful(found: _LineRuns, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
+    """(n,) bool: the pixel lines between two grounds that may be the edge of another line, of which a ground is the one
+    px, or a seam of both: a fill shines through that somewhere shows over as many px, as it must lie beneath all of it.
+    """
+    out = np.zeros(len(found.length), dtype=bool)
+    between = np.flatnonzero((largest(np.abs(found.before - found.behind)) > PURE) & (found.length >= LONG))
+    if not len(between):
+        return out
+    own = found.where(between)
+    middle, down = own.length // 2, ~own.upright
+    y, x = own.y + middle * own.upright, own.x + middle * down
+    for way in (-1, 1):
+        near, far = (
+            pure[(y + reach * down).clip(0, len(pure) - 1), (x + reach * own.upright).clip(0, pure.shape[1] - 1)]
+            for reach in (way, 2 * way)
+        )
+        out[between] |= (near < 0) | (far != near)
+    parts, count = components(pure)
+    boxes = ndimage.find_objects(parts + 1)
+    fills, extents = np.empty(count, dtype=int), np.zeros(len(palette))
+    fills[parts.ravel()] = pure.ravel()
+    sides = np.array([max(rows.stop - rows.start, columns.stop - columns.start) for rows, columns in boxes])
+    np.maximum.at(extents, fills[fills >= 0], sides[fills >= 0])
+    for fill in np.flatnonzero(extents >= LONG):
+        _, rest = seam_shares(own.colour, own.before, own.behind, palette[fill, None], SHARES, PURE)
+        out[between] |= (rest <= PURE) & (own.length <= extents[fill])
+    return out
+
+
+def _colours(found: _LineRuns, doubtful: np.ndarray) -> list[np.ndarray]:
+    """The colours that long pixel lines have, those of the most px first. doubtful: (n,) bool, those that only several
+    tell.
+    """
+    enough = found.length >= LONG
+    long, alone = found.where(enough), ~doubtful[enough]
     colours, index = np.unique(np.rint(long.colour), axis=0, return_inverse=True)
     index = index.reshape(-1)
-    alone = largest(np.abs(long.before - long.behind)) <= PURE
     sure = np.bincount(index, alone, len(colours)) > 0
     ways = np.stack([np.bincount(index, long.upright == way, len(colours)) for way in (False, True)])
     sure |= (ways.min(axis=0) > 0) & (ways.sum(axis=0) >= FRAMES)
