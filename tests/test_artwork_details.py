@@ -119,6 +119,16 @@ def test_dots_of_several_colours_that_touch_have_each_its_own() -> None:
     assert delta_e(document, drawing) < 0.4 * delta_e(document, plain())
 
 
+@pytest.mark.parametrize("condition", [CLEAN, Condition(noise=3.0), Condition(noise=1.0, jpeg=True)])
+def test_of_a_damaged_picture_specks_go_that_explain_nothing(condition: Condition) -> None:
+    speck = Shape((26, 64, 196, 255), (Circle(16.0, 20.0, 1.5),), "speck")
+    dot = Shape(RED, (Circle(40.0, 12.0, 1.5),), "dot")
+    target = picture(truth('<circle cx="40" cy="12" r="1.5" fill="#dc1e14"/>'))
+    target[..., :3] += np.random.default_rng(0).normal(0.0, condition.noise / 255.0, target[..., :3].shape)
+    drawing = explained(replace(plain(), shapes=(*plain().shapes, speck, dot)), target, condition)
+    assert drawing.shapes == (*plain().shapes, *((speck, dot) if condition.clean else (dot,)))
+
+
 def test_a_row_of_few_px_is_a_line() -> None:
     bars = '<path d="M36 10.4h3.6v.4h-3.6zM46.3 20h.5v3.2h-.5z" fill="#143cc8"/>'
     drawing = explained(plain(), picture(truth(bars)))
@@ -178,7 +188,7 @@ def test_noise_is_explained_by_nothing() -> None:
     target = picture(truth(""))
     target[..., :3] = np.clip(target[..., :3] + noise, 0.0, 1.0)
     drawing = plain()
-    assert explained(drawing, target, Condition(noise=0.03 * 255.0)) is drawing
+    assert explained(drawing, target, Condition(noise=0.03 * 255.0)) == drawing
 
 
 def test_less_detail_draws_fewer_shapes() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from benchmarks.artwork.pixels import psnr
 DRAWING = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 48"><path d="M16 16H48V32H16z" fill="{}"/></svg>'
 
 
-def box_of(pixels: np.ndarray) -> bytes:
+def box_of(given: tools.Given) -> bytes:
     """The one box of a picture on a flat background, traced exactly."""
+    pixels = tools.pixels_of(given)
     colours, background = pixels[..., :3].astype(int), pixels[0, 0, :3].astype(int)
     rows, columns = np.nonzero(np.abs(colours - background).max(axis=2) > 60)
     top, bottom, left, right = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
@@ -39,6 +41,14 @@ def misled(pixels: np.ndarray) -> bytes:
     if pixels[0, 0, 0] == 0:
         return svg.replace(b"</svg>", b'<circle r="0.1"/></svg>')
     return svg.replace(b"rgb(32", b"rgb(90") if pixels.shape[1] == 61 else svg
+
+
+def brighter_file(given: tools.Given, by: int) -> bytes:
+    """The box, brighter by so many levels if it comes as a file."""
+    svg = box_of(given)
+    if isinstance(given, np.ndarray):
+        return svg
+    return re.sub(rb"rgb\((\d+)", lambda found: b"rgb(%d" % min(int(found[1]) + by, 255), svg)
 
 
 @pytest.fixture
@@ -63,6 +73,18 @@ def test_a_margin_hides_no_difference(run_benchmark, folder, monkeypatch):
     (pair,) = json.loads(done.stdout)["pairs"]
     assert pair["delta_e"] == pytest.approx(pair["plain_delta_e"], rel=1e-3)
     assert pair["plain_delta_e"] > 0.1
+
+
+def test_colours_that_a_jpeg_does_not_tell_are_no_difference(run_benchmark, tmp_path, monkeypatch):
+    (tmp_path / "box.svg").write_text(DRAWING.format("#002000").replace("M16 16H48V32", "M16 16H64V48"))
+    agree = []
+    for off in (0, 9):
+        monkeypatch.setitem(tools.TOOLS, "ours", lambda given, off=off: brighter_file(given, off))
+        done = run_benchmark("metamorphic", tmp_path, "--size", 64, "--ways", "jpeg70", "--json")
+        (pair,) = json.loads(done.stdout)["pairs"]
+        agree.append(pair["agrees"])
+        assert pair["delta_e"] > pair["plain_delta_e"] + metamorphic.ROUGH_DELTA_E
+    assert agree == [True, False]
 
 
 def test_a_tool_that_is_misled_differs_where_it_is(run_benchmark, folder, monkeypatch):

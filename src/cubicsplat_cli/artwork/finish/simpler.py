@@ -31,19 +31,17 @@ _ENDS = (np.minimum, slice(0, 2)), (np.maximum, slice(2, 4))  # of boxes: of two
 def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Iterator[Drawing]:
     """Versions of a drawing that is fitted to its goal, each with fewer shapes or pieces than the one before.
 
-    detail as in ArtworkSettings. The error of pixels on edges counts as at least that of shares, so that what is faint
-    counts less than what is plain to see. It ends where the work is stopped.
+    detail as in ArtworkSettings. It ends where the work is stopped.
     """
     constraints = Constraints(drawing.width, drawing.height)
-    goal = replace(goal, error=max(goal.error, goal.share_error))
-    state, price, step = begin(drawing, goal), 1.0, STEP
+    state, price, step = begin(drawing, tolerant(goal)), 1.0, STEP
     worth: dict[int, float] = {}
     while price < DEAREST:
         following = state
         with work().stoppable():
             work().at("simplifying", 0.95)
             dearer = detail / (price * step)
-            following = _merged(_without_shapes(state, dearer, worth), constraints, dearer)
+            following = _merged(without_shapes(state, dearer, worth), constraints, dearer)
         if work().stopped:
             return
         left, pieces = int(following.pieces[-1]), int(state.pieces[-1])
@@ -74,7 +72,14 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
     return after.taken_back(state, refused)
 
 
-def _without_shapes(state: State, detail: float, worth: dict[int, float]) -> State:
+def tolerant(goal: Goal) -> Goal:
+    """The goal with an error of pixels on edges of at least that of shares, so that what is faint counts less than what
+    is plain to see.
+    """
+    return replace(goal, error=max(goal.error, goal.share_error))
+
+
+def without_shapes(state: State, detail: float, worth: dict[int, float]) -> State:
     """The state without the shapes that explain less than they cost. Those that do not touch are tried together.
 
     worth: by the identity of a shape, the price of a parameter up to which it pays; brought up to date.

@@ -13,6 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
 from cubicsplat_cli.artwork.finish.state import WHITE, Layer, State, layer_of, layers_of, premultiplied
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -41,8 +42,8 @@ def with_added(
     min_area: float = 0.0,
     most: int | None = None,
 ) -> Drawing:
-    """The drawing with shapes where it does not explain its goal, a picture in some condition; the same where that
-    needs none.
+    """The drawing with shapes where it does not explain its goal, a picture in some condition, and of a damaged one
+    without those that explain less than they cost; the same where that needs none.
 
     detail as in ArtworkSettings. min_area: px^2 that a shape has at least; most: shapes of the drawing, or None for any
     number.
@@ -62,7 +63,11 @@ def with_added(
     left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
     if left:
         log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))
-    return trials.drawing
+    if condition.clean:
+        return trials.drawing
+    # Of what is damaged, noise makes specks that pay for themselves no more.
+    kept = without_shapes(replace(trials.before, goal=tolerant(goal)), detail, {})
+    return replace(trials.drawing, shapes=tuple(layer.shape for layer in kept.layers))
 
 
 @record
