@@ -19,6 +19,7 @@ from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRa
 from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
 from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
 from cubicsplat_cli.photo.loop import FitLoop
+from cubicsplat_cli.photo.schedule import FINISH_TOLERANCE
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
@@ -221,6 +222,20 @@ def test_the_last_epochs_of_the_joint_fit_have_exact_coverage(monkeypatch: pytes
     joint = JointFit(random_tracks(np.random.default_rng(2), frames=2), [disc(9.0, 9.0)] * 2, CpuEngine(1), relaxed)
     joint.run(10, KnotRates(0.1, 0.1), np.random.default_rng(0), exact, 0.2)
     assert used == [relaxed] * 16 + [exact] * 4
+
+
+def test_polylines_are_as_coarse_as_the_soft_edge_hides_until_coverage_is_exact(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    used = []
+    settings = CpuEngine._settings
+    monkeypatch.setattr(
+        CpuEngine, "_settings", staticmethod(lambda raster, *rest: used.append(raster) or settings(raster, *rest))
+    )
+    fitted([disc(8.0 + frame, 12.0) for frame in range(3)], steps=40)
+    edge = QUICK.recipe.edge_end
+    assert {raster.tolerance for raster in used if raster.coverage == "relaxed"} == {0.5 * edge}
+    assert all(raster.tolerance <= FINISH_TOLERANCE for raster in used if raster.coverage == "exact")
 
 
 def test_a_curve_that_is_there_for_a_few_frames_counts_as_much_in_these() -> None:

@@ -7,7 +7,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,10 +30,11 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 16, 0.22
+FOLLOWING, EPOCHS = 1 / 16, 0.24
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 24, 0.07  # of a cubic's polyline, and px: with 0.1, a tenth of a dB is lost in finer renderers
+RELAXED_TOLERANCE = 0.5  # in widths of the soft edge, within which the polylines stay before the exact steps
 BEFORE_DEADLINE = 0.9  # of the time that is left
 FOLLOWING_SHARE = 0.3  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
@@ -134,14 +135,15 @@ class ClipFit:
         background = choose_background(picture, settings)
         if background is not None:
             settings = settings.with_(background=hex_text(round(255.0 * value) for value in background))
+        recipe = settings.recipe
+        recipe = replace(recipe, tolerance=max(recipe.tolerance, RELAXED_TOLERANCE * recipe.edge_end))
         # The deadline is that of the work, for all frames together.
-        self.settings = settings.with_(device="cpu", time_limit=None)
+        self.settings = settings.with_(device="cpu", time_limit=None, recipe=recipe)
         self.engine = CpuEngine(settings.threads or work().threads)
         self.picture = picture
         self.generator = np.random.default_rng(settings.seed)
         self.bytes_per_second, self.count, self.done = bytes_per_second, count, 0
-        self.unit = settings.recipe.unit(width, height, settings.curves or 1)
-        recipe = settings.recipe
+        self.unit = recipe.unit(width, height, settings.curves or 1)
         self.relaxed = RasterSettings("relaxed", recipe.edge_end, settings.samples, recipe.tolerance)
         self.raster = RasterSettings("exact", recipe.finish_edge_width, EDGES, TOLERANCE)
         self.grid = grid_of(points_from_segments(settings.mode, settings.segments), precision)
