@@ -7,17 +7,19 @@ import io
 import numpy as np
 import pytest
 from image_files import encode
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.input.chroma import with_sharp_chroma
 from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.input.recompressed import before_compression
-from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA, restored
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import load_picture, resize_picture
+from cubicsplat_cli.raster import ndimage
 
 
 def stripes() -> np.ndarray:
@@ -118,3 +120,42 @@ def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():
     assert (255.0 * picture.target()[60, 60]).round().tolist() == [34, 101, 153]
     prepared = analysed(picture.target(), picture.compression)
     assert (34, 102, 153, 255) in draw(picture.target(), prepared=prepared).fills
+
+
+def page() -> np.ndarray:
+    """(120, 290, 3) uint8 of text of 13 px, in black and in blue, on white."""
+    image, font = Image.new("RGB", (290, 120), (255, 255, 255)), ImageFont.load_default(13)
+    pen = ImageDraw.Draw(image)
+    for row, line in enumerate(
+        ["File.txt, v1.0.2: 12:45 - 13:30.", "Yes... No: dots i, j, i. Fin.", "Mild fijis: 1.5 - 2.5. It is."]
+    ):
+        for half, ink in enumerate([(0, 0, 0), (0, 0, 238)]):
+            pen.text((12, 8 + 18 * (2 * row + half)), line, font=font, fill=ink)
+    return np.asarray(image)
+
+
+def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
+    clean = page()
+    picture = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2))
+    prepared = analysed(picture.target(), picture.compression)
+    assert prepared.compression is not None and not prepared.full_chroma
+    even = restored(prepared.levels, prepared.condition)
+    after, _ = before_compression(prepared.levels, Flattened(prepared.levels), even, prepared.compression)
+    dark, found = (255.0 - each[..., :3].astype(float) @ LUMA_CHROMA[:3, 0] for each in (clean, after.levels))
+    parts, count = ndimage.label(dark > 64.0, ndimage.SQUARE)
+    weights = np.stack([np.bincount(parts.ravel(), each.ravel(), count + 1) for each in (dark, found)])
+    small = np.bincount(parts.ravel()) <= 14  # px of a full stop, a dot or a dash
+    assert small.sum() > 60 and (weights[1, small] > 0.5 * weights[0, small]).all()
+    assert even.palette is not None and len(even.palette) == 3
+    blue = even.palette[even.palette[:, 2].argsort()][1]
+    assert blue[2] > 120.0 and blue[:2].max() < 40.0
+
+
+def test_chroma_of_half_the_size_becomes_nearly_as_sharp_as_luma():
+    clean = page()
+    read = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2)).rgb * np.float32(255.0)
+    truth, seen = (np.pad(each.astype(np.float32), ((0, 0), (0, 0), (0, 1))) @ LUMA_CHROMA for each in (clean, read))
+    sharp = with_sharp_chroma(seen.astype(np.float32))
+    before, after = (float(np.sqrt(((each - truth)[..., 1:3] ** 2).mean())) for each in (seen, sharp))
+    assert after < 0.7 * before
+    assert np.array_equal(sharp[..., [0, 3]], seen.astype(np.float32)[..., [0, 3]])

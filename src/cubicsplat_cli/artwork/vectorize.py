@@ -157,7 +157,8 @@ def _versions(
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else seen
-        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error, error)
+        space = seen_as(condition, sharp=seen is not flat.levels)
+        goal = goal_of(came.astype(float) / 255.0, condition.blur, space, condition.share_error, error)
         if not (condition.aliased or condition.blur or prepared.pens):
             known = replace(plan, levels=came) if settings.free_fills else plan
             drawing, state = or_finer(drawing, goal, known, scaled, flat, placeholders, condition.restored_error)
@@ -230,7 +231,7 @@ def _even(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -
     elif prepared.condition.clean:
         even = FlatPicture(flat.levels)
     else:
-        even = restored(flat.levels, prepared.condition, flat.fills)
+        even = restored(flat.levels, prepared.condition, flat.fills, full_chroma=prepared.full_chroma)
     return even if settings.free_fills else _in_chosen_colours(even, settings)
 
 

@@ -21,6 +21,11 @@ class Compression:
     tables: tuple[tuple[int, ...], ...] = ()
     sampling: int = 0
 
+    @property
+    def rounding(self) -> float:
+        """Levels: the standard deviation of luma that is rounded to its tables' steps."""
+        return float(np.sqrt(np.mean(np.square(self.tables[0], dtype=float)) / 12.0))
+
     def again(self, levels: np.ndarray) -> np.ndarray:
         """(H, W, 3) uint8 of a picture (H, W, 3) in levels that is compressed like this and read."""
         buffer = io.BytesIO()

@@ -18,6 +18,9 @@ from cubicsplat_cli.record import record
 
 # What halving leaves of chroma of half the size that libjpeg has made larger, along each axis.
 AGAIN = np.array([0.125, 0.75, 0.125], dtype=np.float32)
+# What enlarging of chroma of half the size by libjpeg takes of the value beside a pixel's own one, along each axis; px
+# of the block over which chroma follows luma, and the variance of luma, in levels^2, that rounding and ringing make.
+BESIDE, BLOCK, EVEN = 0.25, 9, 16.0
 RESIDUAL, TIMES = 12.0, 5.0  # levels, and times the usual residual near edges, beyond which a fill is missing
 # Of a residual, what a pixel's colour lacks of a part's that fills about seven tenths of it, beyond what it has of it.
 LACKS = 0.4
@@ -101,6 +104,33 @@ def _again(values: np.ndarray) -> np.ndarray:
     """Values of half the size (H, W, C) as they are once they were made larger and halved again."""
     down = ndimage.correlate1d(values, AGAIN, axis=0, mode="nearest")
     return np.asarray(ndimage.correlate1d(down, AGAIN, axis=1, mode="nearest"))
+
+
+def _doubled(values: np.ndarray, axis: int) -> np.ndarray:
+    """Values (H, W, C) made twice as large along an axis, as libjpeg does."""
+    ends = np.concatenate([values.take([0], axis), values, values.take([-1], axis)], axis)
+    inner = range(1, values.shape[axis] + 1)
+    halves = [(1.0 - BESIDE) * values + BESIDE * ends.take([k + step for k in inner], axis) for step in (-1, 1)]
+    size = [2 * n if k == axis else n for k, n in enumerate(values.shape)]
+    return np.stack(halves, axis=axis + 1).reshape(size)
+
+
+def with_sharp_chroma(seen: np.ndarray) -> np.ndarray:
+    """A picture (H, W, 4) as luma, chroma and opacity in levels whose chroma was stored at half the size, with what
+    halving took of it: around every pixel chroma follows luma as it does in what halving left of both.
+    """
+    height, width = seen.shape[:2]
+    luma, chroma = seen[..., :1], seen[..., 1:3]
+    smooth = _doubled(_doubled(_halved(luma), 0), 1)[:height, :width].astype(np.float32)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return ndimage.uniform_filter(values, (BLOCK, BLOCK, 1), mode="nearest")
+
+    middle = mean(smooth)
+    slope = (mean(smooth * chroma) - middle * mean(chroma)) / (mean(smooth * smooth) - middle * middle + EVEN)
+    out = seen.copy()
+    out[..., 1:3] += slope * (luma - smooth)
+    return out
 
 
 @record

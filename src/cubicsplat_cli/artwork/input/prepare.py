@@ -48,6 +48,11 @@ class PreparedInput:
     compression: Compression | None = None
 
     @property
+    def full_chroma(self) -> bool:
+        """Whether the file says that chroma is stored as large as luma; mostly it is not."""
+        return self.compression is not None and bool(self.compression.tables) and self.compression.sampling == 0
+
+    @property
     def notes(self) -> list[str]:
         """Notes for the user, a sentence each."""
         found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []

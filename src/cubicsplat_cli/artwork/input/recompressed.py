@@ -41,14 +41,15 @@ def before_compression(
             work().at()
             seen = (before @ space).astype(np.float32)
             if number:
-                labels = with_lines(seen, fills, labelled(seen, fills, MISFIT, len(fills)), OFF * MISFIT, THIN)
+                labels = labelled(seen, fills, compression.rounding, len(fills), bounded=True)
+                labels = with_lines(seen, fills, labels, OFF * MISFIT, THIN)
             mixture = mixture_of(seen, fills, labels, MISFIT, 0.0)
             picture = mixture.painted(palette)
             left = levels[..., :3] - compression.again(_with_gradients(picture, mixture, palette, flat)[..., :3])
             before = picture.copy()
             before[..., :3] += left
-        if (error := float((left**2).sum())) < least:
-            found, least = (FlatPicture(picture, palette, labels), before), error
+            if (error := float((left**2).sum())) < least:
+                found, least = (FlatPicture(picture, palette, labels), before), error
     return found
 
 

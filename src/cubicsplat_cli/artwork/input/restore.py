@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.gradients.flattening import APART
-from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of
+from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
@@ -22,14 +22,16 @@ from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, near_fills, nearest_fills
+from cubicsplat_cli.record import record
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.
 MISFIT, JPEG_TIMES, MOST = 1.0, 4.0, 4.0
 ROUNDED = 3.0  # levels that a channel of a fill is off at most, as luma and chroma are rounded in a JPEG of quality 70
 SHORT = 17.0  # levels between the colours that are written in three digits
-# Chroma of a JPEG, of half the size, tells that much less.
-CHROMA = 0.4
+# Chroma of a JPEG, of half the size, tells that much less; and once it is sharp, by its steps, which are 1.5 times
+# those of luma in the standard's tables.
+CHROMA, SHARP_CHROMA = 0.4, 0.7
 # Nats for each neighbour of another fill, and for a fill of which nothing solid is near.
 NEIGHBOUR, STRANGE = 0.7, 3.0
 ROUNDS = 6
@@ -54,11 +56,14 @@ LUMA_CHROMA = np.array(
 )
 
 
-def seen_as(condition: Condition) -> np.ndarray:
-    """(4, 4) what rows of RGBA are multiplied by for coordinates whose distances tell colours apart."""
+def seen_as(condition: Condition, *, sharp: bool = False) -> np.ndarray:
+    """(4, 4) what rows of RGBA are multiplied by for coordinates whose distances tell colours apart. sharp: whether
+    chroma is as sharp as luma.
+    """
     if not condition.jpeg:
         return np.eye(4)
-    return LUMA_CHROMA * np.array([1.0, CHROMA, CHROMA, 1.0])
+    chroma = SHARP_CHROMA if sharp else CHROMA
+    return LUMA_CHROMA * np.array([1.0, chroma, chroma, 1.0])
 
 
 def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
@@ -73,32 +78,44 @@ def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
 
 
 def restored(
-    levels: np.ndarray, condition: Condition, standing: np.ndarray | None = None, *, lines: bool = True
+    levels: np.ndarray,
+    condition: Condition,
+    standing: np.ndarray | None = None,
+    *,
+    lines: bool = True,
+    full_chroma: bool = False,
 ) -> FlatPicture:
     """The picture (H, W, 4) in levels as a clean one. standing: (G, 4) fills that stand for gradients, which stay as
-    they are; None for none. lines: whether thin lines that its colours lack are sought.
+    they are; None for none. lines: whether thin lines that its colours lack are sought. full_chroma: whether that of
+    a JPEG was stored as large as luma.
     """
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
-    space = seen_as(condition)
+    palette = noisy_fills(levels, (levels @ seen_as(condition)).astype(np.float32), condition)
+    came = levels
+    if condition.jpeg and not full_chroma:
+        sharp = with_sharp_chroma((levels @ LUMA_CHROMA).astype(np.float32))
+        levels = np.clip(sharp @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0).astype(np.float32)
+    space = seen_as(condition, sharp=True)
     seen = (levels @ space).astype(np.float32)
-    palette = noisy_fills(levels, seen, condition)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = nearest_fills(seen, palette @ space, straight=True)
     palette = np.vstack([palette, missing_colours(levels, palette, nearest, LUMA_CHROMA, condition)])
-    thick = len(palette)
+    thick, squares = len(palette), np.zeros((0, 4))
     if thick <= MOST_THICK:
         _, gap = nearest_fills(seen, palette @ space, straight=True)
         far = gap > MOST * sigma
         reach = reach_of(condition)
         # What a JPEG's chroma smears beside edges is no fill.
         apart = reach * (FAR if condition.jpeg else 1.0)
-        palette = np.vstack([palette, square_fills(levels, seen, palette @ space, sigma, reach, apart)])
+        squares = square_fills(levels, seen, palette @ space, sigma, reach, apart)
+        if not condition.jpeg:
+            palette = np.vstack([palette, squares])
         hidden = hidden_fills(seen[far], palette @ space, STRANGE_FILL * sigma, ONE_COLOUR, FEWEST)
         palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
-    labels = labelled(seen, palette @ space, sigma, thick)
+    labels = labelled(seen, palette @ space, sigma, thick, bounded=condition.jpeg)
     if condition.jpeg:
-        palette, labels = _of_small_parts(levels, seen, palette, labels, sigma, thick)
+        palette, labels = _of_small_parts(came, seen, palette, labels, sigma, thick, squares)
         near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = _settled_fills(levels, palette, labels, near)
         # Of 1,400 channels of artists' colours 106 are 0 or 255, and 14 within ROUNDED of that.
@@ -116,30 +133,53 @@ def restored(
 
 
 def _of_small_parts(
-    levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, labels: np.ndarray, sigma: float, thick: int
+    levels: np.ndarray,
+    seen: np.ndarray,
+    palette: np.ndarray,
+    labels: np.ndarray,
+    sigma: float,
+    thick: int,
+    proposed: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them, and
-    with those that are missing; and the labels. Fills are added only if the picture is explained better, by more than
-    further borders between labels cost.
+    with those that are missing; and the labels. Fills, of those proposed (k, 4) and of what is left, are added only if
+    the picture is explained better, by more than further borders between labels cost.
     """
-    space, colours = seen_as(Condition(jpeg=True)), (levels @ LUMA_CHROMA).astype(np.float32)
-    kept, best = (palette, labels), np.inf
-    for _ in range(PROPOSALS):
+    space, colours = seen_as(Condition(jpeg=True), sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
+
+    def fitted(palette: np.ndarray, labels: np.ndarray) -> _Explained:
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
         free = ~_deep(labels, len(palette))
         fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma)
-        cost += NEIGHBOUR * _borders(lined)
-        if cost >= best:
+        fills, missing = (each @ np.linalg.inv(LUMA_CHROMA) for each in (fills, missing))
+        return _Explained(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
+
+    best, tries = fitted(palette, labels), [fill[None] for fill in proposed]
+    for number in range(len(tries) + PROPOSALS):
+        given = number < len(tries)
+        new = tries[number] if given else missing_fills(best.missing, best.palette)
+        if not len(new) or len(best.palette) > MOST_THICK:
             break
-        palette = np.clip(fills @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0)
-        kept, best = (palette, labels), cost
-        new = missing_fills(missing @ np.linalg.inv(LUMA_CHROMA), palette)
-        if not len(new) or len(palette) > MOST_THICK:
+        wider = np.vstack([best.palette, new])
+        found = fitted(wider, labelled(seen, wider @ space, sigma, thick, bounded=True))
+        if found.cost < best.cost:
+            best = found
+        elif not given:
             break
-        palette = np.vstack([palette, new])
-        labels = labelled(seen, palette @ space, sigma, thick)
-    return kept
+    return best.palette, best.labels
+
+
+@record
+class _Explained:
+    """A palette (P, 4) in levels and labels (H, W) that explain a JPEG at a cost in nats; missing: (k, 4) colours that
+    pixels of which they leave much would have.
+    """
+
+    palette: np.ndarray
+    labels: np.ndarray
+    cost: float
+    missing: np.ndarray
 
 
 def _short(palette: np.ndarray) -> np.ndarray:
@@ -191,8 +231,10 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     return out
 
 
-def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np.ndarray:
-    """(H, W) int32 the fill that each pixel has most of; of fills from `thick` on there are only thin lines."""
+def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, bounded: bool = False) -> np.ndarray:
+    """(H, W) int32 the fill that each pixel has most of; of fills from `thick` on there are only thin lines. bounded:
+    whether no pixel is off by chance, as none of a JPEG is: all that it is off is what rounding to steps makes.
+    """
     nearest, gap = nearest_fills(seen, fills, straight=True)
     pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
     solid = np.where(pure >= thick, pure, solid_labels(pure))
@@ -204,14 +246,17 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> n
     own = nearest[y, x]
     candidates = np.concatenate([near, np.where((near == own[:, None]).any(axis=1), -1, own)[:, None]], axis=1)
     cost = _costs(seen[y, x], fills, candidates) / (2.0 * sigma**2)
-    cost = np.minimum(cost, 0.5 * MOST**2)
-    cost[:, -1] += STRANGE
-    cost[candidates < 0] = np.inf
+    if not bounded:
+        cost[:] = np.minimum(cost.min(axis=2, keepdims=True), 0.5 * MOST**2)
+    prior = np.where(candidates < 0, np.inf, 0.0)
+    prior[:, -1] += STRANGE
     for _ in range(ROUNDS):
         padded = np.pad(labels, 1, mode="edge")
         around = [padded[y + 1 + dy, x + 1 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-        differ = np.sum([other[:, None] != candidates for other in around], axis=0)
-        chosen = candidates[np.arange(len(y)), (cost + NEIGHBOUR * differ).argmin(axis=1)]
+        alike = np.sum([other[:, None] == candidates for other in around], axis=0)
+        # A pixel blends with nothing but what is beside it.
+        left = np.where(alike[:, None, :] > 0, cost, cost.diagonal(axis1=1, axis2=2)[:, :, None]).min(axis=2)
+        chosen = candidates[np.arange(len(y)), (left + prior - NEIGHBOUR * alike).argmin(axis=1)]
         if (chosen == labels[y, x]).all():
             break
         labels[y, x] = chosen
@@ -219,20 +264,17 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> n
 
 
 def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """(n, k) the least squared residual of values (n, 4) as blends of each candidate, by half or more, with another."""
-    out = np.full(candidates.shape, np.inf)
+    """(n, k, k) the squared residuals of values (n, 4) as blends of each candidate, by half or more, with each."""
+    count = candidates.shape[1]
+    out = np.full((len(values), count, count), np.inf)
     colours = fills[np.maximum(candidates, 0)]
-    for i in range(candidates.shape[1]):
+    known = candidates >= 0
+    for i in range(count):
         base, rest = colours[:, i], values - colours[:, i]
-        out[:, i] = summed(rest * rest)
-        for j in range(candidates.shape[1]):
-            if j == i:
-                continue
+        for j in range(count):
             span = colours[:, j] - base
             t = np.clip(summed(rest * span) / np.maximum(summed(span * span), 1e-9), 0.0, 0.5)
-            left = summed((rest - t[:, None] * span) ** 2)
-            known = candidates[:, j] >= 0
-            out[known, i] = np.minimum(out[known, i], left[known])
+            out[:, i, j] = np.where(known[:, i] & known[:, j], summed((rest - t[:, None] * span) ** 2), np.inf)
     return out
 
 
