@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.ndimage import holes_of
 from cubicsplat_cli.raster.outlines import coverage
 
@@ -193,6 +194,24 @@ def test_stripes_beneath_a_stripe_stay_rectangles():
     stripes = picture(90, (box(0.0, 0.0, 90.0, 30.2), RED), (box(0.0, 30.2, 90.0, 60.4), BLUE))
     found = draw(stripes)
     assert all(isinstance(outline, Rectangle) for shape in found.shapes for outline in shape.outlines)
+
+
+@pytest.mark.parametrize("bottom", [80, 60])
+def test_panels_beneath_a_bar_are_boxes(bottom):
+    """A bar over two panels, or one that ends above the canvas's border: nothing hidden bends or slants."""
+    picture = np.ones((80, 120, 3), dtype=np.float32)
+    picture[18:bottom, :35], picture[:18] = 0.6, (0.0, 0.4, 0.7)
+    shapes = draw(picture).shapes
+    assert [type(outline) for shape in shapes for outline in shape.outlines] == [Rectangle] * 3
+    x, y, right, low = (f(shapes[1].outlines[0].ring().anchors[:, k]) for f, k in product((min, max), (0, 1)))
+    assert (x, right, low) == pytest.approx((0.0, 35.0, bottom), abs=0.02) and y < 18.0
+
+
+def test_what_shows_a_round_corner_is_no_box():
+    text = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 120 80"><rect width="120" height="80" fill="#fff"/>'
+    text += '<path d="M20-9H90V50A12 12 0 0 1 78 62H20z" fill="#999"/><path d="M0 0H120V18H0z" fill="#06b"/></svg>'
+    pixels = rerender(text.encode(), 120, 80).pixels[..., :3].astype(np.float32) / 255.0
+    assert not any(isinstance(shape.outlines[0], Rectangle) for shape in draw(pixels).shapes if shape.fill[0] == 153)
 
 
 def test_a_loop_that_runs_the_other_way_is_covered_too():

@@ -29,7 +29,10 @@ ASTRAY = 20
 HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ
-SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
+SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it; of a box, that show it
+ON_SIDE = 0.25  # px that a point may be off the side of a box
+# Px that such a side goes on beneath what hides it, the first that may be: the fit moves the edge above it.
+BENEATH = (8.0, 4.0, 2.0)
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
 DOT = 4  # px of a region, up to which it is a dot
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
@@ -115,6 +118,8 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     window = window.hole(contour) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
         return few_lines(contour.points, SLACK)
+    if whole and (box := _box(contour, window)) is not None:
+        return box
 
     def wrong(points: np.ndarray) -> int:
         return len(window.wrong(polygon(points)))
@@ -150,6 +155,33 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     if whole and least <= ALLOWED:
         return (yield from _with_corners(best, contour, runs, ways, loop, window))
     return best
+
+
+def _box(contour: Contour, window: Window) -> Rectangle | None:
+    """The level box of which all that shows of a contour is sides, two at least, and whose others are hidden: at the
+    canvas's border if they all may be there, else BENEATH what hides them; None where there is none.
+    """
+    seen = contour.points[np.isfinite(contour.sigma)]
+    ends = np.stack([seen.min(axis=0), seen.max(axis=0)])  # left and top; right and bottom
+    on = np.abs(seen[:, None] - ends) <= ON_SIDE
+    if not on.any(axis=(1, 2)).all():
+        return None
+    sides, hidden = ends.copy(), np.zeros((2, 2), dtype=bool)
+    for end, axis in np.ndindex(2, 2):
+        own = seen[on[:, end, axis] & ~on[:, :, 1 - axis].any(axis=1)]
+        hidden[end, axis] = len(own) == 0 or np.ptp(own[:, 1 - axis]) <= SIDE_SEEN
+        sides[end, axis] = ends[end, axis] if hidden[end, axis] else own[:, axis].mean()
+    if hidden.sum() > 2:
+        return None
+    border = np.array([[0.0, 0.0], window.canvas[::-1]])
+    for places in (border, *(ends + np.array([[-depth], [depth]]) for depth in BENEATH)):
+        (x, y), (right, bottom) = np.where(hidden, places, sides).tolist()
+        box = Rectangle(x, y, right - x, bottom - y)
+        if len(window.wrong(box)) <= ALLOWED:
+            return box
+        if not hidden.any():
+            break
+    return None
 
 
 def _is_dot(contour: Contour, extent: Extent) -> bool:
