@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import in_blocks, packed
+from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
@@ -138,8 +138,8 @@ def _sampled(target: np.ndarray) -> np.ndarray:
 def _straight(levels: np.ndarray) -> np.ndarray:
     """(H, W) bool: across the pixel colours change by straight lines, along rows and columns."""
     around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
-    across = np.abs(around[1:-1, :-2] - 2.0 * levels + around[1:-1, 2:]).max(axis=2)
-    down = np.abs(around[:-2, 1:-1] - 2.0 * levels + around[2:, 1:-1]).max(axis=2)
+    across = largest(np.abs(around[1:-1, :-2] - 2.0 * levels + around[1:-1, 2:]))
+    down = largest(np.abs(around[:-2, 1:-1] - 2.0 * levels + around[2:, 1:-1]))
     return np.maximum(across, down) <= FLAT_RANGE
 
 

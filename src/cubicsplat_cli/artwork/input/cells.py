@@ -144,7 +144,7 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
     if grid is None or (len(grid.x) - 1) * (len(grid.y) - 1) > MOST_CELLS:
         return None
     middle = _medians(levels[..., :3], grid)
-    off = np.abs(levels[..., :3] - grid.enlarged(middle)).max(axis=2)[_inner(grid)]
+    off = largest(np.abs(levels[..., :3] - grid.enlarged(middle)))[_inner(grid)]
     noise, step = float(np.sqrt(np.mean(off**2))), _step(middle)
     if not 0.0 < noise <= MOST_NOISE * step or (off > step).mean() > MOST_STRANGE:
         return None

@@ -109,8 +109,8 @@ def _exact(lines: np.ndarray, small: np.ndarray, enlarging: sparse.csr_matrix) -
 def _off(lines: np.ndarray, small: np.ndarray, enlarging: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
     """(H, n) levels by which lines (H, n, 4) are off small ones (h, n, 4) made larger, and where edges are."""
     again = (enlarging @ small.reshape(len(small), -1)).reshape(lines.shape)
-    off = np.abs(np.clip(again, 0, 255) - lines).max(axis=-1)
-    edge = np.abs(np.gradient(lines, axis=0)).max(axis=-1) > EDGE
+    off = largest(np.abs(np.clip(again, 0, 255) - lines))
+    edge = largest(np.abs(np.gradient(lines, axis=0))) > EDGE
     return off, ndimage.maximum_filter(edge, (5, 1))
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import in_blocks
+from cubicsplat_cli.artwork.channels import in_blocks, largest
 from cubicsplat_cli.raster.observed import steps
 from cubicsplat_cli.record import record
 
@@ -128,7 +128,7 @@ def contrasts(levels: np.ndarray) -> Contrasts | None:
     maximisation (Dempster, Laird and Rubin 1977), or exponential.
     """
     across, down = levels[:, APART:] - levels[:, :-APART], levels[APART:] - levels[:-APART]
-    sizes = np.concatenate([np.abs(steps).max(axis=2).ravel() for steps in (across, down)]).astype(np.float64)
+    sizes = np.concatenate([largest(np.abs(steps)).ravel() for steps in (across, down)]).astype(np.float64)
     if not len(sizes) or not sizes.any():
         return None
     square = sizes * sizes

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.raster import ndimage
@@ -78,7 +79,7 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
         if end - start < FEW:
             continue
         middle = np.median(sorted_means[start:end], axis=0)
-        off = np.abs(sorted_means[start:end] - middle).max(axis=1) > SAME
+        off = largest(np.abs(sorted_means[start:end] - middle)) > SAME
         soft[order[start:end]] = off
         colours.append(middle)
         sizes.append(int((~off).sum()))
@@ -95,7 +96,7 @@ def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
     evenly as rounded ramps do.
     """
     turned = (levels, mask), (levels.swapaxes(0, 1), mask.T)
-    every = np.concatenate([_bends(each).max(axis=2)[inside[:, 1:-1]] >= BENT for each, inside in turned])
+    every = np.concatenate([largest(_bends(each))[inside[:, 1:-1]] >= BENT for each, inside in turned])
     return float(every.mean()) if len(every) else 1.0
 
 
