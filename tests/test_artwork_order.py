@@ -53,13 +53,6 @@ def test_a_round_outline_runs_on_as_well():
     assert min(found.values()) > 1.6
 
 
-@pytest.mark.parametrize("width", [1.0, 2.0])
-def test_an_outline_runs_on_past_the_end_of_a_thin_line(width):
-    found = votes(lambda x, y: np.where(x < 0.0, 2, ((y >= 0.0) & (y < width)).astype(int)))
-    assert set(found) == {(2, 0), (2, 1)}
-    assert min(found.values()) > 0.8
-
-
 def test_where_three_corners_meet_none_lies_above():
     angle_of = lambda x, y: np.arctan2(y, x) % (2.0 * math.pi)  # noqa: E731
     assert votes(lambda x, y: (angle_of(x, y) // (2.0 * math.pi / 3.0)).astype(int)) == {}

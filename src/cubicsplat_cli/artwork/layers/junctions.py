@@ -44,10 +44,8 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
     votes: dict[tuple[int, int], float] = {}
     for same in places.values():
         for region, others, x, y, own in same:
-            near = [(max(abs(u - x), abs(v - y)), r, p) for r, _, u, v, p in same if r != region]
-            # At either end of a thin line's tip the same regions meet: there the nearest of each counts.
-            rivals = {r: p for off, r, p in sorted(near, reverse=True) if off <= MEETING}
-            sure = own / (1.0 + own + sum(rivals.values()))
+            rivals = [p for r, _, u, v, p in same if r != region and max(abs(u - x), abs(v - y)) <= MEETING]
+            sure = own / (1.0 + own + sum(rivals))
             if len(rivals) == 2 and sure >= LEAST_VOTE:
                 for other in others:
                     votes[region, other] = votes.get((region, other), 0.0) + sure

@@ -16,7 +16,6 @@ namespace {
 // px along an outline from its end up to which points are left out, being biased there; points at least.
 constexpr double kNearest = 1.5;
 constexpr int64_t kFewest = 4;
-constexpr size_t kShort = 2;  // points of an outline beside a line of so many px, which tell nothing
 
 // Where an outline ends, the unit tangent onwards and its standard error in radians, how it bends there in 1/px, and the
 // mean squared residual of a smooth end in sigmas.
@@ -99,11 +98,9 @@ CS_EXPORT int64_t cs_passings(const int64_t* cracks, const int64_t* beside, int6
         for (int side = 0; side < 2 && smooth; side++) {
           const int64_t first = side ? next : behind, step = side ? 1 : count - 1;
           arm.clear(), known.clear();
-          int64_t crack = first, beside = around[first];
+          int64_t crack = first;
           for (int64_t n = 0; n < std::min<int64_t>(count, int64_t(2.0 * reach[0]) + 4); n++) {
-            // Beside a line of a px or two an outline is too short to tell, so it is followed beyond.
-            if (around[crack] != beside && known.size() > kShort) break;
-            if (around[crack] != beside) beside = around[crack], arm.clear(), known.clear();
+            if (around[crack] != around[first]) break;
             if (const int64_t i = own[crack]; i >= 0)
               arm.push_back(points[i].x), arm.push_back(points[i].y), known.push_back(points[i].sigma);
             crack = (crack + step) % count;
