@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, without_stray_holes
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import SLACK
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outlines
@@ -177,11 +177,22 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
     for places in (border, *(ends + np.array([[-depth], [depth]]) for depth in BENEATH)):
         (x, y), (right, bottom) = np.where(hidden, places, sides).tolist()
         box = Rectangle(x, y, right - x, bottom - y)
-        if len(window.wrong(box)) <= ALLOWED:
+        if len(window.wrong(box)) <= ALLOWED and not _shows_beyond(box, ends, window.extent):
             return box
         if not hidden.any():
             break
     return None
+
+
+def _shows_beyond(box: Rectangle, ends: np.ndarray, extent: Extent) -> bool:
+    """Whether a box would show in a pixel beyond the ends (2, 2), low and high, of what shows: beneath a thin line it
+    would come out on the other side.
+    """
+    (rows, columns), own = enclosed(box.ring(), extent)
+    places = (np.arange(columns.start, columns.stop) + extent.left, np.arange(rows.start, rows.stop) + extent.top)
+    right, down = ((each + 0.5 < low) | (each + 0.5 > high) for each, low, high in zip(places, *ends, strict=True))
+    hidden = (extent.allowed | extent.holes)[rows, columns]
+    return bool((own & (down[:, None] | right) & ~hidden).any())
 
 
 def _is_dot(contour: Contour, extent: Extent) -> bool:
