@@ -125,7 +125,7 @@ def test_pens_of_scans_become_strokes_of_their_width_and_ink(name, width, blur, 
 @pytest.mark.slow
 def test_a_scan_drawn_closed_is_near_the_drawing():
     pens = scaled_pens(ICONS["clock"], 2.3 * SIZE / SIDE)
-    drawing = draw(drawn("clock", 2.3))
+    drawing = draw(drawn("clock", 2.3), ArtworkSettings(strokes=False))
     assert all(shape.stroke is None for shape in drawing.shapes)
     truth = rerender(svg_of(pens).encode(), SIDE, SIDE).pixels[..., 0].astype(float)
     area = sum(outline_area(shape) for shape in drawing.shapes[1:])

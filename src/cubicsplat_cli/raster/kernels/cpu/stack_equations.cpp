@@ -22,7 +22,7 @@ namespace {
 // parts. Where many outlines lie close together it fills up.
 constexpr double kMostAtOnce = 100.0;
 constexpr size_t kAtOnce = 20000;  // crossings that a thread takes, some milliseconds' work
-constexpr double kEnough = 1e-2;   // of the residual of a step, which is right to first order at best
+constexpr double kEnough = 3e-3;   // of the residual of a step, which is right to first order at best
 
 using Block = std::array<double, 64>;
 
