@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise, product
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import hidden_runs
 from cubicsplat_cli.artwork.layers.ends import End, continued
@@ -207,15 +209,12 @@ def test_panels_beneath_a_bar_are_boxes(bottom):
     assert (x, right, low) == pytest.approx((0.0, 35.0, bottom), abs=0.02) and y < 18.0
 
 
-def test_a_bar_on_a_thin_line_ends_beneath_it():
-    text = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 120 80"><rect width="120" height="80" fill="#fff"/>'
-    text += (
-        '<path d="M30.4 20h24v41h-24zM70 30h24v31h-24z" fill="#e15759"/><path d="M9 60h100v1.5H9z" fill="#234"/></svg>'
-    )
-    pixels = rerender(text.encode(), 120, 80).pixels[..., :3].astype(np.float32) / 255.0
-    shapes = draw(pixels).shapes
-    assert len(shapes) == 4
-    assert max(shape.outlines[0].ring().anchors[:, 1].max() for shape in shapes if shape.fill[0] == 225) < 61.5
+def test_bars_on_a_thin_line_end_beneath_it():
+    text = (Path(__file__).parent.parent / "samples" / "artwork" / "chart.svg").read_bytes()
+    pixels = Document(text, "chart", 256).draw()[..., :3].astype(np.float32) / 255.0
+    bars = [shape.outlines[0] for shape in draw(pixels).shapes if shape.fill[2] in (43, 167)]
+    assert len(bars) == 2
+    assert all(isinstance(bar, Rectangle) and bar.y + bar.height < 129.7 for bar in bars)
 
 
 def test_what_shows_a_round_corner_is_no_box():
