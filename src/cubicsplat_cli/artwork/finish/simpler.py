@@ -126,12 +126,14 @@ def _boxes(state: State) -> np.ndarray:
 def apart(boxes: np.ndarray, numbers: Sequence[int]) -> list[list[int]]:
     """Numbers of boxes (n, 4) in groups of boxes of which no two overlap, the last ones first."""
     groups: list[list[int]] = []
-    for number in reversed(numbers):
-        low, high = boxes[number, :2], boxes[number, 2:]
-        for group in groups:
-            if ((boxes[group, 2:] <= low) | (boxes[group, :2] >= high)).any(axis=1).all():
-                group.append(number)
-                break
-        else:
-            groups.append([number])
+    last_first = np.array(numbers[::-1], dtype=int)
+    own, group_of = boxes[last_first], np.empty(len(last_first), dtype=int)
+    for k, (number, box) in enumerate(zip(last_first.tolist(), own, strict=True)):
+        overlaps = ((own[:k, :2] < box[2:]) & (own[:k, 2:] > box[:2])).all(axis=1)
+        taken = np.zeros(len(groups) + 1, dtype=bool)
+        taken[group_of[:k][overlaps]] = True
+        group_of[k] = first = int(taken.argmin())
+        if first == len(groups):
+            groups.append([])
+        groups[first].append(number)
     return groups

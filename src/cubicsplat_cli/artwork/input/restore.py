@@ -155,18 +155,22 @@ def _of_small_parts(
         fills, missing = (each @ np.linalg.inv(LUMA_CHROMA) for each in (fills, missing))
         return _Explained(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
 
-    best, tries = fitted(palette, labels), [fill[None] for fill in proposed]
-    for number in range(len(tries) + PROPOSALS):
-        given = number < len(tries)
-        new = tries[number] if given else missing_fills(best.missing, best.palette)
+    def with_new(palette: np.ndarray, new: np.ndarray) -> _Explained:
+        wider = np.vstack([palette, new])
+        return fitted(wider, labelled(seen, wider @ space, sigma, thick, bounded=True))
+
+    best = fitted(palette, labels)
+    for fill in proposed:
+        if len(best.palette) <= MOST_THICK:
+            best = min(best, with_new(best.palette, fill), key=lambda each: each.cost)
+    for _ in range(PROPOSALS):
+        new = missing_fills(best.missing, best.palette)
         if not len(new) or len(best.palette) > MOST_THICK:
             break
-        wider = np.vstack([best.palette, new])
-        found = fitted(wider, labelled(seen, wider @ space, sigma, thick, bounded=True))
-        if found.cost < best.cost:
-            best = found
-        elif not given:
+        found = with_new(best.palette, new)
+        if found.cost >= best.cost:
             break
+        best = found
     return best.palette, best.labels
 
 
@@ -246,16 +250,15 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, b
     own = nearest[y, x]
     candidates = np.concatenate([near, np.where((near == own[:, None]).any(axis=1), -1, own)[:, None]], axis=1)
     cost = _costs(seen[y, x], fills, candidates) / (2.0 * sigma**2)
-    if not bounded:
-        cost[:] = np.minimum(cost.min(axis=2, keepdims=True), 0.5 * MOST**2)
+    alone, least = cost.diagonal(axis1=1, axis2=2)[:, :, None], np.minimum(cost.min(axis=2), 0.5 * MOST**2)
     prior = np.where(candidates < 0, np.inf, 0.0)
     prior[:, -1] += STRANGE
     for _ in range(ROUNDS):
         padded = np.pad(labels, 1, mode="edge")
         around = [padded[y + 1 + dy, x + 1 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
         alike = np.sum([other[:, None] == candidates for other in around], axis=0)
-        # A pixel blends with nothing but what is beside it.
-        left = np.where(alike[:, None, :] > 0, cost, cost.diagonal(axis1=1, axis2=2)[:, :, None]).min(axis=2)
+        # A pixel blends with nothing but what is beside it, where that is told for certain.
+        left = np.where(alike[:, None, :] > 0, cost, alone).min(axis=2) if bounded else least
         chosen = candidates[np.arange(len(y)), (left + prior - NEIGHBOUR * alike).argmin(axis=1)]
         if (chosen == labels[y, x]).all():
             break

@@ -170,7 +170,8 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
     for end, axis in np.ndindex(2, 2):
         own = seen[on[:, end, axis] & ~on[:, :, 1 - axis].any(axis=1)]
         hidden[end, axis] = len(own) == 0 or np.ptp(own[:, 1 - axis]) <= SIDE_SEEN
-        sides[end, axis] = ends[end, axis] if hidden[end, axis] else own[:, axis].mean()
+        if not hidden[end, axis]:
+            sides[end, axis] = own[:, axis].mean()
     if hidden.sum() > 2:
         return None
     border = np.array([[0.0, 0.0], window.canvas[::-1]])
