@@ -15,6 +15,7 @@ from cubicsplat_cli.raster.cpu import doubles, floats, int32s, int64s, native
 
 _native = partial(native, "regions")
 SLOTS, REACH = 4, 3  # colours that are looked at near a pixel, and px up to which they lie away
+SEAM_STEPS = 32  # of the share of a fill beside a seam
 CLEARLY = 0.5  # levels by which what comes later must explain better
 STRANGE = 24.0  # levels of residual that the colours near a pixel do not explain: something thin lies there
 
@@ -86,17 +87,17 @@ def blend_with(
 
 
 def seam_shares(
-    values: np.ndarray, own: np.ndarray, beside: np.ndarray, grounds: np.ndarray, steps: int, odd: float
+    values: np.ndarray, own: np.ndarray, beside: np.ndarray, grounds: np.ndarray, odd: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values (n, 4) as seams of two fills (n, 4) each, the one in front with a share a, the other with (1 - a)^2, over
-    what is left of one of the grounds (G, 4): the share (n,) of the fill beside, in whole steps, and the residual (n,)
+    what is left of one of the grounds (G, 4): the share (n,) of the fill beside, in SEAM_STEPS, and the residual (n,)
     in levels, inf where all grounds are within `odd` levels of one of the two.
 
     Later grounds must explain clearly better than earlier ones.
     """
     values, share, rest = floats(values), np.empty(len(values)), np.empty(len(values))
     given = len(values), values, doubles(own), doubles(beside), len(grounds), doubles(grounds)
-    _native("cs_seam_shares", *given, steps, float(odd), CLEARLY, share, rest, result=None)
+    _native("cs_seam_shares", *given, SEAM_STEPS, float(odd), CLEARLY, share, rest, result=None)
     return share, rest
 
 

@@ -13,12 +13,11 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import seam_shares
+from cubicsplat_cli.raster.unmix import SEAM_STEPS, seam_shares
 
 # Levels: a pixel that its two fills explain worse than this, and a seam between them better than that, is a seam.
 ODD, SEEN = 6.0, 4.0
 RUN = 9  # px
-STEPS = 32  # of the share
 MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
 OPAQUE = 254.5  # levels
 AROUND = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]  # px
@@ -37,7 +36,7 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     commonest = fills[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
     clear, filled = np.full((2, *regions.labels.shape), np.nan)
     for shares, grounds in ((clear, np.zeros((1, 4))), (filled, commonest)):
-        share, rest = seam_shares(levels[y, x], own, beside, grounds, STEPS, ODD)
+        share, rest = seam_shares(levels[y, x], own, beside, grounds, ODD)
         shares[y, x] = np.where(rest <= SEEN, share, np.nan)
     share = np.where(np.isnan(clear), _along_runs(filled), clear)[y, x]
     seam = ~np.isnan(share)
@@ -73,7 +72,7 @@ def _along_runs(shares: np.ndarray) -> np.ndarray:
     even = np.zeros(shares.shape, dtype=bool)
     for run in ((RUN, 1), (1, RUN)):
         spread = ndimage.maximum_filter(known, run) - ndimage.minimum_filter(known, run)
-        even |= ndimage.maximum_filter((spread <= 1.5 / STEPS) & (known >= 0.0), run)
+        even |= ndimage.maximum_filter((spread <= 1.5 / SEAM_STEPS) & (known >= 0.0), run)
     return np.where(even, shares, np.nan)
 
 

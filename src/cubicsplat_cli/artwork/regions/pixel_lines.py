@@ -20,8 +20,8 @@ ALIKE, APART = 0.5, 8.0
 # Px from which a pixel line tells its fill, and from which it is one where others have told it; fill of the most pixel
 # lines.
 LONG, SHORT, MOST_RULES = 24, 5, 16
-# Where it may be something else, so many long ones in both directions tell it; steps of the share of a seam's fill.
-FRAMES, SHARES = 3, 32
+# Where it may be something else, so many long ones in both directions tell it.
+FRAMES = 3
 # Px of a frame's corner, between its sides, and the share of the pixel line's fill from which a pixel there is its;
 # grounds of one fill's pixel lines that are looked at.
 CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
@@ -109,7 +109,7 @@ def _doubtful(found: _LineRuns, palette: np.ndarray, pure: np.ndarray) -> np.nda
     sides = np.array([max(rows.stop - rows.start, columns.stop - columns.start) for rows, columns in boxes])
     np.maximum.at(extents, fills[fills >= 0], sides[fills >= 0])
     for fill in np.flatnonzero(extents >= LONG):
-        _, rest = seam_shares(own.colour, own.before, own.behind, palette[fill, None], SHARES, PURE)
+        _, rest = seam_shares(own.colour, own.before, own.behind, palette[fill, None], PURE)
         out[between] |= (rest <= PURE) & (own.length <= extents[fill])
     return out
 

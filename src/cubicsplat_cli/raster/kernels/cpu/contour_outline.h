@@ -306,11 +306,8 @@ struct Outline {
     if (form != kRing) return kHalfTurn * values[2] * values[form == kCircle ? 2 : 3];
     double sum = 0.0;
     for (size_t i = 0; i < anchors.size(); i++) {
-      // Green's theorem for a cubic in Bernstein form.
       const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
-      const auto cross = [&](int j, int k) { return p[j].x * p[k].y - p[j].y * p[k].x; };
-      sum += 6.0 * cross(0, 1) + 3.0 * cross(0, 2) + cross(0, 3) + 3.0 * cross(1, 2) + 3.0 * cross(1, 3) +
-             6.0 * cross(2, 3);
+      sum += swept(&p[0].x);
     }
     return sum / 20.0;
   }

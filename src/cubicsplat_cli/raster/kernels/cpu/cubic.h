@@ -34,6 +34,14 @@ struct Place {
   }
 };
 
+// Twenty times the area that a cubic of control points p[8] sweeps as seen from the origin: Green's theorem in Bernstein
+// form.
+inline double swept(const double* p) {
+  const auto cross = [&](int j, int k) { return p[2 * j] * p[2 * k + 1] - p[2 * j + 1] * p[2 * k]; };
+  return 6.0 * cross(0, 1) + 3.0 * cross(0, 2) + cross(0, 3) + 3.0 * cross(1, 2) + 3.0 * cross(1, 3) +
+         6.0 * cross(2, 3);
+}
+
 // One Newton step towards the foot of a point. Where the distance is not convex, the Gauss-Newton step still leads downhill.
 inline double nearer(const double* cubic, const double* point, double u) {
   const Place place(cubic, u);

@@ -32,13 +32,6 @@ struct Outlines {
   const int64_t* ends;  // of the pieces of each ring; the first ring is the outer one
 };
 
-double area(const double* p) {
-  const double *a = p, *b = p + 2, *c = p + 4, *d = p + 6;
-  const double twice = (d[1] - a[1]) * (b[0] + c[0]) - (d[0] - a[0]) * (b[1] + c[1]) + b[1] * (a[0] - c[0]) -
-                       b[0] * (a[1] - c[1]) + d[1] * (c[0] + a[0] / 3.0) - d[0] * (c[1] + a[1] / 3.0);
-  return 0.15 * twice;
-}
-
 double length(const double* p) {
   double out = 0.0;
   for (int k = 0; k < 6; k += 2) out += std::hypot(p[k + 2] - p[k], p[k + 3] - p[k + 1]);
@@ -61,7 +54,8 @@ struct Measured {
     double whole = 0.0;
     for (int64_t ring = 0, n = 0; ring < shape.rings; ring++) {
       double own = 0.0;
-      for (; n < shape.ends[ring]; n++) own += area(shape.cubics + 8 * n), around += length(shape.cubics + 8 * n);
+      for (; n < shape.ends[ring]; n++)
+        own += swept(shape.cubics + 8 * n) / 20.0, around += length(shape.cubics + 8 * n);
       signs.push_back((own > 0.0) == (ring == 0) ? 1.0 : -1.0);
       whole += signs.back() * own;
     }
