@@ -107,6 +107,12 @@ def test_what_falls_to_pieces_is_not_traced_finer() -> None:
     assert in_steps(levels, fills, STEPS, 1.0, 10_000).labels.shape == (20 * STEPS, 20 * STEPS)
 
 
+def test_what_has_more_regions_than_are_drawn_is_not_traced_finer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cubicsplat_cli.artwork.traced.MOST_REGIONS", 30)
+    made = vectorize(page(255, 20), style="artwork", threads=1)
+    assert made.report.quality.svg.psnr_db < 31.0
+
+
 def test_large_pictures_have_fewer_steps() -> None:
     sides = [(300, 400), (1000, 1000), (1500, 1500), (2000, 3000)]
     assert [steps_of(*each) for each in sides] == [4, 3, 2, 1]

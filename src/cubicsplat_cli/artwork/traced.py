@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.finish.state import State, begin
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all
-from cubicsplat_cli.artwork.limits import MOST_COMPLETED
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS
 from cubicsplat_cli.artwork.plan import Plan, planned
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills
@@ -107,7 +107,8 @@ def or_finer(
     if (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
         return drawing, state
     work().at("tracing finer")
-    finer = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, MORE * plan.regions.count)
+    most = min(MORE * plan.regions.count, MOST_REGIONS)
+    finer = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, most)
     if finer is None:
         return drawing, state
     closer = replace(settings, min_area=max(settings.min_area, LEAST_AREA) * steps**2)
