@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
-from cubicsplat_cli.artwork.layers.completion import hidden_runs
+from cubicsplat_cli.artwork.layers.completion import hidden_runs, outlines_of
 from cubicsplat_cli.artwork.layers.ends import End, continued
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path
@@ -215,6 +215,16 @@ def test_bars_on_a_thin_line_end_beneath_it():
     bars = [shape.outlines[0] for shape in draw(pixels).shapes if shape.fill[2] in (43, 167)]
     assert len(bars) == 2
     assert all(isinstance(bar, Rectangle) and bar.y + bar.height < 129.7 for bar in bars)
+
+
+def test_what_shows_one_side_is_no_box():
+    """It would be a hairline from one end of the canvas to the other."""
+    hidden = np.ones((40, 40), dtype=bool)
+    side = np.column_stack([np.full(12, 20.1) + 0.1 * np.sin(np.arange(12)), np.arange(12) + 14.5])
+    points = np.concatenate([side, np.add(side[::-1], [0.6, 0.0])])
+    contour = Contour(points, np.repeat([0.1, np.inf], 12), True)
+    (found,) = outlines_of(Extent(0, 0, 0, hidden, ~hidden, ~hidden, (contour,)), (40, 40), 1.0)
+    assert np.ptp(found.ring().anchors, axis=0).max() < 14.0
 
 
 def test_what_shows_a_round_corner_is_no_box():

@@ -110,3 +110,12 @@ def test_the_cheapest_primitive_through_points_is_theirs_though_one_is_astray(ki
     assert found[1][:count] == pytest.approx(truth[:count], abs=0.02)
     assert 0.6 * off <= found[3] * len(points) <= off + 1e-3
     assert found[2] == pytest.approx(0.5 * found[3] * len(points) + 4.0 * parameters)
+
+
+def test_a_sliver_is_no_ellipse_that_is_far_longer():
+    """Near its middle, such an ellipse is as near to both sides of it as they lie."""
+    x = np.linspace(0.0, 30.0, 31)
+    half = 0.5 * np.sqrt(1.0 - ((x - 15.0) / 400.0) ** 2)
+    points = np.concatenate([np.column_stack([x, half]), np.column_stack([x, -half])[::-1]])
+    found = nearest_primitive(points, np.full(len(points), 400.0), 4.0)
+    assert found is None or max(found[1][2:4]) < 31.0

@@ -164,7 +164,8 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
     seen = contour.points[np.isfinite(contour.sigma)]
     ends = np.stack([seen.min(axis=0), seen.max(axis=0)])  # left and top; right and bottom
     on = np.abs(seen[:, None] - ends) <= ON_SIDE
-    if not on.any(axis=(1, 2)).all():
+    # What all lies on one line shows one side.
+    if not on.any(axis=(1, 2)).all() or (np.ptp(ends, axis=0) <= 2.0 * ON_SIDE).any():
         return None
     sides, hidden = ends.copy(), np.zeros((2, 2), dtype=bool)
     for end, axis in np.ndindex(2, 2):

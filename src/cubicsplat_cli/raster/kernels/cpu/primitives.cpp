@@ -206,8 +206,12 @@ class Search {
     if (!found_ || cost < best_.cost) found_ = true, best_ = {shape, values, cost, mean};
   }
 
-  // Whether values are those of a primitive that may be one.
+  // Whether values are those of a primitive that may be one: not those of one whose ends lie far beyond its points, as
+  // near to both sides of a sliver as that is long.
   bool possible(const Primitive& shape, const double* v) const {
+    const auto known = box_around(at_, 0.0);
+    const double longest = shape.kind == Primitive::circle ? v[2] : std::max(v[2], v[3]);
+    if (longest > 2.0 * std::hypot(known[2], known[3])) return false;
     if (shape.kind == Primitive::circle) return true;
     if (shape.kind == Primitive::ellipse) return v[2] > 0.0 && v[3] > 0.0;
     const double radius = shape.radius(v);
