@@ -11,10 +11,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.input.chroma import with_sharp_chroma
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, with_sharp_chroma
 from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.input.recompressed import before_compression
-from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA, restored
+from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.files.convert import as_picture
@@ -149,6 +149,22 @@ def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
     assert even.palette is not None and len(even.palette) == 3
     blue = even.palette[even.palette[:, 2].argsort()][1]
     assert blue[2] > 120.0 and blue[:2].max() < 40.0
+
+
+@pytest.mark.parametrize(("kind", "quality"), [("JPEG", 80), ("JPEG", 92), ("WEBP", 80)])
+def test_thin_black_lines_on_a_strong_colour_are_black(kind, quality):
+    """Chroma of half the size is too blue for them, so red ends at 0, and the rest looks like a dark red."""
+    large = Image.new("RGB", (8 * 260, 8 * 180), "white")
+    pen = ImageDraw.Draw(large)
+    pen.ellipse([60, 60, 2020, 1380], fill=(0, 164, 216), outline="black", width=22)
+    for k in range(18):
+        pen.line([300 + 70 * k, 500 + 6 * k, 360 + 72 * k, 900], fill="black", width=7 + k % 3)
+    data = encode(large.resize((260, 180), Image.Resampling.BOX), kind, quality=quality)
+    picture = load_picture(data)
+    prepared = analysed(picture.target(), picture.compression)
+    palette = restored(prepared.levels, prepared.condition).palette
+    dark = palette[palette[:, :3].max(axis=1) < 128.0]
+    assert len(dark) == 1 and dark[0, :3].max() <= 12.0
 
 
 def test_chroma_of_half_the_size_becomes_nearly_as_sharp_as_luma():

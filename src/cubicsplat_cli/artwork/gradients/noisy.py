@@ -15,9 +15,10 @@ from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
-from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, LUMA_CHROMA, MISFIT, seen_as
+from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, MISFIT, seen_as
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.raster.unmix import STRANGE

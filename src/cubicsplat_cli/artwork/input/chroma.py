@@ -16,6 +16,11 @@ from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
+# (4, 4) what rows of RGBA are multiplied by for luma, chroma and opacity; and back.
+LUMA_CHROMA = np.array(
+    [[0.299, -0.168736, 0.5, 0], [0.587, -0.331264, -0.418688, 0], [0.114, 0.5, -0.081312, 0], [0, 0, 0, 1]]
+)
+RGB = np.linalg.inv(LUMA_CHROMA)
 # What halving leaves of chroma of half the size that libjpeg has made larger, along each axis.
 AGAIN = np.array([0.125, 0.75, 0.125], dtype=np.float32)
 # What enlarging of chroma of half the size by libjpeg takes of the value beside a pixel's own one, along each axis; px
@@ -39,9 +44,10 @@ def explained(
     seen: (H, W, 4) the picture; fills: (P, 4); free: (P,) bool, those that are to be fitted; sigma: levels by which
     luma is off near edges.
     """
-    fills, small = fills.copy(), _halved(seen)
+    fills, clipped = fills.copy(), _clipped(mixture.painted(fills))
+    small = _halved(seen - clipped)
     mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels]
-    fills[:, 0], luma_cost = _luma(seen[..., 0], mixture, mixed, fills[:, 0], free, sigma)
+    fills[:, 0], luma_cost = _luma(seen[..., 0] - clipped[..., 0], mixture, mixed, fills[:, 0], free, sigma)
     y, x = np.nonzero(_halved(mixed[..., None])[..., 0] > 0.0)
     columns = [_again(_halved(mixture.coverage(k)[..., None]))[y, x, 0] for k in range(len(fills))]
     shares, values = np.stack(columns, axis=1).astype(np.float64), small[y, x]
@@ -98,6 +104,16 @@ def _halved(values: np.ndarray) -> np.ndarray:
     height, width = values.shape[:2]
     even = np.pad(values, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge").astype(np.float32)
     return 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
+
+
+def _clipped(painted: np.ndarray) -> np.ndarray:
+    """(H, W, 4) what becomes of a picture (H, W, 4), both as luma, chroma and opacity, less what it was made of, where
+    chroma of half the size goes with luma that is too dark or too light for it: channels end at 0 and 255.
+    """
+    height, width = painted.shape[:2]
+    made = painted.astype(np.float32)
+    made[..., 1:3] = _doubled(_doubled(_halved(made[..., 1:3]), 0), 1)[:height, :width]
+    return np.asarray(np.clip(made @ RGB, 0.0, 255.0) @ LUMA_CHROMA - made, np.float32)
 
 
 def _again(values: np.ndarray) -> np.ndarray:

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.input.chroma import Mixture, mixture_of
-from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA, OFF, THIN, labelled
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, Mixture, mixture_of
+from cubicsplat_cli.artwork.input.restore import OFF, THIN, labelled
 from cubicsplat_cli.artwork.regions.hairlines import with_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.files.compression import Compression

@@ -13,7 +13,14 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.gradients.flattening import APART
-from cubicsplat_cli.artwork.input.chroma import explained, missing_fills, mixture_of, with_sharp_chroma
+from cubicsplat_cli.artwork.input.chroma import (
+    LUMA_CHROMA,
+    RGB,
+    explained,
+    missing_fills,
+    mixture_of,
+    with_sharp_chroma,
+)
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
@@ -50,10 +57,6 @@ OFF, THIN = 4.0, 0.25
 # Times the error without a blur that the error with it may be, as enlarging blurs by no Gaussian: it is up to 1.3 times
 # in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
 CLEARER = 2.0
-# (4, 4) what rows of RGBA are multiplied by for luma, chroma and opacity.
-LUMA_CHROMA = np.array(
-    [[0.299, -0.168736, 0.5, 0], [0.587, -0.331264, -0.418688, 0], [0.114, 0.5, -0.081312, 0], [0, 0, 0, 1]]
-)
 
 
 def seen_as(condition: Condition, *, sharp: bool = False) -> np.ndarray:
@@ -95,7 +98,7 @@ def restored(
     came = levels
     if condition.jpeg and not full_chroma:
         sharp = with_sharp_chroma((levels @ LUMA_CHROMA).astype(np.float32))
-        levels = np.clip(sharp @ np.linalg.inv(LUMA_CHROMA), 0.0, 255.0).astype(np.float32)
+        levels = np.clip(sharp @ RGB, 0.0, 255.0).astype(np.float32)
     space = seen_as(condition, sharp=True)
     seen = (levels @ space).astype(np.float32)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
@@ -143,7 +146,8 @@ def _of_small_parts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them, and
     with those that are missing; and the labels. Fills, of those proposed (k, 4) and of what is left, are added only if
-    the picture is explained better, by more than further borders between labels cost.
+    the picture is explained better, by more than further borders between labels cost; others go if it is as well
+    explained without them.
     """
     space, colours = seen_as(Condition(jpeg=True), sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
 
@@ -152,25 +156,30 @@ def _of_small_parts(
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
         free = ~_deep(labels, len(palette))
         fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma)
-        fills, missing = (each @ np.linalg.inv(LUMA_CHROMA) for each in (fills, missing))
+        fills, missing = fills @ RGB, missing @ RGB
         return _Explained(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
 
-    def with_new(palette: np.ndarray, new: np.ndarray) -> _Explained:
-        wider = np.vstack([palette, new])
-        return fitted(wider, labelled(seen, wider @ space, sigma, thick, bounded=True))
+    def fitted_of(palette: np.ndarray, thick: int) -> _Explained:
+        return fitted(palette, labelled(seen, palette @ space, sigma, thick, bounded=True))
 
     best = fitted(palette, labels)
     for fill in proposed:
         if len(best.palette) <= MOST_THICK:
-            best = min(best, with_new(best.palette, fill), key=lambda each: each.cost)
+            best = min(best, fitted_of(np.vstack([best.palette, fill]), thick), key=lambda each: each.cost)
     for _ in range(PROPOSALS):
         new = missing_fills(best.missing, best.palette)
         if not len(new) or len(best.palette) > MOST_THICK:
             break
-        found = with_new(best.palette, new)
+        found = fitted_of(np.vstack([best.palette, new]), thick)
         if found.cost >= best.cost:
             break
         best = found
+    for fill in np.flatnonzero(~_deep(best.labels, len(best.palette)))[::-1]:
+        if len(best.palette) == 1:
+            break
+        without = fitted_of(np.delete(best.palette, fill, axis=0), thick - (fill < thick))
+        if without.cost <= best.cost:
+            best, thick = without, thick - (fill < thick)
     return best.palette, best.labels
 
 

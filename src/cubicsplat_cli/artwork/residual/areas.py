@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import widened
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, ringing
-from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import unexplained
 from cubicsplat_cli.record import record
