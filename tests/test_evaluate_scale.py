@@ -225,6 +225,17 @@ def test_an_empty_root_and_other_encodings():
     assert (downsampled_svg(latin.encode("latin-1"), 8, 4, 2, renderer="resvg").pixels[..., 3] == 1).all()
 
 
+def test_a_tile_without_the_shape_of_many_rings_is_drawn():
+    """What touches the tile has fewer segments than the other shape has rings."""
+    square = np.repeat([[1, 1], [4, 1], [4, 4], [1, 4]], 3, axis=0).astype(np.float32)
+    rings = [square + np.float32([9 * (k % 4), 30 + 9 * (k // 4)]) for k in range(9)]
+    points, ring_ends = pack_rings(Mode.CLOSED, [[square], rings])
+    flat = np.ones(2, np.float32)
+    scene = Scene(Mode.CLOSED, 40, 60, points, np.zeros((2, 3), np.float32), flat, 0 * flat, PAPER, ring_ends)
+    whole = draw_part(scene, 1, Tile(0, 0, 40, 60), 4, None)
+    assert np.abs(draw_part(scene, 1, Tile(0, 0, 40, 9), 4, None) - whole[:9]).max() < 1e-6
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads Linux's own count of memory")
 def test_one_long_ring_among_short_ones_costs_no_memory():
     """600 squares, and one shape of 20,000 corners: 290 MB of points if every row were as long as the longest."""

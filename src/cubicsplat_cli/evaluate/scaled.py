@@ -117,12 +117,14 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     touches[0] = True
     points = padded(points[touches.repeat(used)] * points.dtype.type(scale), used[touches])
     part = replace(scene, points=scene.points[:, :0]).chosen(touches)
-    gradients = part.gradients
+    gradients, ends = part.gradients, part.ring_ends
     if gradients is not None:
         gradients = gradients.seen_from(tile.left, tile.top).scaled(scale, scale)
+    if ends is not None:  # none has room for more rings than the points now have room for segments
+        ends = ends[:, : 1 + int((ends < ends[:, -1:]).sum(axis=1).max())]
     part = replace(
         part, width=tile.width * scale, height=tile.height * scale, points=points,
-        half_widths=part.half_widths * scale, gradients=gradients,
+        half_widths=part.half_widths * scale, gradients=gradients, ring_ends=ends,
     )  # fmt: skip
     return render_scene(part, coverage="exact", samples=samples, threads=threads)
 
