@@ -28,7 +28,7 @@ from cubicsplat_cli.artwork.regions.hairlines import solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import REACH, near_fills, nearest_fills
+from cubicsplat_cli.raster.unmix import REACH, SLOTS, near_fills, nearest_fills
 from cubicsplat_cli.record import record
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
@@ -41,7 +41,7 @@ SHORT = 17.0  # levels between the colours that are written in three digits
 CHROMA, SHARP_CHROMA = 0.4, 0.7
 # Nats for each neighbour of another fill, and for a fill of which nothing solid is near.
 NEIGHBOUR, STRANGE = 0.7, 3.0
-ROUNDS = 6
+ROUNDS, BESIDE = 6, 2  # and fills right beside a pixel that are looked at, though nothing solid is near
 MOST_THICK = 24  # fills, beyond which those of thin lines are not sought
 # Times the misfit that the colour of a thin line is off all blends of two others; levels that are one colour, and px
 # that show it.
@@ -255,13 +255,15 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, b
     labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
     if not len(y):
         return labels
-    near = near_fills(solid, y, x, REACH)
-    own = nearest[y, x]
-    candidates = np.concatenate([near, np.where((near == own[:, None]).any(axis=1), -1, own)[:, None]], axis=1)
+    candidates = near_fills(solid, y, x, REACH)
+    # What is beside a pixel of a line is often nothing solid either, but the pixel blends with it.
+    for strange in (nearest[y, x], *near_fills(pure, y, x, 1).T[: BESIDE if bounded else 0]):
+        known = (candidates == strange[:, None]).any(axis=1)
+        candidates = np.column_stack([candidates, np.where(known, -1, strange)])
     cost = _costs(seen[y, x], fills, candidates) / (2.0 * sigma**2)
     alone, least = cost.diagonal(axis1=1, axis2=2)[:, :, None], np.minimum(cost.min(axis=2), 0.5 * MOST**2)
     prior = np.where(candidates < 0, np.inf, 0.0)
-    prior[:, -1] += STRANGE
+    prior[:, SLOTS:] += STRANGE
     for _ in range(ROUNDS):
         padded = np.pad(labels, 1, mode="edge")
         around = [padded[y + 1 + dy, x + 1 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
