@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
-TINY_STEPS = 600  # of a fit whose polygons will lie on such a grid
+TINY_STEPS = 1200  # of a fit whose polygons will lie on such a grid
 # px by which a DXF may be off the outlines: 13 micrometres at 96 px an inch. Cutters repeat to about 100, so that the
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05

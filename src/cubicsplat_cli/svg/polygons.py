@@ -7,7 +7,6 @@ for all, and colours of 12 bits. Each path is relative: most differences have on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +19,6 @@ from cubicsplat_cli.svg.markup import format_number, joined
 LEVELS = 15  # of a colour channel of 4 bits
 TENTHS = 10  # of the opacity
 FEWEST = 3  # vertices
-Shape = tuple[np.ndarray, np.ndarray]  # vertices (n, 2) and colour (3,) of a polygon
-Step = Callable[[Shape], "Shape | None"]  # a change of a polygon; None where it leaves what is allowed
 
 
 @dataclass(eq=False)
@@ -40,12 +37,10 @@ class GridPolygons:
     opacity: int
 
     def path(self, index: int) -> str:
-        """The element of one polygon, from its leftmost vertex on, the way round that is shorter to say."""
+        """The element of one polygon, each of whose vertices but the first is said from the one before."""
         vertices = self.vertices[index].tolist()
-        first = vertices.index(min(vertices))
-        around = vertices[first:] + vertices[:first]
-        ways = _relative(around), _relative(around[:1] + around[:0:-1])
-        d = min(ways, key=lambda text: (len(text), text.count("-"), text))
+        befores = [[0, 0], *vertices]
+        d = joined(n for (x, y), (a, b) in zip(vertices, befores, strict=False) for n in (x - a, y - b))
         return f'<path d="m{d}" fill="{_hex(self.colours[index])}"/>'
 
     def head(self) -> str:
@@ -97,56 +92,9 @@ def polygons_on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
     return GridPolygons(size, list(vertices), colours, background, opacity)
 
 
-def moved(vertices: int | slice, way: np.ndarray) -> Step:
-    """One vertex or several, by (2,) units."""
-
-    def step(shape: Shape) -> Shape | None:
-        if isinstance(vertices, int) and vertices >= len(shape[0]):
-            return None
-        changed = shape[0].copy()
-        changed[vertices] += way
-        return changed, shape[1]
-
-    return step
-
-
-def coloured(way: np.ndarray) -> Step:
-    """The colour, by (3,) levels."""
-    return lambda shape: (shape[0], shape[1] + way) if is_colour(shape[1] + way) else None
-
-
-def without(vertex: int) -> Step:
-    """One vertex less, of more than FEWEST."""
-
-    def step(shape: Shape) -> Shape | None:
-        enough = FEWEST < len(shape[0]) > vertex
-        return (np.delete(shape[0], vertex, axis=0), shape[1]) if enough else None
-
-    return step
-
-
-def with_more(vertex: int, way: np.ndarray, most: int) -> Step:
-    """A vertex behind another, in the middle of the side there, moved in some way."""
-
-    def step(shape: Shape) -> Shape | None:
-        n = len(shape[0])
-        if not vertex < n < most:
-            return None
-        middle = (shape[0][vertex] + shape[0][(vertex + 1) % n]) // 2 + way
-        return np.insert(shape[0], vertex + 1, middle, axis=0), shape[1]
-
-    return step
-
-
 def is_colour(colour: np.ndarray) -> bool:
     """Whether all levels are in 0..LEVELS."""
     return bool(colour.min() >= 0 and colour.max() <= LEVELS)
-
-
-def _relative(vertices: list[list[int]]) -> str:
-    """Vertices, each but the first from the one before."""
-    befores = [[0, 0], *vertices]
-    return joined(n for (x, y), (a, b) in zip(vertices, befores, strict=False) for n in (x - a, y - b))
 
 
 def _hex(colour: np.ndarray) -> str:
