@@ -193,6 +193,20 @@ def test_steps_match_finite_differences(taps, gram_error, keep):
     assert (change**2).sum() == pytest.approx(gram, rel=gram_error)
 
 
+def test_what_winds_the_other_way_round_is_covered_and_moves_alike():
+    """As viewers fill it: the lobe of a ring that crosses itself, or where two holes overlap."""
+    box, circle = Rectangle(9.3, 8.2, 20.0, 17.0), Circle(30.0, 20.0, 9.0)
+    stack, aim = stack_of((box, circle)), stack_of((Rectangle(9.0, 8.5, 20.4, 16.5), circle))
+    other, goal = replace(stack, signs=-stack.signs), goal_of(image_of(aim, goal_of()))
+    points, first = control_points(stack), [0, *stack.ends[:-1]]
+    parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
+    unknowns = Unknowns(first, np.diff([0, *stack.ends]), [0, 0], parts, np.zeros(points.count), 0.01)
+    drawn, turned = DrawnStack(stack, goal), DrawnStack(other, goal)
+    assert np.abs(drawn.picture[0]).max() == 1.0 and (turned.picture[0] == drawn.picture[0]).all()
+    assert np.abs(drawn.step(unknowns).values).max() > 0.1
+    assert turned.step(unknowns).values == pytest.approx(drawn.step(unknowns).values)
+
+
 def shifted(stack, layer, by):
     cubics = stack.cubics.copy()
     cubics[slice(*[0, *stack.ends][layer : layer + 2])] += by

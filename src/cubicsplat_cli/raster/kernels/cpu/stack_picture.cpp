@@ -44,6 +44,18 @@ void sort_by_tile(Trace& trace, const CsPicture& picture) {
   trace.tile_starts.push_back(count);
 }
 
+// Turns what crossings change where the sum of winding numbers is below zero, in order of rows and columns.
+void turn(Trace& trace, const std::vector<Turned>& below, int width) {
+  if (below.empty()) return;
+  for (size_t n = 0; n < trace.pixel.size(); n++) {
+    const int x = trace.pixel[n] % width, y = trace.pixel[n] / width;
+    const auto after = std::upper_bound(below.begin(), below.end(), std::pair(y, x),
+                                        [](auto at, const Turned& own) { return at < std::pair(own.row, own.first); });
+    if (after == below.begin() || !after[-1].has(x, y)) continue;
+    for (int k = 0; k < 8; k++) trace.change[8 * n + k] *= -1.0;
+  }
+}
+
 std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const CsPicture& picture) {
   auto trace = std::make_shared<Trace>();
   trace->cubics.assign(s.cubics + 8 * int64_t(first), s.cubics + 8 * int64_t(last));
@@ -59,7 +71,9 @@ std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const
   Tracer tracer(w, crossings, picture.goal.grid);
   for (int64_t n = 0; n < trace->pieces(); n++)
     tracer.piece(&trace->cubics[8 * n], trace->lines[n] != 0, trace->signs[n]);
-  w.finish(trace->spans, trace->rows);
+  std::vector<Turned> below;
+  w.finish(trace->spans, trace->rows, below);
+  turn(*trace, below, picture.goal.width);
   trace->left = w.left, trace->top = w.top, trace->right = w.left + w.width, trace->bottom = w.top + w.height;
   sort_by_tile(*trace, picture);
   return trace;

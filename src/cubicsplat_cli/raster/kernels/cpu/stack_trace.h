@@ -1,6 +1,7 @@
 // Outlines traced through pixels: what they cover of each, and how that changes with their control points.
 //
-// A pixel's coverage is its area within the outlines, whose winding number is 0 or 1. An edge (dx, dy) in a pixel adds the
+// A pixel's coverage is its area within the outlines, whose winding number is 0 or 1; where they cross themselves or
+// overlap, the size of the sum of its winding numbers, 1 at most, since viewers fill what has any but 0. An edge (dx, dy) in a pixel adds the
 // area to its left there and -dy to all pixels to its right; moving it by (u, v) changes its pixel's area by u dy - v dx.
 #pragma once
 
@@ -72,6 +73,13 @@ struct Cubic {
   }
 };
 
+// Neighbours of a row whose winding number is below zero: there an edge changes the coverage the other way.
+struct Turned {
+  int row, first, last;  // columns, the last one not included
+
+  bool has(int x, int y) const { return y == row && first <= x && x < last; }
+};
+
 // Pixels from (left, top) on, and what outlines add to the sums along their rows that become coverages.
 struct Window {
   int left, top, width, height;
@@ -90,9 +98,9 @@ struct Window {
     edges.push_back({row - top, column, height * (1.0 - share), height * share});
   }
 
-  // Adds the coverages to `out`, row by row from left to right. Sums are taken in the order of the pieces, so that they
+  // Adds the coverages to `out`, row by row from left to right, and where sums are below zero to `below`. Sums are taken in the order of the pieces, so that they
   // are the same to the last bit as those over every pixel of the window.
-  void finish(std::vector<Span>& out, std::vector<int64_t>& rows) const {
+  void finish(std::vector<Span>& out, std::vector<int64_t>& rows, std::vector<Turned>& below) const {
     rows.assign(1, 0);
     std::vector<int64_t> ends(height + 1, 0);
     for (const Edge& edge : edges) ends[edge.row + 1] += 2;
@@ -114,8 +122,10 @@ struct Window {
         for (; at < end && at->column == first; at++) change += at->change;
         sum += change;
         const int last = std::min(at < end ? at->column : width, width);
-        const float covered = float(std::clamp(sum, 0.0, 1.0));
-        if (covered > kNothing && first < last) out.push_back({left + first, left + last, covered});
+        const float covered = float(std::min(std::fabs(sum), 1.0));
+        if (covered <= kNothing || first >= last) continue;
+        out.push_back({left + first, left + last, covered});
+        if (sum < 0.0) below.push_back({top + j, left + first, left + last});
       }
       rows.push_back(int64_t(out.size()));
     }
