@@ -167,6 +167,22 @@ def test_thin_black_lines_on_a_strong_colour_are_black(kind, quality):
     assert len(dark) == 1 and dark[0, :3].max() <= 12.0
 
 
+def test_what_lies_between_a_grey_and_thin_black_marks_is_no_other_fill():
+    """In luma an orange lies between the two, and nothing of the marks fills 3 x 3 px."""
+    large = Image.new("RGB", (8 * 260, 8 * 160), (152, 149, 152))
+    pen = ImageDraw.Draw(large)
+    pen.rectangle([0, 0, 8 * 260, 8 * 40], fill=(180, 83, 50))
+    pen.rectangle([100, 60, 400, 200], fill="black")
+    for k in range(40):
+        pen.line([150 + 45 * k, 420 + 40 * (k % 7), 165 + 47 * k, 470 + 40 * (k % 7)], fill="black", width=11)
+        pen.line([150 + 45 * k, 820 + 30 * (k % 5), 190 + 45 * k, 825 + 30 * (k % 5)], fill="black", width=9)
+    picture = load_picture(encode(large.resize((260, 160), Image.Resampling.BOX), "WEBP", quality=80))
+    prepared = analysed(picture.target(), picture.compression)
+    even = restored(prepared.levels, prepared.condition)
+    orange = np.abs(even.palette[:, :3] - [180.0, 83.0, 50.0]).max(axis=1).argmin()
+    assert (even.labels[46:] == orange).sum() <= 4
+
+
 def test_chroma_of_half_the_size_becomes_nearly_as_sharp_as_luma():
     clean = page()
     read = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2)).rgb * np.float32(255.0)

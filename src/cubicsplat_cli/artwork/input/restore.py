@@ -28,7 +28,7 @@ from cubicsplat_cli.artwork.regions.hairlines import solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import REACH, SLOTS, near_fills, nearest_fills
+from cubicsplat_cli.raster.unmix import REACH, SLOTS, best_blend, blend_with, near_fills, nearest_fills
 from cubicsplat_cli.record import record
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
@@ -41,7 +41,7 @@ SHORT = 17.0  # levels between the colours that are written in three digits
 CHROMA, SHARP_CHROMA = 0.4, 0.7
 # Nats for each neighbour of another fill, and for a fill of which nothing solid is near.
 NEIGHBOUR, STRANGE = 0.7, 3.0
-ROUNDS, BESIDE = 6, 2  # and fills right beside a pixel that are looked at, though nothing solid is near
+ROUNDS = 6
 MOST_THICK = 24  # fills, beyond which those of thin lines are not sought
 # Times the misfit that the colour of a thin line is off all blends of two others; levels that are one colour, and px
 # that show it.
@@ -256,8 +256,10 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, b
     if not len(y):
         return labels
     candidates = near_fills(solid, y, x, REACH)
-    # What is beside a pixel of a line is often nothing solid either, but the pixel blends with it.
-    for strange in (nearest[y, x], *near_fills(pure, y, x, 1).T[: BESIDE if bounded else 0]):
+    strange_ones = [nearest[y, x]]
+    if bounded:
+        strange_ones.append(_blended(seen[y, x], fills, candidates, thick, MOST * sigma))
+    for strange in strange_ones:
         known = (candidates == strange[:, None]).any(axis=1)
         candidates = np.column_stack([candidates, np.where(known, -1, strange)])
     cost = _costs(seen[y, x], fills, candidates) / (2.0 * sigma**2)
@@ -275,6 +277,20 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, b
             break
         labels[y, x] = chosen
     return labels
+
+
+def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int, off: float) -> np.ndarray:
+    """(n,) which of the first `thick` fills explains values (n, 4) best as a blend with the nearest one of those near
+    them (n, slots), -1 where these explain them to `off` levels: a thin line may show its fill nowhere.
+    """
+    out, best = np.full(len(values), -1), best_blend(values, fills, near)[1]
+    odd = np.flatnonzero((best > off) & (near[:, 0] >= 0))
+    for fill, colour in enumerate(fills[:thick]):
+        first = fills[near[odd, 0]]
+        _, gap = blend_with(values[odd], colour, first, first)
+        better = gap < best[odd]
+        best[odd[better]], out[odd[better]] = gap[better], fill
+    return out
 
 
 def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.ndarray:

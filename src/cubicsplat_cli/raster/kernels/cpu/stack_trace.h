@@ -1,8 +1,9 @@
 // Outlines traced through pixels: what they cover of each, and how that changes with their control points.
 //
 // A pixel's coverage is its area within the outlines, whose winding number is 0 or 1; where they cross themselves or
-// overlap, the size of the sum of its winding numbers, 1 at most, since viewers fill what has any but 0. An edge (dx, dy) in a pixel adds the
-// area to its left there and -dy to all pixels to its right; moving it by (u, v) changes its pixel's area by u dy - v dx.
+// overlap, the size of the sum of its winding numbers, 1 at most, since viewers fill what has any but 0. An edge (dx, dy)
+// in a pixel adds the area to its left there and -dy to all pixels to its right; moving it by (u, v) changes its pixel's
+// area by u dy - v dx.
 #pragma once
 
 #include <algorithm>
@@ -98,8 +99,8 @@ struct Window {
     edges.push_back({row - top, column, height * (1.0 - share), height * share});
   }
 
-  // Adds the coverages to `out`, row by row from left to right, and where sums are below zero to `below`. Sums are taken in the order of the pieces, so that they
-  // are the same to the last bit as those over every pixel of the window.
+  // Adds the coverages to `out`, row by row from left to right, and where sums are below zero to `below`. Sums are taken
+  // in the order of the pieces, so that they are the same to the last bit as those over every pixel of the window.
   void finish(std::vector<Span>& out, std::vector<int64_t>& rows, std::vector<Turned>& below) const {
     rows.assign(1, 0);
     std::vector<int64_t> ends(height + 1, 0);
