@@ -30,6 +30,7 @@ RESIDUAL, TIMES = 12.0, 5.0  # levels, and times the usual residual near edges, 
 # Of a residual, what a pixel's colour lacks of a part's that fills about seven tenths of it, beyond what it has of it.
 LACKS = 0.4
 UNLIKE, ALIKE, FEWEST = 24.0, 20.0, 8  # levels off all blends, and of one colour; pixels of half the size that show it
+LESS = np.linspace(0.1, 1.2, 12)  # times the difference of two fills' chroma
 REWEIGHTED, PRIOR = 4, 2.0  # rounds of least squares, and px that each fill counts as before
 SNAP = 0.08  # shares this near to 0 or 1 are
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two fills to be told
@@ -63,6 +64,17 @@ def explained(
 def missing_fills(missing: np.ndarray, palette: np.ndarray) -> np.ndarray:
     """(k, 4) fills in levels that a palette (P, 4) lacks, of colours (n, 4) that are not explained."""
     return hidden_fills(np.clip(missing, 0.0, 255.0), palette, UNLIKE, ALIKE, FEWEST)
+
+
+def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:
+    """Whether a colour (4,), in levels, is what one fill of a palette (P, 4) becomes where its chroma is less that of
+    another one, as beside that it is in chroma that was made sharp again.
+    """
+    seen = palette @ LUMA_CHROMA
+    step = (seen[:, None] - seen) * [0.0, 1.0, 1.0, 0.0]
+    beyond = np.clip((seen[:, None] + LESS[:, None, None, None] * step) @ RGB, 0.0, 255.0)
+    apart = np.abs(step).max(axis=-1) > UNLIKE
+    return bool(((np.abs(beyond - fill).max(axis=-1) <= UNLIKE) & apart).any())
 
 
 def _luma(

@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.input.chroma import (
     explained,
     missing_fills,
     mixture_of,
+    smeared,
     with_sharp_chroma,
 )
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -146,8 +147,8 @@ def _of_small_parts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them, and
     with those that are missing; and the labels. Fills, of those proposed (k, 4) and of what is left, are added only if
-    the picture is explained better, by more than further borders between labels cost; others go if it is as well
-    explained without them.
+    the picture is explained better, by more than further borders between labels cost; those that ringing and
+    chroma make of others go if it is as well explained without them.
     """
     space, colours = seen_as(Condition(jpeg=True), sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
 
@@ -175,9 +176,10 @@ def _of_small_parts(
             break
         best = found
     for fill in np.flatnonzero(~_deep(best.labels, len(best.palette)))[::-1]:
-        if len(best.palette) == 1:
-            break
-        without = fitted_of(np.delete(best.palette, fill, axis=0), thick - (fill < thick))
+        rest = np.delete(best.palette, fill, axis=0)
+        if not (overshoots(best.palette[fill], rest) or smeared(best.palette[fill], rest)):
+            continue
+        without = fitted_of(rest, thick - (fill < thick))
         if without.cost <= best.cost:
             best, thick = without, thick - (fill < thick)
     return best.palette, best.labels
