@@ -31,7 +31,7 @@ void missing_barrier(const cs::Frame f) {
   if (threadIdx.x < 32) f.status[threadIdx.x] = values[32 + threadIdx.x];
 }
 
-void past_the_end(const cs::Frame f) { f.status[1 << 12] = 1; }
+void past_the_end(const cs::Frame f) { f.status[2] = 1; }
 
 template <void (*Kernel)(const cs::Frame)>
 void call(const void* frame) {
