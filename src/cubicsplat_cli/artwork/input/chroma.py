@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, summed
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
+from cubicsplat_cli.artwork.channels import blend_of, largest, summed
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, lies_beyond
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
@@ -71,10 +71,9 @@ def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:
     another one, as beside that it is in chroma that was made sharp again.
     """
     seen = palette @ LUMA_CHROMA
-    step = (seen[:, None] - seen) * [0.0, 1.0, 1.0, 0.0]
-    beyond = np.clip((seen[:, None] + LESS[:, None, None, None] * step) @ RGB, 0.0, 255.0)
-    apart = np.abs(step).max(axis=-1) > UNLIKE
-    return bool(((np.abs(beyond - fill).max(axis=-1) <= UNLIKE) & apart).any())
+    steps = (seen[:, None] - seen) * [0.0, 1.0, 1.0, 0.0]
+    steps[largest(np.abs(steps)) <= UNLIKE] = 0.0
+    return lies_beyond(fill, palette, steps @ RGB, LESS, UNLIKE)
 
 
 def _luma(
@@ -122,10 +121,14 @@ def _clipped(painted: np.ndarray) -> np.ndarray:
     """(H, W, 4) what becomes of a picture (H, W, 4), both as luma, chroma and opacity, less what it was made of, where
     chroma of half the size goes with luma that is too dark or too light for it: channels end at 0 and 255.
     """
-    height, width = painted.shape[:2]
     made = painted.astype(np.float32)
-    made[..., 1:3] = _doubled(_doubled(_halved(made[..., 1:3]), 0), 1)[:height, :width]
+    made[..., 1:3] = _stored(made[..., 1:3])
     return np.asarray(np.clip(made @ RGB, 0.0, 255.0) @ LUMA_CHROMA - made, np.float32)
+
+
+def _stored(values: np.ndarray) -> np.ndarray:
+    """Values (H, W, C) as they are read, float32, where they were stored at half the size."""
+    return _doubled(_doubled(_halved(values), 0), 1)[: values.shape[0], : values.shape[1]]
 
 
 def _again(values: np.ndarray) -> np.ndarray:
@@ -147,9 +150,8 @@ def with_sharp_chroma(seen: np.ndarray) -> np.ndarray:
     """A picture (H, W, 4) as luma, chroma and opacity in levels whose chroma was stored at half the size, with what
     halving took of it: around every pixel chroma follows luma as it does in what halving left of both.
     """
-    height, width = seen.shape[:2]
     luma, chroma = seen[..., :1], seen[..., 1:3]
-    smooth = _doubled(_doubled(_halved(luma), 0), 1)[:height, :width].astype(np.float32)
+    smooth = _stored(luma)
 
     def mean(values: np.ndarray) -> np.ndarray:
         return ndimage.uniform_filter(values, (BLOCK, BLOCK, 1), mode="nearest")

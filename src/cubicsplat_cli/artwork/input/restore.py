@@ -179,9 +179,10 @@ def _of_small_parts(
         rest = np.delete(best.palette, fill, axis=0)
         if not (overshoots(best.palette[fill], rest) or smeared(best.palette[fill], rest)):
             continue
-        without = fitted_of(rest, thick - (fill < thick))
+        fewer = thick - (fill < thick)
+        without = fitted_of(rest, fewer)
         if without.cost <= best.cost:
-            best, thick = without, thick - (fill < thick)
+            best, thick = without, fewer
     return best.palette, best.labels
 
 
@@ -287,8 +288,8 @@ def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int
     """
     out, best = np.full(len(values), -1), best_blend(values, fills, near)[1]
     odd = np.flatnonzero((best > off) & (near[:, 0] >= 0))
+    first = fills[near[odd, 0]]
     for fill, colour in enumerate(fills[:thick]):
-        first = fills[near[odd, 0]]
         _, gap = blend_with(values[odd], colour, first, first)
         better = gap < best[odd]
         best[odd[better]], out[odd[better]] = gap[better], fill

@@ -83,10 +83,15 @@ def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) ->
 
 def overshoots(fill: np.ndarray, palette: np.ndarray) -> bool:
     """Whether a colour (4,), in levels, is what sharpening makes of one fill of a palette (P, 4) beside another one."""
-    step = BEYOND[:, None, None, None] * (palette[:, None] - palette[None])
-    beyond = np.clip(palette[:, None] + step, 0.0, 255.0)
-    apart = np.abs(palette[:, None] - palette[None]).max(axis=-1) > 0.0
-    return bool(((np.abs(beyond - fill).max(axis=-1) <= BEYOND_OFF) & apart).any())
+    return lies_beyond(fill, palette, palette[:, None] - palette, BEYOND, BEYOND_OFF)
+
+
+def lies_beyond(fill: np.ndarray, palette: np.ndarray, steps: np.ndarray, times: np.ndarray, off: float) -> bool:
+    """Whether a colour (4,) is, to `off` levels, one fill of a palette (P, 4) and some of the `times` (n,) a step
+    (P, P, 4), in levels, that leads there from another one; (0, 0, 0, 0) is no step.
+    """
+    beyond = np.clip(palette[:, None] + times[:, None, None, None] * steps, 0.0, 255.0)
+    return bool(((largest(np.abs(beyond - fill)) <= off) & steps.any(axis=-1)).any())
 
 
 def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
