@@ -23,13 +23,12 @@ from cubicsplat_cli.photo.inputs import FitInputs, FitResult
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import scene_arrays
-from cubicsplat_cli.raster.polygon_steps import SLACK, PolygonSteps
+from cubicsplat_cli.raster.polygon_steps import FEWEST, SLACK, PolygonSteps
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.polygons import (
-    FEWEST,
     LEVELS,
     TENTHS,
     GridPolygons,

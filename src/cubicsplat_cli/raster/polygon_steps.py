@@ -9,6 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.raster.cpu import floats, int32s, native
 
+FEWEST = 3  # vertices of a polygon
 STEPS = 5  # that may be found for a polygon at once
 SLACK = 3.0  # bytes that a file may turn out to be smaller than is guessed from the length of a path
 Found = tuple[float, float, np.ndarray, np.ndarray]  # score, rise of the loss, vertices (n, 2) and levels (3,)
@@ -46,6 +47,6 @@ class PolygonSteps:
 
     def removals(self, index: int, corners: int) -> np.ndarray:
         """By how much the loss rises without each of a polygon's vertices, and last without all of it."""
-        rises = np.empty(corners + 1 if corners > 3 else 1)
+        rises = np.empty(corners + 1 if corners > FEWEST else 1)
         native("search", "cs_polygon_removals", *self.picture, *self._polygons, index, rises)
         return rises

@@ -18,7 +18,6 @@ from cubicsplat_cli.svg.markup import format_number, joined
 
 LEVELS = 15  # of a colour channel of 4 bits
 TENTHS = 10  # of the opacity
-FEWEST = 3  # vertices
 
 
 @dataclass(eq=False)

@@ -126,6 +126,7 @@ class Search {
     const bool whole = (n - double(at_.size())) / n <= kMostHidden;
     if (whole && solid.fullness < kLeastFullness) return nullptr;
     const auto box = box_around(at_, 0.0);
+    span_ = 2.0 * std::hypot(box[2], box[3]);
     if (!whole) {
       solid.middle = {box[0], box[1]}, solid.turn = 0.0;
       for (int c = 0; c < 2; c++) solid.spread[c] = 4.0 * box[2 + c] * box[2 + c] / 14.0;
@@ -151,6 +152,7 @@ class Search {
   std::vector<Point> all_, at_;  // all points, and those that are known
   std::vector<double> sure_;
   std::vector<int64_t> few_;
+  double span_ = 0.0;  // px, the diagonal of the box around the known points
   bool found_ = false;
   Nearest best_{{Primitive::circle, false, false}, {}, 0.0, 0.0};
 
@@ -209,9 +211,8 @@ class Search {
   // Whether values are those of a primitive that may be one: not those of one whose ends lie far beyond its points, as
   // near to both sides of a sliver as that is long.
   bool possible(const Primitive& shape, const double* v) const {
-    const auto known = box_around(at_, 0.0);
     const double longest = shape.kind == Primitive::circle ? v[2] : std::max(v[2], v[3]);
-    if (longest > 2.0 * std::hypot(known[2], known[3])) return false;
+    if (longest > span_) return false;
     if (shape.kind == Primitive::circle) return true;
     if (shape.kind == Primitive::ellipse) return v[2] > 0.0 && v[3] > 0.0;
     const double radius = shape.radius(v);

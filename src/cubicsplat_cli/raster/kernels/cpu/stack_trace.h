@@ -74,7 +74,7 @@ struct Cubic {
   }
 };
 
-// Neighbours of a row whose winding number is below zero: there an edge changes the coverage the other way.
+// Pixels of a row whose winding number is below zero: there an edge changes the coverage the other way.
 struct Turned {
   int row, first, last;  // columns, the last one not included
 
@@ -150,7 +150,7 @@ struct Window {
     }
   }
 
-  // The same of every pixel, height x width, where less than nothing counts as well.
+  // The same of every pixel, height x width.
   void finish(double* out) const {
     std::vector<double> sums(size_t(width + 2) * height, 0.0);
     for (const Edge& edge : edges) {
