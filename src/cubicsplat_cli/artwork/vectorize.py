@@ -231,7 +231,7 @@ def _even(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -
     elif prepared.condition.clean:
         even = FlatPicture(flat.levels)
     else:
-        even = restored(flat.levels, prepared.condition, flat.fills, full_chroma=prepared.full_chroma)
+        even = restored(flat.levels, prepared.condition, flat.fills)
     return even if settings.free_fills else _in_chosen_colours(even, settings)
 
 

@@ -22,6 +22,11 @@ class Compression:
     sampling: int = 0
 
     @property
+    def halved(self) -> tuple[int, ...]:
+        """The axes along which chroma is stored at half its size: 0 for rows, 1 for columns."""
+        return ((), (1,), (0, 1))[self.sampling]
+
+    @property
     def rounding(self) -> float:
         """Levels: the standard deviation of luma that is rounded to its tables' steps."""
         return float(np.sqrt(np.mean(np.square(self.tables[0], dtype=float)) / 12.0))

@@ -48,11 +48,6 @@ class PreparedInput:
     compression: Compression | None = None
 
     @property
-    def full_chroma(self) -> bool:
-        """Whether the file says that chroma is stored as large as luma; mostly it is not."""
-        return self.compression is not None and bool(self.compression.tables) and self.compression.sampling == 0
-
-    @property
     def notes(self) -> list[str]:
         """Notes for the user, a sentence each."""
         found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []
@@ -83,6 +78,8 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     prepared = _taken_in(reduced(levels, factor), factor, width, height, lossy=compression is not None and factor == 1)
     if levels is came and prepared.condition.jpeg and prepared.scale == 1 and not prepared.scanned:
         prepared = replace(prepared, compression=compression)
+        if compression is not None and compression.tables:
+            prepared = replace(prepared, condition=replace(prepared.condition, halved=compression.halved))
     return replace(prepared, of_lcd=whole is not came, of_light=of_light)
 
 
