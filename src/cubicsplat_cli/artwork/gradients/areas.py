@@ -110,8 +110,8 @@ def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: 
         return
     known = shade.explains(wider.pixels)
     if known.mean() < EXPLAINED:
-        if len(piece) < 0.9 * len(whole):
-            _explain(piece, search, depth + 1)
+        divided = len(piece) < 0.9 * len(whole)
+        (_explain if divided else _largest)(piece, search, depth + divided)
         return
     fading = _faded(shade, fill)
     if fading is None:
@@ -161,6 +161,6 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
     # That of all these pixels may have found another geometry, which explains fewer.
     if (explained := again.explains(part.pixels)).sum() >= most:
         shade, known = again, explained
-    search.found.append(ShadedArea(shade, part.within(known)))
+    search.found.append(ShadedArea(shade, _with_rests(part, shade.off(part.pixels))))
     for piece in part.pieces(~known):
         _explain(piece, search, depth + 1)
