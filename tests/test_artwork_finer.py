@@ -7,7 +7,7 @@ import pytest
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.api import vectorize
-from cubicsplat_cli.artwork.regions.regions import pixel_fills
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, pixel_fills
 from cubicsplat_cli.artwork.traced import MOST_STEPS, STEPS, in_steps, steps_of
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.phase_field import blend_pairs, finer_labels
@@ -102,7 +102,7 @@ def test_what_falls_to_pieces_is_not_traced_finer() -> None:
     noise = np.random.default_rng(0).choice([20.0, 255.0], (20, 20))
     soft = (noise + np.roll(noise, 1, 0) + np.roll(noise, 1, 1)) / 3.0
     levels = np.dstack([soft] * 3 + [np.full_like(soft, 255.0)]).astype(np.float32)
-    fills = pixel_fills(levels, np.array([PAPER, (20.0, 20.0, 20.0, 255.0)]))
+    fills = pixel_fills(FlatPicture(levels, np.array([PAPER, (20.0, 20.0, 20.0, 255.0)])))
     assert in_steps(levels, fills, STEPS, 1.0, 1) is None
     assert in_steps(levels, fills, STEPS, 1.0, 10_000).labels.shape == (20 * STEPS, 20 * STEPS)
 

@@ -12,7 +12,7 @@ from conftest import rest_slow
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
-from cubicsplat_cli.artwork.regions.regions import Regions, find_regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions, find_regions, pixel_fills
 from cubicsplat_cli.artwork.tracing.contours import edge_positions
 
 
@@ -21,7 +21,7 @@ def regions_of(line: np.ndarray) -> Regions:
     levels = np.full((60, 60, 4), 255.0, dtype=np.float32)
     levels[10:50, 30, :3] = line
     levels[5:20, 5:20, :3] = 0.0
-    return find_regions(levels, picture_fills(levels))
+    return find_regions(FlatPicture(levels, picture_fills(levels)))
 
 
 def test_a_faint_line_has_the_fill_that_it_is_a_blend_of() -> None:
@@ -41,7 +41,7 @@ def test_pale_pixels_beside_a_line_are_blends_of_it_though_another_shape_has_the
     # A line of a px that is nowhere black.
     levels[5:55, 20, :3], levels[5:55, [19, 21], :3] = 38.0, 171.0
     levels[2:12, 50:58, :3], levels[2:12, 40:48, :3] = 171.0, 0.0
-    regions = find_regions(levels, picture_fills(levels))
+    regions = find_regions(FlatPicture(levels, picture_fills(levels)))
     found = regions.fills[regions.labels][..., 0]
     assert (found[:, :39] != 171.0).all() and (found[2:12, 50:58] == 171.0).all()
 
@@ -50,7 +50,7 @@ def test_a_row_on_the_rim_is_no_line() -> None:
     levels = np.full((60, 60, 4), 255.0, dtype=np.float32)
     levels[20:40, 20:40, :3] = 0.0
     levels[0, :, :] = 150.0
-    assert find_regions(levels, picture_fills(levels)).count == 2
+    assert find_regions(FlatPicture(levels, picture_fills(levels))).count == 2
 
 
 def test_a_fill_that_no_pixel_shows_pure_is_the_least_blended_colour() -> None:
@@ -66,7 +66,7 @@ def test_a_fill_over_nothing_is_opaque_where_no_pixel_shows_it_pure() -> None:
     levels = np.zeros((60, 60, 4), dtype=np.float32)
     levels[10:50, 30, 3] = np.linspace(180.0, 100.0, 40)
     levels[5:20, 5:20] = 255.0
-    regions = find_regions(levels, picture_fills(levels))
+    regions = find_regions(FlatPicture(levels, picture_fills(levels)))
     assert regions.fills[regions.labels[15, 30]].tolist() == [0.0, 0.0, 0.0, 255.0]
 
 
@@ -102,7 +102,7 @@ def slanted(degrees: float, width: float, below: tuple[float, ...], height: floa
 @pytest.mark.parametrize(("degrees", "below"), rest_slow((20.0, BLUE), *product((20.0, 40.0, 45.0), (WHITE, BLUE))))
 def test_a_slanting_line_is_one_region(degrees, below):
     levels = slanted(degrees, 1.3, below)
-    regions = find_regions(levels, picture_fills(levels))
+    regions = find_regions(FlatPicture(levels, picture_fills(levels)))
     # The block, the line, and what is on either side of it.
     assert regions.count == 4
     assert sorted(regions.areas())[1] > 90
@@ -111,7 +111,7 @@ def test_a_slanting_line_is_one_region(degrees, below):
 @pytest.mark.parametrize(("width", "below"), rest_slow((1.0, BLUE), *product((1.0, 1.3, 1.8), (WHITE, BLUE))))
 def test_both_edges_of_a_thin_line_lie_right(width, below):
     levels = slanted(25.0, width, below)
-    found = edge_positions(levels, regions := find_regions(levels, picture_fills(levels)))
+    found = edge_positions(levels, regions := find_regions(FlatPicture(levels, picture_fills(levels))))
     dark = (regions.fills[:, 2] < 60)[regions.labels]
     dark[:12, :12] = False
     off = []
@@ -125,7 +125,7 @@ def test_both_edges_of_a_thin_line_lie_right(width, below):
 def test_a_level_line_over_two_rows_between_two_grounds_has_its_own_fill():
     # Both rows are of one colour each, which no other pixel has.
     levels = slanted(0.0, 1.5, BLUE, height=40.0)
-    regions = find_regions(levels, picture_fills(levels))
+    regions = find_regions(FlatPicture(levels, picture_fills(levels)))
     for row in (39, 40):
         assert regions.fills[regions.labels[row, 20]].tolist() == [30.0, 30.0, 30.0, 255.0]
 
@@ -133,14 +133,14 @@ def test_a_level_line_over_two_rows_between_two_grounds_has_its_own_fill():
 def test_what_a_shallow_line_leaves_of_two_rows_is_no_fill():
     # Where it passes from a row to the next, 2 x 2 px have one blend.
     levels = slanted(3.0, 1.5, WHITE, fine=4)
-    assert set(find_regions(levels, picture_fills(levels)).fills[:, 0]) == {255.0, 30.0}
+    assert set(find_regions(FlatPicture(levels, picture_fills(levels))).fills[:, 0]) == {255.0, 30.0}
 
 
 def test_a_thin_box_of_a_fill_of_its_own_keeps_it():
     levels = np.full((60, 60, 4), 255.0, dtype=np.float32)
     levels[40:50, 5:50, :3] = 0.0
     levels[20:22, 10:40, :3] = 90.0
-    assert find_regions(levels, picture_fills(levels)).fills[:, 0].tolist().count(90.0) == 1
+    assert find_regions(FlatPicture(levels, picture_fills(levels))).fills[:, 0].tolist().count(90.0) == 1
 
 
 @pytest.mark.parametrize("dot", [[[0.3, 1.0, 0.3], [0.3, 1.0, 0.3]], [[0.6, 0.7], [0.75, 0.65]]])
@@ -152,7 +152,7 @@ def test_dots_of_a_pixel_or_two_amid_a_fill_are_regions(dot):
     for y in range(3, 123, 6):
         for x in range(6, 134, 6):
             levels[y : y + rows, x : x + columns, :3] = 255.0 * (1.0 - np.array(dot))[..., None]
-    assert find_regions(levels, picture_fills(levels)).count == 2 + 20 * 22
+    assert find_regions(FlatPicture(levels, picture_fills(levels))).count == 2 + 20 * 22
 
 
 def test_a_few_faint_or_blurred_dots_are_left_to_the_finished_drawing():
@@ -161,7 +161,10 @@ def test_a_few_faint_or_blurred_dots_are_left_to_the_finished_drawing():
     levels[6, 6:8, :3] = 128.0
     levels[12, 12, :3] = 240.0
     levels[18:20, 18, :3] = 0.0
-    assert find_regions(levels, np.array([[255.0] * 4, [0.0, 0.0, 0.0, 255.0], [240.0] * 3 + [255.0]])).count == 3
+    assert (
+        find_regions(FlatPicture(levels, np.array([[255.0] * 4, [0.0, 0.0, 0.0, 255.0], [240.0] * 3 + [255.0]]))).count
+        == 3
+    )
 
 
 def ring_without_anti_aliasing() -> np.ndarray:
@@ -173,7 +176,7 @@ def ring_without_anti_aliasing() -> np.ndarray:
 
 def test_a_thin_ring_without_anti_aliasing_stays_in_one_piece():
     levels = ring_without_anti_aliasing()
-    regions = find_regions(levels, np.array([[255.0, 255.0, 255.0, 255.0], [0.0, 0.0, 0.0, 255.0]]))
+    regions = find_regions(FlatPicture(levels, np.array([[255.0, 255.0, 255.0, 255.0], [0.0, 0.0, 0.0, 255.0]])))
     assert (regions.fills[:, 0] < 128.0).sum() == 1
 
 
@@ -192,5 +195,17 @@ def test_a_line_of_half_a_px_is_joined_where_it_has_little_of_the_corner():
 def test_squares_of_a_chess_board_stay_apart():
     board = np.kron(np.indices((6, 6)).sum(axis=0) % 2, np.ones((8, 8)))
     levels = np.dstack([*[255.0 * board] * 3, np.full(board.shape, 255.0)]).astype(np.float32)
-    regions = find_regions(levels, np.array([[0.0, 0.0, 0.0, 255.0], [255.0, 255.0, 255.0, 255.0]]))
+    regions = find_regions(FlatPicture(levels, np.array([[0.0, 0.0, 0.0, 255.0], [255.0, 255.0, 255.0, 255.0]])))
     assert regions.count == 36
+
+
+def test_no_thin_line_has_a_fill_that_stands_for_a_gradient():
+    """A line of half black over a grey is nearer to another grey, which shows elsewhere."""
+    levels = np.full((40, 60, 4), 255.0, np.float32)
+    levels[:, :30, :3], levels[:, 30:, :3] = 200.0, 100.0
+    levels[:10, :10, :3] = 0.0
+    levels[14:, 14, :3] = 100.0
+    palette = np.array([[grey, grey, grey, 255.0] for grey in (200.0, 100.0, 0.0)])
+    for standing, fill in ((np.zeros((0, 4)), 1), (palette[1:2], 2)):
+        fills = pixel_fills(FlatPicture(levels, palette, standing=standing)).fills
+        assert (fills[20:, 14] == fill).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.regions.fills import picture_fills
-from cubicsplat_cli.artwork.regions.regions import find_regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 
 FILL, HALF = [240.0, 80.0, 0.0, 255.0], [120.0, 40.0, 0.0, 127.5]
 
@@ -21,7 +21,7 @@ def lines(pairs: int, singles: int) -> np.ndarray:
 
 
 def fills_of(levels: np.ndarray) -> list[list[float]]:
-    found = find_regions(levels, picture_fills(levels)).fills
+    found = find_regions(FlatPicture(levels, picture_fills(levels))).fills
     return sorted(np.unique(np.rint(found), axis=0).tolist())
 
 

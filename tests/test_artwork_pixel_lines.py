@@ -10,7 +10,7 @@ from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
-from cubicsplat_cli.artwork.regions.regions import find_regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
 
@@ -31,7 +31,7 @@ def page(grey: int, inside: str = "#fff") -> np.ndarray:
 
 def fills_of_regions(pixels: np.ndarray) -> set[tuple[int, ...]]:
     levels = as_levels(as_picture(pixels).target())
-    regions = find_regions(levels, picture_fills(levels))
+    regions = find_regions(FlatPicture(levels, picture_fills(levels)))
     return {tuple(int(v) for v in fill) for fill in np.rint(regions.fills)}
 
 

@@ -9,7 +9,7 @@ from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams
-from cubicsplat_cli.artwork.regions.regions import find_regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -19,7 +19,7 @@ UNIT = 128 / 18  # px
 
 
 def regions_of(levels, *fills):
-    return find_regions(levels, np.array(fills, dtype=float) * 255.0)
+    return find_regions(FlatPicture(levels, np.array(fills, dtype=float) * 255.0))
 
 
 @pytest.mark.parametrize(("fine", "expected"), [(4, 4), (16, 0)])

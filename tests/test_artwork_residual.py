@@ -36,7 +36,7 @@ def flat_picture(body: str, quality: int = 75, ground: tuple[int, ...] = GROUND)
 
 
 def regions_of(picture: FlatPicture) -> Regions:
-    return find_regions(picture.levels, picture.palette, known=picture.labels)
+    return find_regions(picture)
 
 
 HAIRY = f'<path d="M30 96A66 66 0 0 1 170 96L150 120A50 50 0 0 0 50 120z" fill="{hexed(HAIR)}"/>'

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import in_blocks
-from cubicsplat_cli.artwork.regions.regions import PixelFills, Regions, pixel_fills
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions, pixel_fills
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.progress import log
 
@@ -46,20 +46,15 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
 
 
 def bounded_regions(
-    levels: np.ndarray,
-    palette: np.ndarray,
-    min_area: float,
-    most: int | None = None,
-    known: np.ndarray | None = None,
-    limit: int = MOST_REGIONS,
+    picture: FlatPicture, min_area: float, most: int | None = None, limit: int = MOST_REGIONS
 ) -> tuple[PixelFills, Regions]:
     """The fills of a picture's pixels (`pixel_fills`), and its regions; where there are more than `limit`, the smallest
     join their neighbours, which is logged.
     """
-    fills = pixel_fills(levels, palette, most, known)
+    fills = pixel_fills(picture, most)
     regions = fills.regions(min_area)
     found = regions.count
-    while regions.count > limit and min_area <= levels[..., 0].size:
+    while regions.count > limit and min_area <= fills.parts.size:
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[limit]) + 1.0, 4.0)
         regions = fills.regions(min_area)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
@@ -87,7 +89,8 @@ def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, PixelFi
             continue
         palette = picture_fills(soft) if colours is None else colours
         most, known = None if colours is None else len(colours), None if blur else picture.labels
-        fills, regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else MOST_REGIONS)
+        own = replace(picture, levels=soft, palette=palette, labels=known)
+        fills, regions = bounded_regions(own, min_area, most, MOST_COMPLETED if blur else MOST_REGIONS)
         if regions.count <= many:
             break
     return soft, fills, regions

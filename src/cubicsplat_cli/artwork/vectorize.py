@@ -229,7 +229,7 @@ def _even(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -
     if prepared.pens is not None:
         even = FlatPicture(*sharpened(flat.levels, prepared.pens))
     elif prepared.condition.clean:
-        even = FlatPicture(flat.levels)
+        even = FlatPicture(flat.levels, standing=flat.fills)
     else:
         even = restored(flat.levels, prepared.condition, flat.fills)
     return even if settings.free_fills else _in_chosen_colours(even, settings)
@@ -237,8 +237,10 @@ def _even(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -
 
 def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
     """A clean picture in no more than the colours asked for, or in those of the palette that are near."""
-    levels, palette = picture.levels, picture.palette
-    regions = find_regions(levels, picture_fills(levels) if palette is None else palette, picture.labels)
+    levels = picture.levels
+    if picture.palette is None:
+        picture = replace(picture, palette=picture_fills(levels))
+    regions = find_regions(picture)
     known, first, number = np.unique(regions.fill_of, return_index=True, return_inverse=True)
     own, labels = regions.fills[first], number[regions.labels]
     areas = np.bincount(labels.ravel(), minlength=len(known))

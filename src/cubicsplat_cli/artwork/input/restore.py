@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.input.chroma import (
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import picture_fills
-from cubicsplat_cli.artwork.regions.hairlines import solid_labels, with_lines
+from cubicsplat_cli.artwork.regions.hairlines import NONE, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
@@ -84,12 +84,12 @@ def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
 def restored(
     levels: np.ndarray,
     condition: Condition,
-    standing: np.ndarray | None = None,
+    standing: np.ndarray = NONE,
     *,
     lines: bool = True,
 ) -> FlatPicture:
     """The picture (H, W, 4) in levels as a clean one. standing: (G, 4) fills that stand for gradients, which stay as
-    they are; None for none. lines: whether thin lines that its colours lack are sought.
+    they are. lines: whether thin lines that its colours lack are sought.
     """
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
@@ -124,12 +124,12 @@ def restored(
         palette = np.where(palette <= ROUNDED, 0.0, np.where(palette >= 255.0 - ROUNDED, 255.0, _short(palette)))
     else:
         palette = _settled_fills(levels, palette, labels, np.full(len(palette), np.inf))
-    for fill in () if standing is None else standing:
+    for fill in standing:
         off = np.abs(palette - fill).max(axis=1)
         if off.min() < 0.5 * APART:
             palette[off.argmin()] = fill
     if lines:
-        labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
+        labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN, standing @ space)
     out = mixture_of(seen, palette @ space, labels, sigma, condition.blur)
     return FlatPicture(out.painted(palette), palette, labels)
 

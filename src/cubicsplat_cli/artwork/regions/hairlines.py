@@ -33,6 +33,8 @@ LEAST_PIXELS, MOST_NEW = 24, 8
 # explain a line better than commoner ones.
 MOST_RESIDUAL, LATER = 40.0, 0.1
 LENGTH = 8  # px along which pixels hang together that the labels do not explain, for a line to be there
+# No fill; levels by which numbers of one fill may differ, and one that no colour has.
+NONE, SAME, NOWHERE = np.zeros((0, 4)), 0.5, -1e4
 FAINT = 8.0  # levels by which a fill must explain a line better, of which it would have hardly anything
 
 
@@ -70,6 +72,7 @@ def nearest_line_fills(
     size: tuple[int, ...],
     palette: np.ndarray,
     near: np.ndarray,
+    standing: np.ndarray,
     close: float = CLOSE,
     less: float = LESS,
     window: int = WINDOW,
@@ -78,13 +81,16 @@ def nearest_line_fills(
     """(n,) the fill of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
     whether it is mostly or by its place the line's (n,).
 
-    close: levels by which the pixels of a line are off. less: share from which a pixel on its middle is the line's.
-    window: px in which it keeps its fill. faint: levels that it costs a fill to have no share in its pixels.
+    standing: (G, 4) fills that no line has. close: levels by which the pixels of a line are off. less: share from which
+    a pixel on its middle is the line's. window: px in which it keeps its fill. faint: levels that it costs a fill to
+    have no share in its pixels.
     """
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
     costs = (MOST_RESIDUAL, faint, LATER)
-    fill, share, gap = fills_of_lines(values, place, palette[:MOST_FILLS], (first, second), window, costs)
+    fill, share, gap = fills_of_lines(
+        values, place, without(palette, standing)[:MOST_FILLS], (first, second), window, costs
+    )
     fill = np.where(gap <= close, fill, -1)
     shares = np.zeros(size)
     shares[place] = np.where(fill >= 0, share, 0.0)
@@ -103,12 +109,25 @@ def _ridge(shares: np.ndarray, place: tuple[np.ndarray, np.ndarray]) -> np.ndarr
     return out
 
 
-def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off: float, less: float) -> np.ndarray:
+def without(palette: np.ndarray, standing: np.ndarray) -> np.ndarray:
+    """A palette (P, 4) with those of its fills that stand for gradients, (G, 4), far from all colours."""
+    stands = (np.abs(palette[:, None] - standing) < SAME).all(axis=2).any(axis=1)
+    return np.where(stands[:, None], NOWHERE, palette)
+
+
+def with_lines(
+    levels: np.ndarray,
+    palette: np.ndarray,
+    labels: np.ndarray,
+    off: float,
+    less: float,
+    standing: np.ndarray = NONE,
+) -> np.ndarray:
     """(H, W) int32 the labels of a picture (H, W, 4) with those of the thin lines that they lack.
 
     palette: (P, 4) the colours of the labels. off: levels beyond which the labels within a px do not explain a pixel.
     less: the share from which a pixel on the middle of a line is the line's. A line is what they do not explain along
-    LENGTH px, together with what is thin already.
+    LENGTH px, together with what is thin already. standing: (G, 4) colours that no line has.
     """
     solid = solid_labels(labels)
     away = np.zeros(labels.shape, dtype=bool)
@@ -124,7 +143,7 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
-    search = max(CLOSE, off), less, 3 * LENGTH, FAINT
+    search = standing, max(CLOSE, off), less, 3 * LENGTH, FAINT
     fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, *search)
     # What lies beside an area of the line's colour is its edge.
     own &= away[y, x] | (solid[y, x] < 0)

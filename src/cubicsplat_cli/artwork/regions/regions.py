@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import field
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +11,15 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import CLEAR, PURE, SAME, flat_pixels, has_square
-from cubicsplat_cli.artwork.regions.hairlines import LESS, missing_fills, nearest_line_fills, unexplained, with_lines
+from cubicsplat_cli.artwork.regions.hairlines import (
+    LESS,
+    NONE,
+    missing_fills,
+    nearest_line_fills,
+    unexplained,
+    with_lines,
+    without,
+)
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
@@ -33,12 +42,14 @@ class FlatPicture:
     """A picture without gradients, noise or blur, and what is known of it.
 
     levels: (H, W, 4) premultiplied RGBA. palette: (P, 4) levels, its fill colours, or None. labels: (H, W) int32 which
-    of them every pixel has most of, or None.
+    of them every pixel has most of, or None. standing: (G, 4) levels, fills that stand for gradients, which no thin
+    line has.
     """
 
     levels: np.ndarray
     palette: np.ndarray | None = None
     labels: np.ndarray | None = None
+    standing: np.ndarray = field(default_factory=lambda: NONE)
 
 
 @record
@@ -95,29 +106,29 @@ class PixelFills:
         return Regions(labels, self.palette[fill_of], fill_of)
 
 
-def find_regions(levels: np.ndarray, palette: np.ndarray, known: np.ndarray | None = None) -> Regions:
-    """The regions of a picture, but for specks, by its `pixel_fills`."""
-    return pixel_fills(levels, palette, known=known).regions(0.0)
+def find_regions(picture: FlatPicture) -> Regions:
+    """The regions of a picture with a palette, but for specks, by its `pixel_fills`."""
+    return pixel_fills(picture).regions(0.0)
 
 
-def pixel_fills(
-    levels: np.ndarray, palette: np.ndarray, most: int | None = None, known: np.ndarray | None = None
-) -> PixelFills:
-    """The fills of a picture (H, W, 4) in levels, of a palette (P, 4), and those that only thin lines and small details
-    have: with these no more than `most`, where that is not None.
-
-    known: (H, W) int32 the fill of every pixel, where that is known already; the palette then has them all.
+def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
+    """The fills of a picture: of its palette, and those that only thin lines and small details have; with these no more
+    than `most`, where that is not None. Where its labels are known the palette has them all.
     """
-    if known is None:
+    levels, palette = picture.levels, picture.palette
+    assert palette is not None
+    if picture.labels is None:
         palette, pure = with_pixel_lines(levels, *_with_fills_of_lines(levels, palette, most), most)
-        fills = _blends_shared_out(levels, palette, pure)
-        fills = with_lines(levels, palette, fills, STRANGE, LESS)
+        fills = _blends_shared_out(levels, palette, pure, picture.standing)
+        fills = with_lines(levels, palette, fills, STRANGE, LESS, picture.standing)
     else:
-        fills, pure = known, np.where(off_palette(levels, palette, known) <= PURE, known, -1)
+        fills = picture.labels
+        pure = np.where(off_palette(levels, palette, fills) <= PURE, fills, -1)
     fills = joined_at_corners(fills, levels, palette)
     parts, _ = components(fills)
     # What a damaged picture was restored to has crumbs of its noise.
-    return PixelFills(palette, fills, parts, _sure(levels, palette, parts, fills, pure, dots=known is None), pure)
+    sure = _sure(levels, palette, parts, fills, pure, dots=picture.labels is None)
+    return PixelFills(palette, fills, parts, sure, pure)
 
 
 def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
@@ -189,12 +200,12 @@ def _on_a_slope(levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.nd
     return found & (near[:, 0] >= 0)
 
 
-def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
+def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, standing: np.ndarray) -> np.ndarray:
     """(H, W) int32 a fill for every pixel: blends go to the fill with the greater share."""
     y, x = np.nonzero(pure < 0)
     out, near = pure.copy(), near_fills(pure, y, x, REACH)
     winner, residual = best_blend(levels[y, x], palette, near)
-    nearest, gap = nearest_fills(levels[y, x], palette)
+    nearest, gap = nearest_fills(levels[y, x], without(palette, standing))
     # Far from every fill, or not explained by those near: the nearest fill of all if that is closer.
     lost = (winner < 0) | ((residual > 40.0) & (gap < residual))
     out[y, x] = np.where(lost, nearest, winner)
@@ -202,7 +213,7 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     if not strange.any():
         return out
     y, x, near = y[strange], x[strange], near[strange]
-    fill, own = nearest_line_fills(levels[y, x], (y, x), pure.shape, palette, near)
+    fill, own = nearest_line_fills(levels[y, x], (y, x), pure.shape, palette, near, standing)
     out[y, x] = np.where(own, fill, np.where(fill >= 0, winner[strange], out[y, x]))
     return out
 

@@ -41,13 +41,14 @@ class Placed:
 
 
 class Canvas:
-    """The visible parts of a drawing's shapes. stack: they, as drawn."""
+    """The visible parts of a drawing's shapes. stack: they, as drawn; palette: (P, 4) their fills in levels, but for
+    those that stand for gradients."""
 
     def __init__(self, drawing: Drawing, stack: DrawnStack) -> None:
         self.size = drawing.height, drawing.width
         fills = np.array([shape.fill for shape in drawing.shapes], dtype=float)
         self.fills = np.concatenate([fills[:, :3] * fills[:, 3:] / 255.0, fills[:, 3:]], axis=1)
-        self.palette = np.unique(self.fills, axis=0)
+        self.palette = np.unique(self.fills[[shape.gradient is None for shape in drawing.shapes]], axis=0)
         self.stack = stack
 
 
@@ -173,13 +174,14 @@ def _colours(
     if new and (farthest[3] >= OPAQUE or inner.sum() >= SOLID):
         yield farthest[None]
     found = [blend_with(value, fill, beside, beside) for fill in palette]
-    shares, rests = (np.array(each).reshape(len(palette), -1) for each in zip(*found, strict=True))
-    costs = np.where(np.median(shares[:, strongest], axis=1) >= LESS, rests.mean(axis=1), np.inf)
-    if costs.min() < CLOSE:
-        yield palette[[costs.argmin()]]
-    several = np.unique(np.where(shares >= LESS, rests, np.inf).argmin(axis=0))
-    if len(several) > 1:
-        yield palette[several]
+    if found:
+        shares, rests = (np.array(each) for each in zip(*found, strict=True))
+        costs = np.where(np.median(shares[:, strongest], axis=1) >= LESS, rests.mean(axis=1), np.inf)
+        if costs.min() < CLOSE:
+            yield palette[[costs.argmin()]]
+        several = np.unique(np.where(shares >= LESS, rests, np.inf).argmin(axis=0))
+        if len(several) > 1:
+            yield palette[several]
     places = modes(values[inner], SAME, SOLID, np.zeros((0, 4)))
     if len(places):
         own = [np.abs(values[inner] - each).max(axis=1) <= SAME for each in places]
