@@ -293,13 +293,13 @@ def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, looks):
 
 def test_a_sketch_is_finished_where_no_quick_photo_is_beyond_what_it_may_rise_to():
     quick = Quick()
-    task = replace(task_for(blotches(), curves=4), quick_photos={4: quick})
+    task = replace(task_for(blotches(), curves=8), quick_photos={8: quick})
     drawing = drawn_outlines(task)
     check_worth_finishing(task, drawing)
     drawn = seen_db(task, drawing.scene, drawing.samples, drawing.blur)
     assert quick.asked == [pytest.approx(drawn + SKETCH_DB - 1.0)]
-    task.quick_photos[4] = QuickPhoto(task, 4, lambda scene: seen_db(task, scene, drawing.samples))
-    with pytest.raises(PhotoIsNearer, match="a quick photo of 4 curves has"):
+    task.quick_photos[8] = QuickPhoto(task, 8, lambda scene: seen_db(task, scene, drawing.samples))
+    with pytest.raises(PhotoIsNearer, match="a quick photo of 8 curves has"):
         check_worth_finishing(task, drawing)
 
 
