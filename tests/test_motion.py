@@ -15,9 +15,8 @@ from moving_scenes import scene_at
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion.fitting import ClipFit, FrameGroup, fit_clip, groups
 from cubicsplat_cli.motion.following import Follower, flow, sampled
-from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRates
 from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
-from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
+from cubicsplat_cli.motion.tracks import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRates, KnotTrack, Tracks
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import FINISH_TOLERANCE
 from cubicsplat_cli.progress import Progress, Work, under_way

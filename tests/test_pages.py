@@ -20,7 +20,7 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
 from cubicsplat_cli.export.formats import exported
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.html_report.embed import shown_elements
 from cubicsplat_cli.pipeline.pages import page_in
 from cubicsplat_cli.pipeline.vectorize import task_of

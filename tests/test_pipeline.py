@@ -14,8 +14,7 @@ from PIL import Image
 
 from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.evaluate import metrics as measuring
-from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.files.load import resize_picture
+from cubicsplat_cli.files.load import as_picture, resize_picture
 from cubicsplat_cli.photo.fitting import Fitting
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.style import Style
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job

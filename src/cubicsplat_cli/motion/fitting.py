@@ -15,9 +15,8 @@ import numpy as np
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.motion.following import follow
-from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
-from cubicsplat_cli.motion.tracks import TRACKS, Tracks, grid_of
+from cubicsplat_cli.motion.tracks import TRACKS, JointFit, KnotRates, Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Stopped, work

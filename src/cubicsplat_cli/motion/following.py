@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE
+from cubicsplat_cli.motion.tracks import KEEP_MEAN, KEEP_SQUARE
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import Phase

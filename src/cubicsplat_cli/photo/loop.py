@@ -9,10 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.errors import DeviceError, EngineError
-from cubicsplat_cli.photo.evaluator import Evaluator
+from cubicsplat_cli.photo.evaluator import Evaluator, Objective
 from cubicsplat_cli.photo.initial import choose_background, curves_to_fit, keep_frozen, warmed
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
-from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.schedule import Schedule, gini
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped

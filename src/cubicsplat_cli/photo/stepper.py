@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo.evaluator import Evaluator
+from cubicsplat_cli.photo.fills import Shapes
 from cubicsplat_cli.photo.geometric import Regulariser
 from cubicsplat_cli.photo.schedule import Phase, Schedule
-from cubicsplat_cli.photo.shapes import Shapes
 from cubicsplat_cli.photo.state import FitState
 from cubicsplat_cli.raster.engine import RATED, Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
