@@ -79,8 +79,6 @@ def evaluate(
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
     """Say how close SVGs or pictures are to others: PSNR, SSIM."""
-    from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
-
     if scale is not None:
         SCALE.check("scale", scale)
     FitSettings(threads=threads)
@@ -89,7 +87,11 @@ def evaluate(
     check_csv(csv)
     wanted = chosen_metrics(metrics)
     folders = reference.is_dir()
-    page = None if report is None else planned_pages(report, folders=folders)
+    page = None
+    if report is not None:
+        from cubicsplat_cli.html_report.index import planned_pages, write_pages
+
+        page = planned_pages(report, folders=folders)
     reporter = Reporter(quiet=quiet)
     given = {"renderer": renderer, "scale": scale, "threads": threads, "measures": wanted}
 
