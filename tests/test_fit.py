@@ -13,10 +13,9 @@ from scenes import rectangle, scene_of
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo.evaluator import psnr
-from cubicsplat_cli.photo.fitting import Fitting, fit
 from cubicsplat_cli.photo.initial import choose_background, curves_to_fit
 from cubicsplat_cli.photo.inputs import FitResult
-from cubicsplat_cli.photo.loop import FitLoop
+from cubicsplat_cli.photo.loop import FitLoop, Fitting, fit
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.photo.fitting import Fitting, fit
 from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
 from cubicsplat_cli.photo.inputs import NO_INPUTS
+from cubicsplat_cli.photo.loop import Fitting, fit
 from cubicsplat_cli.photo.schedule import gini
 from cubicsplat_cli.photo.seeding import (
     Seeder,

@@ -15,9 +15,8 @@ from PIL import Image
 from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.evaluate import metrics as measuring
 from cubicsplat_cli.files.load import as_picture, resize_picture
-from cubicsplat_cli.photo.fitting import Fitting
 from cubicsplat_cli.photo.inputs import FitInputs
-from cubicsplat_cli.photo.loop import FitLoop
+from cubicsplat_cli.photo.loop import FitLoop, Fitting
 from cubicsplat_cli.pipeline import photo as photo_style
 from cubicsplat_cli.pipeline.choose import candidates
 from cubicsplat_cli.pipeline.vectorize import measured, task_of, vectorize_picture
@@ -137,7 +136,7 @@ def fitted(monkeypatch):
             sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
             super().__init__(target, settings, on_progress, film, inputs, rough)
 
-    monkeypatch.setattr("cubicsplat_cli.photo.fitting.Fitting", Noted)
+    monkeypatch.setattr("cubicsplat_cli.photo.loop.Fitting", Noted)
     return sizes
 
 

@@ -28,8 +28,8 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo.fitting import Fitting
     from cubicsplat_cli.photo.inputs import FitInputs, FitResult
+    from cubicsplat_cli.photo.loop import Fitting
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
@@ -72,8 +72,8 @@ class Photo:
 
     def begin(self, settings: FitSettings) -> Fitting:
         """A fit in parts."""
-        from cubicsplat_cli.photo.fitting import Fitting
         from cubicsplat_cli.photo.inputs import FitInputs
+        from cubicsplat_cli.photo.loop import Fitting
 
         task, rough = self.task, None
         if self.rough is not self.fine:
@@ -82,7 +82,7 @@ class Photo:
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """A fit that begins with a scene."""
-        from cubicsplat_cli.photo.fitting import fit
+        from cubicsplat_cli.photo.loop import fit
 
         task, inputs = self.task, replace(self.inputs, start=scene)
         return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)

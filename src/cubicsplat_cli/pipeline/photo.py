@@ -103,7 +103,7 @@ class QuickPhoto:
 
     def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float]) -> None:
         self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
-        from cubicsplat_cli.photo.fitting import Fitting  # which most drawings do not come to
+        from cubicsplat_cli.photo.loop import Fitting  # which most drawings do not come to
 
         small = resize_picture(task.target, QUICK_SIDE).target()
         self._fitting = Fitting(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))

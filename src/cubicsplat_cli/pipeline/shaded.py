@@ -191,8 +191,8 @@ def _off(straight: np.ndarray, shape: Shape) -> np.ndarray:
 
 def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings) -> Scene:
     """Curves over a ground that are near a picture, both (H, W, 3) in levels, where there are weights (H, W)."""
-    from cubicsplat_cli.photo.fitting import Fitting
     from cubicsplat_cli.photo.inputs import FitInputs
+    from cubicsplat_cli.photo.loop import Fitting
 
     rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
