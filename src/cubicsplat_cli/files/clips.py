@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -244,20 +245,6 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
             yield decoded, milliseconds / 1000.0 if milliseconds > _SHORTEST_MS else UNTIMED_S
 
 
-def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:
-    video, digest = open_video(data, shown, max_pixels), sha256_of(data)
-
-    def frames() -> Iterator[Frame]:
-        size = None
-        for index, (pixels, begin, end) in enumerate(video.frames()):
-            picture = Picture(pixels, None, shown, digest)
-            size = size or picture.size
-            _check_size(picture, size, f"{shown}: frame {index + 1}")
-            yield Frame(picture, begin, end)
-
-    return ClipSource(shown, 0, 0, False, 0, video.count, digest, frames, video.seconds)
-
-
 def is_video(data: bytes) -> bool:
     """Whether the bytes begin as those of a video that is read."""
     if data[4:8] == b"ftyp" and data[8:12] in _STILLS:
@@ -267,68 +254,68 @@ def is_video(data: bytes) -> bool:
     return data.startswith(_STARTS) or data[4:8] in _BOXES or transport or avi
 
 
-@record
-class Video:
-    """The bytes of a video, and its name for messages. count, seconds: as its file says; None: it does not."""
+def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:
+    """Raises EngineError where there is no PyAV."""
+    opened, digest = partial(_opened_video, data, shown, max_pixels), sha256_of(data)
+    with opened() as (_, stream):
+        count = stream.frames or None
+        seconds = None if stream.duration is None else float(stream.duration * stream.time_base)
 
-    data: bytes
-    shown: str
-    max_pixels: int
-    count: int | None = None
-    seconds: float | None = None
+    def frames() -> Iterator[Frame]:
+        size = None
+        with opened() as (container, stream):
+            for index, (pixels, begin, end) in enumerate(_video_frames(container, stream)):
+                picture = Picture(pixels, None, shown, digest)
+                size = size or picture.size
+                _check_size(picture, size, f"{shown}: frame {index + 1}")
+                yield Frame(picture, begin, end)
 
-    @contextmanager
-    def opened(self) -> Iterator[tuple[Any, Any]]:
-        """Its container and stream of pictures. Raises InputError for what cannot be read."""
-        import av
-
-        try:
-            with av.open(io.BytesIO(self.data)) as container:
-                if not container.streams.video:
-                    raise InputError(f"{self.shown}: holds no pictures; give another video, or a GIF")
-                stream = container.streams.video[0]
-                if stream.width * stream.height > self.max_pixels:
-                    raise InputError(
-                        f"{self.shown}: is {stream.width} x {stream.height} px, the limit is {self.max_pixels:,} "
-                        "pixels; scale it down first, or raise it with --max-pixels"
-                    )
-                yield container, stream
-        except av.FFmpegError as error:
-            reason = printable(one_line(error.strerror or error))
-            raise InputError(f"{self.shown}: is damaged or cut short ({reason}); save it again") from error
-
-    def frames(self) -> Iterator[tuple[np.ndarray, float, float]]:
-        """Pictures (H, W, 3) float32 in [0, 1], each with the seconds from which and until which it is shown.
-
-        The last is shown as long as one usually is.
-        """
-        with self.opened() as (container, stream):
-            rate = float(stream.average_rate or USUAL_FPS)
-            waiting: tuple[np.ndarray, float] | None = None
-            start = None
-            for index, image in enumerate(container.decode(stream)):
-                at = index / rate if image.time is None else float(image.time)
-                start = at if start is None else start
-                if waiting is not None and at - start <= waiting[1]:
-                    continue  # two at one time
-                if waiting is not None:
-                    yield *waiting, at - start
-                waiting = _upright(image), at - start
-            if waiting is not None:
-                yield *waiting, waiting[1] + 1.0 / rate
+    return ClipSource(shown, 0, 0, False, 0, count, digest, frames, seconds)
 
 
-def open_video(data: bytes, shown: str, max_pixels: int) -> Video:
-    """The video in a file's bytes. Raises EngineError where there is no PyAV, InputError for what cannot be read."""
+@contextmanager
+def _opened_video(data: bytes, shown: str, max_pixels: int) -> Iterator[tuple[Any, Any]]:
+    """The container of a video and its stream of pictures."""
     try:
-        import av  # noqa: F401
+        import av
     except ModuleNotFoundError as error:
         raise EngineError(
             f"{shown}: is a video; pip install 'cubicsplat[video]' to have it read, or give a GIF or its frames"
         ) from error
-    with Video(data, shown, max_pixels).opened() as (_, stream):
-        seconds = None if stream.duration is None else float(stream.duration * stream.time_base)
-        return Video(data, shown, max_pixels, stream.frames or None, seconds)
+    try:
+        with av.open(io.BytesIO(data)) as container:
+            if not container.streams.video:
+                raise InputError(f"{shown}: holds no pictures; give another video, or a GIF")
+            stream = container.streams.video[0]
+            if stream.width * stream.height > max_pixels:
+                raise InputError(
+                    f"{shown}: is {stream.width} x {stream.height} px, the limit is {max_pixels:,} pixels; scale it "
+                    "down first, or raise it with --max-pixels"
+                )
+            yield container, stream
+    except av.FFmpegError as error:
+        reason = printable(one_line(error.strerror or error))
+        raise InputError(f"{shown}: is damaged or cut short ({reason}); save it again") from error
+
+
+def _video_frames(container: Any, stream: Any) -> Iterator[tuple[np.ndarray, float, float]]:
+    """Pictures (H, W, 3) float32 in [0, 1], each with the seconds from which and until which it is shown.
+
+    The last is shown as long as one usually is.
+    """
+    rate = float(stream.average_rate or USUAL_FPS)
+    waiting: tuple[np.ndarray, float] | None = None
+    start = None
+    for index, image in enumerate(container.decode(stream)):
+        at = index / rate if image.time is None else float(image.time)
+        start = at if start is None else start
+        if waiting is not None and at - start <= waiting[1]:
+            continue  # two at one time
+        if waiting is not None:
+            yield *waiting, at - start
+        waiting = _upright(image), at - start
+    if waiting is not None:
+        yield *waiting, waiting[1] + 1.0 / rate
 
 
 def _upright(image: Any) -> np.ndarray:

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import is_edited, sha256_of
@@ -159,14 +158,6 @@ def is_finished(job: Job) -> bool:
     return job.outputs.metrics is None if report is None else not report.interrupted
 
 
-class Sink(Protocol):
-    """Takes the finished files of one job; `kind` is one of `Outputs.place`. written: the files on the disk so far."""
-
-    written: list[Path]
-
-    def put(self, kind: str, data: bytes) -> None: ...
-
-
 @dataclass(eq=False)
 class FileSink:
     """Writes each file whole to where the job wants it; an SVG without a place goes to standard output.
@@ -218,3 +209,6 @@ class MemorySink:
 
     def put(self, kind: str, data: bytes) -> None:
         self.files[kind] = data
+
+
+Sink = FileSink | MemorySink  # of one job; written: its files on the disk so far
