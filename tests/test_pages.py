@@ -29,7 +29,7 @@ from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import EmbeddedImage, LayeredScene
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
-from cubicsplat_cli.svg.embedded import picture_in, uri_of
+from cubicsplat_cli.svg.values import picture_in, uri_of
 
 WIDTH, HEIGHT = 300, 200
 LEFT, TOP, RIGHT, BOTTOM = 24, 60, 144, 160  # of the photo

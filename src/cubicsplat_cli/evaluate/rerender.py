@@ -25,7 +25,7 @@ from cubicsplat_cli.files.cache import read_cache, write_cache
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.progress import COMMAND_BEGAN
 from cubicsplat_cli.record import record
-from cubicsplat_cli.svg.embedded import picture_in
+from cubicsplat_cli.svg.values import picture_in
 
 if TYPE_CHECKING:
     from cubicsplat_cli.svg.untrusted import SvgSize
@@ -238,7 +238,7 @@ def embedded_only(url: str, _resource_type: str) -> bytes:
     """
     if url.startswith("data:"):
         try:
-            return picture_in(url)
+            return picture_in(url)[0]
         except ValueError as error:
             raise InputError(f"the SVG {error}") from error
     raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
