@@ -45,7 +45,7 @@ def measure_step(
         raise UsageError(f"warmup-steps must be at least 0 and steps at least 1, not {warmup} and {steps}")
     finish = settings.recipe.finish
     settings = settings.with_(steps=max(settings.steps, total_steps(warmup, steps, finish)), time_limit=None)
-    loop = FitLoop(np.ascontiguousarray(target, dtype=np.float32), settings)
+    loop = FitLoop(target, settings)
     with one_torch_thread():
         for _ in range(warmup):
             loop.advance()

@@ -22,16 +22,20 @@ from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace, one_torch_thread, with_channels
+from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, like, namespace, one_torch_thread, with_channels
 from cubicsplat_cli.settings import FitSettings
 
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
 
 
 class FitLoop:
-    """Advances the state of one fit, on the engine that `opened` gives.
+    """Advances the state of one fit, on the engine that `opened` gives; between its parts the number of its curves may
+    change.
 
-    target: (H, W, C) float32. Its kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried there.
+    target: (H, W, C), of which the kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried
+    there. rough: a smaller copy of the picture, on which all but the exact finish is done, and its inputs. Only fits
+    that do not begin with a drawing come in parts, or have such a copy. Other parameters, and errors, are those of
+    `fit`.
     """
 
     def __init__(
@@ -42,8 +46,15 @@ class FitLoop:
         on_progress: Callable[[Progress], None] | None = None,
         recorder: FrameRecorder | None = None,
         opened: Callable[..., Engine] = open_engine,
+        rough: tuple[np.ndarray, FitInputs] | None = None,
     ) -> None:
+        target = _checked(target, inputs)
         self.settings = _settings_for(target, settings, inputs)
+        # The picture and inputs of the exact finish, if it has others.
+        self._finish: tuple[np.ndarray, FitInputs] | None = None
+        if rough is not None and settings.recipe.finish > 0.0:
+            self._finish = target, inputs
+            target, inputs = _checked(*rough), rough[1]
         self.recorder, self.inputs = recorder, inputs
         self.generator = np.random.default_rng(self.settings.seed)
         self.schedule = Schedule(self.settings)
@@ -137,6 +148,8 @@ class FitLoop:
 
     def finish(self) -> FitResult:
         """All steps that are left, or as many as there is time for, and what they gave."""
+        if self._finish is not None and self.relax():
+            self.go_over_to(*self._finish)
         self.run_to(1.0)
         self.stepper.check_finite(self.step, wait=True)
         candidates = [self.state.curves]
@@ -309,49 +322,19 @@ def fit(
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
     leaves the state that the fit had come to, with a note.
     """
-    return Fitting(target, settings, on_progress, recorder, inputs).finish()
+    return FitLoop(target, settings, inputs, on_progress, recorder).finish()
 
 
-class Fitting(FitLoop):
-    """A fit in parts, between which the number of its curves may change; the parameters and errors are those of `fit`.
-
-    rough: a smaller copy of the picture, on which all but the exact finish is done, and its inputs. Only fits that do
-    not begin with a drawing come in parts, or have such a copy.
-    """
-
-    def __init__(
-        self,
-        target: np.ndarray,
-        settings: FitSettings,
-        on_progress: Callable[[Progress], None] | None = None,
-        recorder: FrameRecorder | None = None,
-        inputs: FitInputs = NO_INPUTS,
-        rough: tuple[np.ndarray, FitInputs] | None = None,
-    ) -> None:
-        picture = _checked(target, inputs)
-        settings = settings.for_size(target.shape[1], target.shape[0])
-        # The picture and inputs of the exact finish, if it has others.
-        self._finish: tuple[np.ndarray, FitInputs] | None = None
-        if rough is not None and settings.recipe.finish > 0.0:
-            self._finish = picture, inputs
-            picture, inputs = _checked(*rough), rough[1]
-        super().__init__(picture, settings, inputs, on_progress, recorder)
-
-    def finish(self) -> FitResult:
-        if self._finish is not None and self.relax():
-            self.go_over_to(*self._finish)
-        return super().finish()
-
-
-def _checked(target: np.ndarray, inputs: FitInputs) -> np.ndarray:
+def _checked(target: Array, inputs: FitInputs) -> Array:
     """The picture as the engines take it. Raises InputError where it, or its weights, cannot be fitted."""
+    xp = namespace(target)
     if target.ndim != 3 or target.shape[2] not in (3, 4) or 0 in target.shape:
         raise InputError(f"the picture must have shape (height, width, 3 or 4), not {target.shape}")
-    if not np.isfinite(target).all():
+    if not xp.isfinite(target).all():
         raise InputError("the picture has values that are not finite")
     weights = inputs.weights
     if weights is not None and (
         weights.shape != target.shape[:2] or not np.isfinite(weights).all() or weights.min() < 0 or not weights.any()
     ):
         raise InputError(f"weights must be at least 0, not all 0, and of shape {target.shape[:2]}")
-    return np.ascontiguousarray(target, dtype=np.float32)
+    return contiguous(xp.astype(target, xp.float32, copy=False))
