@@ -180,22 +180,6 @@ def track_gradients(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     }
 
 
-@record
-class KnotRates:
-    """Step sizes of Adam. points: px, of shapes and offsets. paints: of colours and opacities, in their range."""
-
-    points: float
-    paints: float
-
-    def scaled(self, share: float) -> KnotRates:
-        """So many times as long steps."""
-        return KnotRates(share * self.points, share * self.paints)
-
-    def of(self, track: str) -> float:
-        """That of a track."""
-        return self.paints if track in PAINTS else self.points
-
-
 class JointFit:
     """Fits the knots of tracks, in place, to frames (H, W, C).
 
@@ -219,11 +203,12 @@ class JointFit:
         self.held = {"opacities": tracks.by_name["opacities"].values == 0.0}
 
     def run(
-        self, epochs: int, rates: KnotRates, generator: np.random.Generator, finish: RasterSettings,
+        self, epochs: int, rates: tuple[float, float], generator: np.random.Generator, finish: RasterSettings,
         finish_share: float, on_epoch: Callable[[float], None] = nothing,
     ) -> None:  # fmt: skip
         """So many times every frame, with step sizes that decay, and in the last share of the epochs with other
-        settings of coverage: exact ones take twice the time. on_epoch: told the share of epochs that are done.
+        settings of coverage: exact ones take twice the time. rates: as of `step`. on_epoch: told the share of epochs
+        that are done.
 
         Raises Stopped between two steps.
         """
@@ -236,14 +221,16 @@ class JointFit:
                 work().at()
                 along = (epoch * len(self.frames) + turn) / steps
                 share = RATE_END + (1.0 - RATE_END) * 0.5 * (1.0 + math.cos(math.pi * along))
-                self.step(frame, rates.scaled(share))
+                self.step(frame, (share * rates[0], share * rates[1]))
 
-    def step(self, frame: int, rates: KnotRates) -> None:
-        """One step by the gradient of a frame."""
+    def step(self, frame: int, rates: tuple[float, float]) -> None:
+        """One step by the gradient of a frame. rates: step sizes of Adam, px of shapes and offsets, and of colours and
+        opacities, in their range.
+        """
         scene, seen = self.tracks.at(frame, self.lines, self.grid)
         _, found = self.engine.gradients(scene, self.raster, target=self.frames[frame])
         for name, gradient in track_gradients(found).items():
-            self.move(name, gradient, frame, seen, rates.of(name))
+            self.move(name, gradient, frame, seen, rates[name in PAINTS])
 
     def move(self, name: str, gradient: np.ndarray, frame: int, curves: np.ndarray, rate: float) -> None:
         """One step of the knots of a track by the gradient (n, C) of a frame's values of some curves (n,)."""

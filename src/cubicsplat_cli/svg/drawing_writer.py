@@ -100,8 +100,7 @@ def _finished(
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
         attributes |= paint(shape.fill)
-    element.attrib.clear()
-    element.attrib.update(attributes)
+    element.attrib = attributes
     return [element] if before is None else [before, element]
 
 
