@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.input.recompressed import before_compression
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.files.decode import Compression
+from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.files.load import as_picture, load_picture, resize_picture
 from cubicsplat_cli.raster import ndimage
 
@@ -121,23 +121,23 @@ def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():
     assert (34, 102, 153, 255) in draw(picture.target(), prepared=prepared).fills
 
 
-def page() -> np.ndarray:
-    """(120, 290, 3) uint8 of text of 13 px, in black and in blue, on white."""
+def page(*inks: tuple[int, int, int]) -> np.ndarray:
+    """(120, 290, 3) uint8 of text of 13 px, in two inks on white."""
     image, font = Image.new("RGB", (290, 120), (255, 255, 255)), ImageFont.load_default(13)
     pen = ImageDraw.Draw(image)
     for row, line in enumerate(
         ["File.txt, v1.0.2: 12:45 - 13:30.", "Yes... No: dots i, j, i. Fin.", "Mild fijis: 1.5 - 2.5. It is."]
     ):
-        for half, ink in enumerate([(0, 0, 0), (0, 0, 238)]):
+        for half, ink in enumerate(inks):
             pen.text((12, 8 + 18 * (2 * row + half)), line, font=font, fill=ink)
     return np.asarray(image)
 
 
 def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
-    clean = page()
+    clean = page((0, 0, 0), (0, 0, 238))
     picture = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2))
     prepared = analysed(picture.target(), picture.compression)
-    assert prepared.compression is not None and not prepared.full_chroma
+    assert prepared.compression is not None and prepared.condition.halved == (0, 1)
     even = restored(prepared.levels, prepared.condition)
     after, _ = before_compression(prepared.levels, Flattened(prepared.levels), even, prepared.compression)
     dark, found = (255.0 - each[..., :3].astype(float) @ LUMA_CHROMA[:3, 0] for each in (clean, after.levels))
@@ -148,6 +148,18 @@ def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
     assert even.palette is not None and len(even.palette) == 3
     blue = even.palette[even.palette[:, 2].argsort()][1]
     assert blue[2] > 120.0 and blue[:2].max() < 40.0
+
+
+@pytest.mark.parametrize("sampling", [0, 1, 2])
+def test_the_inks_of_text_come_back_whatever_size_its_chroma_was_stored_at(sampling):
+    """Taken for halved, chroma that is not has a red of 239."""
+    data = encode(Image.fromarray(page((34, 34, 34), (187, 0, 0))), "JPEG", quality=92, subsampling=sampling)
+    picture = load_picture(data)
+    prepared = analysed(picture.target(), picture.compression)
+    assert prepared.condition.halved == ((), (1,), (0, 1))[sampling]
+    palette = restored(prepared.levels, prepared.condition).palette
+    assert palette is not None and len(palette) == 3
+    assert np.abs(palette[palette[:, 1].argsort(), :3] - [[187, 0, 0], [34, 34, 34], [255, 255, 255]]).max() <= 8.0
 
 
 @pytest.mark.parametrize(("kind", "quality"), [("JPEG", 80), ("JPEG", 92), ("WEBP", 80)])
@@ -183,10 +195,10 @@ def test_what_lies_between_a_grey_and_thin_black_marks_is_no_other_fill():
 
 
 def test_chroma_of_half_the_size_becomes_nearly_as_sharp_as_luma():
-    clean = page()
+    clean = page((0, 0, 0), (0, 0, 238))
     read = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2)).rgb * np.float32(255.0)
     truth, seen = (np.pad(each.astype(np.float32), ((0, 0), (0, 0), (0, 1))) @ LUMA_CHROMA for each in (clean, read))
-    sharp = with_sharp_chroma(seen.astype(np.float32))
+    sharp = with_sharp_chroma(seen.astype(np.float32), (0, 1))
     before, after = (float(np.sqrt(((each - truth)[..., 1:3] ** 2).mean())) for each in (seen, sharp))
     assert after < 0.7 * before
     assert np.array_equal(sharp[..., [0, 3]], seen.astype(np.float32)[..., [0, 3]])

@@ -37,7 +37,7 @@ from cubicsplat_cli.artwork.shadows.slices import with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced
 from cubicsplat_cli.artwork.translucent.parts import parts_of
-from cubicsplat_cli.files.decode import Compression
+from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import mean_fill
@@ -231,7 +231,7 @@ def _even(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -
     elif prepared.condition.clean:
         even = FlatPicture(flat.levels)
     else:
-        even = restored(flat.levels, prepared.condition, flat.fills, full_chroma=prepared.full_chroma)
+        even = restored(flat.levels, prepared.condition, flat.fills)
     return even if settings.free_fills else _in_chosen_colours(even, settings)
 
 

@@ -37,20 +37,25 @@ LEAST_CONTRAST = 3.0  # times the misfit, for shares of two fills to be told
 
 
 def explained(
-    seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float
+    seen: np.ndarray,
+    mixture: Mixture,
+    fills: np.ndarray,
+    free: np.ndarray,
+    sigma: float,
+    halved: tuple[int, ...],
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """The fills (P, 4) that explain a picture best, what all they leave costs, in nats, and the colours (k, 4) that
     pixels of which they leave much would have; all as luma, chroma and opacity in levels.
 
     seen: (H, W, 4) the picture; fills: (P, 4); free: (P,) bool, those that are to be fitted; sigma: levels by which
-    luma is off near edges.
+    luma is off near edges; halved: as of a condition.
     """
-    fills, clipped = fills.copy(), _clipped(mixture.painted(fills))
-    small = _halved(seen - clipped)
+    fills, clipped = fills.copy(), _clipped(mixture.painted(fills), halved)
+    small = _halved(seen - clipped, halved)
     mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels]
     fills[:, 0], luma_cost = _luma(seen[..., 0] - clipped[..., 0], mixture, mixed, fills[:, 0], free, sigma)
-    y, x = np.nonzero(_halved(mixed[..., None])[..., 0] > 0.0)
-    columns = [_again(_halved(mixture.coverage(k)[..., None]))[y, x, 0] for k in range(len(fills))]
+    y, x = np.nonzero(_halved(mixed[..., None], halved)[..., 0] > 0.0)
+    columns = [_again(_halved(mixture.coverage(k)[..., None], halved), halved)[y, x, 0] for k in range(len(fills))]
     shares, values = np.stack(columns, axis=1).astype(np.float64), small[y, x]
     fills[:, 1:3], rest = _fitted(shares, values[:, 1:3], fills[:, 1:3], free, sigma)
     off = np.hypot(rest[:, 0], rest[:, 1])
@@ -110,31 +115,38 @@ def _fitted(
     return out, rest
 
 
-def _halved(values: np.ndarray) -> np.ndarray:
-    """(H/2, W/2, C) the means of 2 x 2 px."""
-    height, width = values.shape[:2]
-    even = np.pad(values, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge").astype(np.float32)
-    return 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
+def _halved(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+    """Values (H, W, C) at half their size along some axes, the means of two px, float32."""
+    values = values.astype(np.float32)
+    for axis in axes:
+        lines = np.moveaxis(values, axis, 0)
+        even = np.concatenate([lines, lines[-1:]]) if len(lines) % 2 else lines
+        values = np.moveaxis(np.float32(0.5) * (even[::2] + even[1::2]), 0, axis)
+    return values
 
 
-def _clipped(painted: np.ndarray) -> np.ndarray:
+def _clipped(painted: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     """(H, W, 4) what becomes of a picture (H, W, 4), both as luma, chroma and opacity, less what it was made of, where
     chroma of half the size goes with luma that is too dark or too light for it: channels end at 0 and 255.
     """
     made = painted.astype(np.float32)
-    made[..., 1:3] = _stored(made[..., 1:3])
+    made[..., 1:3] = _stored(made[..., 1:3], halved)
     return np.asarray(np.clip(made @ RGB, 0.0, 255.0) @ LUMA_CHROMA - made, np.float32)
 
 
-def _stored(values: np.ndarray) -> np.ndarray:
-    """Values (H, W, C) as they are read, float32, where they were stored at half the size."""
-    return _doubled(_doubled(_halved(values), 0), 1)[: values.shape[0], : values.shape[1]]
+def _stored(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
+    """Values (H, W, C) as they are read, float32, where they were stored at half their size along some axes."""
+    out = _halved(values, halved)
+    for axis in halved:
+        out = _doubled(out, axis)
+    return out[: values.shape[0], : values.shape[1]]
 
 
-def _again(values: np.ndarray) -> np.ndarray:
-    """Values of half the size (H, W, C) as they are once they were made larger and halved again."""
-    down = ndimage.correlate1d(values, AGAIN, axis=0, mode="nearest")
-    return np.asarray(ndimage.correlate1d(down, AGAIN, axis=1, mode="nearest"))
+def _again(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
+    """Values (H, W, C), halved along some axes, as they are once they were made larger and halved again."""
+    for axis in halved:
+        values = ndimage.correlate1d(values, AGAIN, axis=axis, mode="nearest")
+    return values
 
 
 def _doubled(values: np.ndarray, axis: int) -> np.ndarray:
@@ -146,12 +158,12 @@ def _doubled(values: np.ndarray, axis: int) -> np.ndarray:
     return np.stack(halves, axis=axis + 1).reshape(size)
 
 
-def with_sharp_chroma(seen: np.ndarray) -> np.ndarray:
-    """A picture (H, W, 4) as luma, chroma and opacity in levels whose chroma was stored at half the size, with what
-    halving took of it: around every pixel chroma follows luma as it does in what halving left of both.
+def with_sharp_chroma(seen: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
+    """A picture (H, W, 4) as luma, chroma and opacity in levels whose chroma was stored at half its size along some
+    axes, with what halving took of it: around every pixel chroma follows luma as it does in what halving left of both.
     """
     luma, chroma = seen[..., :1], seen[..., 1:3]
-    smooth = _stored(luma)
+    smooth = _stored(luma, halved)
 
     def mean(values: np.ndarray) -> np.ndarray:
         return ndimage.uniform_filter(values, (BLOCK, BLOCK, 1), mode="nearest")

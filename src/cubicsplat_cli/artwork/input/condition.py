@@ -62,7 +62,8 @@ class Condition:
     """noise: its standard deviation in levels away from edges, 0 where there is none. jpeg: whether the picture has
     the blocks of a JPEG, or rings like one or a lossy WebP. blur: standard deviation in px of what edges are blurred
     by beyond their pixels, 0 for none. coarse: whether the noise is that of a paper's grain, alike over a px or two.
-    aliased: whether edges are steps of whole pixels.
+    aliased: whether edges are steps of whole pixels. halved: the axes along which the chroma of a JPEG was stored at
+    half its size, 0 for rows and 1 for columns: both, but where its file says otherwise.
     """
 
     noise: float = 0.0
@@ -70,6 +71,7 @@ class Condition:
     blur: float = 0.0
     coarse: bool = False
     aliased: bool = False
+    halved: tuple[int, ...] = (0, 1)
 
     @property
     def clean(self) -> bool:

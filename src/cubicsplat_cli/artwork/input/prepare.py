@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
-from cubicsplat_cli.files.decode import Compression
+from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
@@ -46,11 +46,6 @@ class PreparedInput:
     of_lcd: bool = False
     of_light: bool = False
     compression: Compression | None = None
-
-    @property
-    def full_chroma(self) -> bool:
-        """Whether the file says that chroma is stored as large as luma; mostly it is not."""
-        return self.compression is not None and bool(self.compression.tables) and self.compression.sampling == 0
 
     @property
     def notes(self) -> list[str]:
@@ -83,6 +78,8 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     prepared = _taken_in(reduced(levels, factor), factor, width, height, lossy=compression is not None and factor == 1)
     if levels is came and prepared.condition.jpeg and prepared.scale == 1 and not prepared.scanned:
         prepared = replace(prepared, compression=compression)
+        if compression is not None and compression.tables:
+            prepared = replace(prepared, condition=replace(prepared.condition, halved=compression.halved))
     return replace(prepared, of_lcd=whole is not came, of_light=of_light)
 
 

@@ -66,7 +66,7 @@ def seen_as(condition: Condition, *, sharp: bool = False) -> np.ndarray:
     """
     if not condition.jpeg:
         return np.eye(4)
-    chroma = SHARP_CHROMA if sharp else CHROMA
+    chroma = SHARP_CHROMA if sharp or not condition.halved else CHROMA
     return LUMA_CHROMA * np.array([1.0, chroma, chroma, 1.0])
 
 
@@ -87,18 +87,16 @@ def restored(
     standing: np.ndarray | None = None,
     *,
     lines: bool = True,
-    full_chroma: bool = False,
 ) -> FlatPicture:
     """The picture (H, W, 4) in levels as a clean one. standing: (G, 4) fills that stand for gradients, which stay as
-    they are; None for none. lines: whether thin lines that its colours lack are sought. full_chroma: whether that of
-    a JPEG was stored as large as luma.
+    they are; None for none. lines: whether thin lines that its colours lack are sought.
     """
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
     palette = noisy_fills(levels, (levels @ seen_as(condition)).astype(np.float32), condition)
     came = levels
-    if condition.jpeg and not full_chroma:
-        sharp = with_sharp_chroma((levels @ LUMA_CHROMA).astype(np.float32))
+    if condition.jpeg and condition.halved:
+        sharp = with_sharp_chroma((levels @ LUMA_CHROMA).astype(np.float32), condition.halved)
         levels = np.clip(sharp @ RGB, 0.0, 255.0).astype(np.float32)
     space = seen_as(condition, sharp=True)
     seen = (levels @ space).astype(np.float32)
@@ -119,7 +117,7 @@ def restored(
         palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
     labels = labelled(seen, palette @ space, sigma, thick, bounded=condition.jpeg)
     if condition.jpeg:
-        palette, labels = _of_small_parts(came, seen, palette, labels, sigma, thick, squares)
+        palette, labels = _of_small_parts(came, seen, palette, labels, sigma, thick, squares, condition)
         near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = _settled_fills(levels, palette, labels, near)
         # Of 1,400 channels of artists' colours 106 are 0 or 255, and 14 within ROUNDED of that.
@@ -144,19 +142,20 @@ def _of_small_parts(
     sigma: float,
     thick: int,
     proposed: np.ndarray,
+    condition: Condition,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The palette of a JPEG (H, W, 4) in levels with the fills of its small parts as all of their pixels tell them, and
-    with those that are missing; and the labels. Fills, of those proposed (k, 4) and of what is left, are added only if
-    the picture is explained better, by more than further borders between labels cost; those that ringing and
-    chroma make of others go if it is as well explained without them.
+    """The palette of a JPEG (H, W, 4) in levels, of a condition, with the fills of its small parts as all of their
+    pixels tell them, and with those that are missing; and the labels. Fills, of those proposed (k, 4) and of what is
+    left, are added only if the picture is explained better, by more than further borders between labels cost; those
+    that ringing and chroma make of others go if it is as well explained without them.
     """
-    space, colours = seen_as(Condition(jpeg=True), sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
+    space, colours = seen_as(condition, sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
 
     def fitted(palette: np.ndarray, labels: np.ndarray) -> _Explained:
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
         free = ~_deep(labels, len(palette))
-        fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma)
+        fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma, condition.halved)
         fills, missing = fills @ RGB, missing @ RGB
         return _Explained(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
 
