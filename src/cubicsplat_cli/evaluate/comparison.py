@@ -7,10 +7,10 @@ from dataclasses import field
 from typing import Any
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate.images import downsampled_scene, downsampled_svg
 from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
 from cubicsplat_cli.evaluate.perceptual import further, straight_rgba
 from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
-from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.metrics import Input, Quality, gap_db
