@@ -13,7 +13,6 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
 from cubicsplat_cli.photo.inputs import NO_INPUTS
 from cubicsplat_cli.photo.loop import FitLoop, fit
-from cubicsplat_cli.photo.schedule import gini
 from cubicsplat_cli.photo.seeding import (
     Seeder,
     blob_points,
@@ -24,6 +23,7 @@ from cubicsplat_cli.photo.seeding import (
     random_centres,
 )
 from cubicsplat_cli.photo.state import FitState
+from cubicsplat_cli.photo.stepper import gini
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 

@@ -18,7 +18,7 @@ from cubicsplat_cli.motion.following import Follower, flow, sampled
 from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
 from cubicsplat_cli.motion.tracks import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotTrack, Tracks
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.photo.schedule import FINISH_TOLERANCE
+from cubicsplat_cli.photo.stepper import FINISH_TOLERANCE
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene

@@ -14,10 +14,9 @@ from cubicsplat_cli.errors import DeviceError, EngineError, InputError
 from cubicsplat_cli.photo.evaluator import Evaluator, Objective
 from cubicsplat_cli.photo.initial import choose_background, curves_to_fit, keep_frozen, warmed
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
-from cubicsplat_cli.photo.schedule import Schedule, gini
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped
-from cubicsplat_cli.photo.stepper import Stepper
+from cubicsplat_cli.photo.stepper import Schedule, Stepper, gini
 from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine

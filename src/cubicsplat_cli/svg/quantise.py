@@ -126,8 +126,12 @@ def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> n
     return result
 
 
-def to_scene(grid: GridScene) -> Scene:
-    """The scene (numpy arrays) that the integers stand for."""
+def quantise_scene(scene: Scene, precision: int) -> Scene:
+    """The scene exactly as the file with `precision` decimals says it: equals `read_svg(write_svg(scene))`.
+
+    Raises InputError as `to_grid` does, UsageError for a precision outside 0..6.
+    """
+    grid = to_grid(scene, precision)
     return Scene(
         mode=grid.mode,
         width=grid.width,
@@ -137,17 +141,9 @@ def to_scene(grid: GridScene) -> Scene:
         opacities=(grid.opacities / 10.0**OPACITY_DECIMALS).astype(np.float32),
         half_widths=(grid.stroke_widths / 10.0**grid.width_decimals / 2.0).astype(np.float32),
         background=unit_colour(grid.background),
-        ring_ends=None if grid.ring_ends is None else grid.ring_ends.copy(),
+        ring_ends=grid.ring_ends,
         gradients=gradients_of([g and as_written(g, grid.precision) for g in grid.gradients]),
     )
-
-
-def quantise_scene(scene: Scene, precision: int) -> Scene:
-    """The scene exactly as the file with `precision` decimals says it: equals `read_svg(write_svg(scene))`.
-
-    Raises InputError as `to_grid` does, UsageError for a precision outside 0..6.
-    """
-    return to_scene(to_grid(scene, precision))
 
 
 def _array(values: Array) -> np.ndarray:
