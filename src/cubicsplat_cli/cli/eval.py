@@ -146,10 +146,9 @@ def _folders(
     """All pairs of two folders; one that fails does not stop the others. shown: metrics to print, none for nothing."""
     from cubicsplat_cli.files.names import match_folders
 
-    matches = match_folders(reference, candidate)
-    pairs = ComparedPairs(extra=matches.extra)
-    pairs.failed = [(path, f"nothing in {candidate} has its name") for path in matches.missing]
-    for first, second in matches.pairs:
+    matched, missing, extra = match_folders(reference, candidate)
+    pairs = ComparedPairs(failed=[(path, f"nothing in {candidate} has its name") for path in missing], extra=extra)
+    for first, second in matched:
         try:
             pairs.compared.append(compare(first, second))
         except CubicSplatError as error:
