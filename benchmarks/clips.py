@@ -27,7 +27,7 @@ from cubicsplat_cli.files.clips import open_clip
 from cubicsplat_cli.formatting import number, text_table
 from cubicsplat_cli.metrics import head
 from cubicsplat_cli.motion.fitting import fit_clip
-from cubicsplat_cli.photo.fitting import fit
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 import typer
 
 from benchmarks import main, step_times
-from cubicsplat_cli.bench.memory import memory
 from cubicsplat_cli.bench.quality import configuration_name, means, quality_jobs
 from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
+from cubicsplat_cli.bench.step import memory
 from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, comma_parts, end_with, pictures_of, print_json, run_fits
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, takes_options

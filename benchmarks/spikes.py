@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.cli.bench import Markdown, print_json
 from cubicsplat_cli.cli.options import Json
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.scaled import Tile, tiles
+from cubicsplat_cli.evaluate.images import Tile, tiles
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import mean, number, printable, text_table
 from cubicsplat_cli.metrics import head

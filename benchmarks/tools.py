@@ -73,7 +73,7 @@ def missing_piece(name: str) -> str | None:
 def _ours(given: Given) -> bytes:
     """The artwork style as it is without options."""
     from cubicsplat_cli.artwork.vectorize import draw, prepare
-    from cubicsplat_cli.files.convert import as_picture
+    from cubicsplat_cli.files.load import as_picture
     from cubicsplat_cli.svg.drawing_writer import write_drawing
 
     picture = as_picture(given)

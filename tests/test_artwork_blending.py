@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.sampling import aliased
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.raster.outlines import coverage
 
 

@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.input.cells import FEW_COLOURS, MOST_CELLS, Cells, c
 from cubicsplat_cli.artwork.mosaic import MOST_CORNERS, CellLayer, mosaic, outlines
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"

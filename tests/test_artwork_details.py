@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.residual.proposals import Placed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 WHITE, BLUE, RED = (255, 255, 255, 255), (20, 60, 200, 255), (220, 30, 20, 255)

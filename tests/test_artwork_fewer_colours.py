@@ -10,7 +10,7 @@ from cubicsplat_cli.artwork.regions.fewer import MOST_COMPARED, fewer_colours, n
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 
 SKY, SEA, SAND, FILL = (90, 160, 230), (70, 140, 215), (240, 220, 150), (20, 20, 25)
 

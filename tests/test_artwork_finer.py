@@ -10,7 +10,7 @@ from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, pixel_fills
 from cubicsplat_cli.artwork.traced import MOST_STEPS, STEPS, in_steps, steps_of
 from cubicsplat_cli.progress import Work, under_way
-from cubicsplat_cli.raster.phase_field import blend_pairs, finer_labels
+from cubicsplat_cli.raster.unmix import blend_pairs, finer_labels
 
 PAPER, INK, PALE = (255.0, 255.0, 255.0, 255.0), (20.0, 30.0, 40.0, 255.0), (137.5, 142.5, 147.5, 255.0)
 

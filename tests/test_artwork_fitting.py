@@ -23,7 +23,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.borders import border_map
 from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, nearest_primitive

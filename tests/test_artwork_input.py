@@ -26,7 +26,7 @@ from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
 from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.raster.unmix import components
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"

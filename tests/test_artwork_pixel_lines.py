@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 
 WHITE, BLACK = (255, 255, 255, 255), (0, 0, 0, 255)
 

@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.regions.hairlines import with_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions, find_regions
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 
 SIDE = 200
 SKIN, GROUND, HAIR, RED = (253, 224, 208), (237, 227, 226), (14, 27, 71), (190, 25, 49)

@@ -10,8 +10,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cubicsplat_cli.bench.memory import Memory, from_status, memory
-from cubicsplat_cli.bench.step import measure_step, step_lines, synthetic_picture, total_steps
+from cubicsplat_cli.bench.step import (
+    Memory,
+    from_status,
+    measure_step,
+    memory,
+    step_lines,
+    synthetic_picture,
+    total_steps,
+)
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.settings import FitSettings

@@ -20,7 +20,7 @@ from benchmarks import peers, tools
 from benchmarks.peers import Point, Points, means, plotted, run_peers, table_of
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 
 FLAT = (
     '<svg xmlns="http://www.w3.org/2000/svg" width="40" height="28"><rect width="40" height="28" fill="#806050"/></svg>'

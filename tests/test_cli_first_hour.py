@@ -18,8 +18,8 @@ from warm import run_warm
 
 from cubicsplat_cli.files.names import outputs_beside
 from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.results import FileSink
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, attempt
-from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.pipeline import vectorize as stages
 from cubicsplat_cli.progress import Observer, Progress
 from cubicsplat_cli.request import Request

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.moving import SAME_PX, moving_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.svg.moving_drawing import still, write_moving_drawing
+from cubicsplat_cli.svg.moving_file import still, write_moving_drawing
 
 WIDTH, HEIGHT = 80, 60
 GROUND = Rectangle(0.0, 0.0, WIDTH, HEIGHT)

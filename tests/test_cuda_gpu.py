@@ -135,7 +135,7 @@ def test_the_operator_runs_on_the_gpu(engine):
 @pytest.mark.parametrize("mode", list(Mode))
 def test_a_fit_ends_where_the_cpu_ends(engine, mode):
     """Mean over seeds, since fits are chaotic: rounding alone moves a single one by 0.15 dB, and the mean by 0.04."""
-    from cubicsplat_cli.photo.fitting import fit
+    from cubicsplat_cli.photo.loop import fit
     from cubicsplat_cli.settings import FitSettings
 
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 128, 96, background=PAPER), 4)
@@ -158,7 +158,7 @@ LOSES_ITS_GPU = """
 import sys
 import numpy as np
 import torch
-from cubicsplat_cli.photo.fitting import fit
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.settings import FitSettings
 

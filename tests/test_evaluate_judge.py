@@ -119,12 +119,12 @@ def names(paths: list[Path]) -> list[str]:
 def test_files_are_matched_by_stem_and_the_svg_comes_first(tmp_path):
     references = make(tmp_path / "r", "a.PNG", "b.jpg", "c.webp", "d.png", "notes.txt", ".hidden")
     candidates = make(tmp_path / "c", "a.svg", "a.png", "a.json", "b.png", "d.SVG", "d.rendered.png", "other.svg")
-    found = match_folders(references, candidates)
-    assert [(first.name, second.name) for first, second in found.pairs] == [
+    pairs, missing, extra = match_folders(references, candidates)
+    assert [(first.name, second.name) for first, second in pairs] == [
         ("a.PNG", "a.svg"), ("b.jpg", "b.png"), ("d.png", "d.SVG"),
     ]  # fmt: skip
-    assert names(found.missing) == ["c.webp"]
-    assert sorted(names(found.extra)) == ["d.rendered.png", "other.svg"]
+    assert names(missing) == ["c.webp"]
+    assert sorted(names(extra)) == ["d.rendered.png", "other.svg"]
     assert names(pictures_in(references)) == ["a.PNG", "b.jpg", "c.webp", "d.png"]
 
 
@@ -132,8 +132,8 @@ def test_compressed_svgs_come_before_their_pictures_and_our_drawings_are_no_inpu
     references = make(tmp_path / "r", "a.png", "b.dib")
     (references / "a.rendered.png").write_bytes(encode_png(np.zeros((4, 4, 4), np.uint8)))
     candidates = make(tmp_path / "c", "a.svgz", "a.png", "b.svg")
-    found = match_folders(references, candidates)
-    assert [(first.name, second.name) for first, second in found.pairs] == [("a.png", "a.svgz"), ("b.dib", "b.svg")]
+    pairs, *_ = match_folders(references, candidates)
+    assert [(first.name, second.name) for first, second in pairs] == [("a.png", "a.svgz"), ("b.dib", "b.svg")]
     assert names(pictures_in(references)) == ["a.png", "b.dib"]
 
 

@@ -18,7 +18,7 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 from cubicsplat_cli.errors import EngineError, UsageError
 from cubicsplat_cli.evaluate import perceptual as module
 from cubicsplat_cli.evaluate.perceptual import further, straight_rgba
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.metrics import NAMES, chosen_metrics, figures_text
 
 LARGE = smooth_pixels(200, 176)

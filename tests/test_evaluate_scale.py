@@ -16,10 +16,8 @@ from hypothesis import strategies as st
 from scenes import PAPER, ragged_scene, random_scene, rectangle, scene_of
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import scaled
-from cubicsplat_cli.evaluate.metrics import compare_premultiplied
-from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.evaluate.scaled import (
+from cubicsplat_cli.evaluate import images
+from cubicsplat_cli.evaluate.images import (
     Tile,
     area_means,
     downsampled_scene,
@@ -27,6 +25,8 @@ from cubicsplat_cli.evaluate.scaled import (
     draw_part,
     scaled_samples,
 )
+from cubicsplat_cli.evaluate.metrics import compare_premultiplied
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
@@ -58,8 +58,8 @@ def premultiplied(pixels: np.ndarray) -> np.ndarray:
 )  # fmt: skip
 def test_tiles_cover_every_pixel_once_and_stay_small(width, height, scale, pixels, side):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scaled, "MAX_TILE_SIDE", side)
-        found = list(scaled.tiles(width, height, scale, pixels))
+        patch.setattr(images, "MAX_TILE_SIDE", side)
+        found = list(images.tiles(width, height, scale, pixels))
     count = np.zeros((height, width), int)
     for tile in found:
         count[tile.rows, tile.columns] += 1
@@ -71,9 +71,9 @@ def test_tiles_cover_every_pixel_once_and_stay_small(width, height, scale, pixel
 
 
 def test_24k_pixels_in_tiles_of_bounded_size():
-    found = list(scaled.tiles(2040, 1344, 12, scaled.TILE_PIXELS))
+    found = list(images.tiles(2040, 1344, 12, images.TILE_PIXELS))
     assert sum(tile.width * tile.height for tile in found) == 2040 * 1344
-    assert max(tile.width * tile.height * 144 for tile in found) <= scaled.TILE_PIXELS
+    assert max(tile.width * tile.height * 144 for tile in found) <= images.TILE_PIXELS
     assert len(found) < 200, "each tile costs a pass over the whole file"
 
 

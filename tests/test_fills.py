@@ -17,9 +17,9 @@ from test_gradients import one
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.photo.fills import ENDS_RATE, LinearFills, middles_of
-from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.initial import new_curves
 from cubicsplat_cli.photo.inputs import FitInputs
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import FitState
 from cubicsplat_cli.raster.engine import Rates

@@ -13,10 +13,9 @@ from scenes import rectangle, scene_of
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo.evaluator import psnr
-from cubicsplat_cli.photo.fitting import Fitting, fit
 from cubicsplat_cli.photo.initial import choose_background, curves_to_fit
 from cubicsplat_cli.photo.inputs import FitResult
-from cubicsplat_cli.photo.loop import FitLoop
+from cubicsplat_cli.photo.loop import FitLoop, fit
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
@@ -328,7 +327,7 @@ def test_curves_that_do_nothing_are_replaced_however_late():
     """At the last replacements the schedule asks for next to none."""
     counts = []
 
-    class Watched(Fitting):
+    class Watched(FitLoop):
         def reallocate(self, progress: float) -> None:
             self.stepper.importance[:3], self.stepper.importance[3:] = 0.0, 1.0
             before = self.log.replaced
@@ -344,7 +343,7 @@ def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before()
     """New curves first make the picture worse."""
     target, levels = picture(), []
 
-    class Interrupted(Fitting):
+    class Interrupted(FitLoop):
         def reallocate(self, progress: float) -> None:
             levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
             super().reallocate(progress)

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.photo.fitting import Fitting, fit
 from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
 from cubicsplat_cli.photo.inputs import NO_INPUTS
-from cubicsplat_cli.photo.schedule import gini
+from cubicsplat_cli.photo.loop import FitLoop, fit
 from cubicsplat_cli.photo.seeding import (
     Seeder,
     blob_points,
@@ -24,6 +23,7 @@ from cubicsplat_cli.photo.seeding import (
     random_centres,
 )
 from cubicsplat_cli.photo.state import FitState
+from cubicsplat_cli.photo.stepper import gini
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 
@@ -249,7 +249,7 @@ def test_copies_are_copies_and_scenes_are_activated():
 # --- another number of curves on the way -----------------------------------------------------------------------
 
 
-def resized(picture, *counts: int, at=(0.3, 0.6), kind=Fitting, **changes):
+def resized(picture, *counts: int, at=(0.3, 0.6), kind=FitLoop, **changes):
     """A short fit of ten curves, of which the most useful stay, with so many in all."""
     fitting = kind(picture, settings(steps=60, **changes))
     for share, count in zip(at, counts, strict=False):
@@ -279,7 +279,7 @@ def test_an_interrupt_right_after_curves_were_added_returns_what_was_before():
     picture[8:28, 10:40] = (0.8, 0.3, 0.1, 1.0)
     losses = []
 
-    class Interrupted(Fitting):
+    class Interrupted(FitLoop):
         def advance(self) -> None:
             if self.settings.curves == 25:
                 losses.append(self.evaluator.loss(self.state.curves))
@@ -297,7 +297,7 @@ def test_an_interrupt_right_after_curves_were_added_returns_what_was_before():
 
 def test_a_fit_to_a_smaller_copy_takes_its_number_of_curves_along():
     whole = np.random.default_rng(2).random((12, 16, 3)).repeat(6, 0).repeat(6, 1).astype(np.float32)
-    fitting = Fitting(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), NO_INPUTS))
+    fitting = FitLoop(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), NO_INPUTS))
     assert fitting.relax(0.5)
     fitting.resize(np.arange(fitting.scene().curves), 17)
     found = fitting.finish()

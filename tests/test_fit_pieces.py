@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene, straight
 
-from cubicsplat_cli.photo.geometric import LEAST_CROSSING, _handles, crossing_gradient
+from cubicsplat_cli.photo.geometric import LEAST_CROSSING, _handles, cross, crossing_gradient, lengths, segments_of
 from cubicsplat_cli.photo.seeding import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
-from cubicsplat_cli.photo.segments import cross, lengths, segments_of
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, snapped
 from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode

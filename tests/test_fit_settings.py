@@ -17,7 +17,7 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.photo.schedule import Schedule
+from cubicsplat_cli.photo.stepper import Schedule
 from cubicsplat_cli.request import STYLES
 from cubicsplat_cli.settings import PRESETS, USUAL_CURVES, FitSettings, Mode, Recipe
 

@@ -14,7 +14,7 @@ from PIL import Image, features
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files import names
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.jobs.sources import find_sources
+from cubicsplat_cli.jobs.plan import find_sources
 
 HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(200)
 COLOURS = [(250, 10, 10), (10, 250, 10), (10, 10, 250)]

@@ -13,9 +13,9 @@ from test_fit import picture, settings
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.initial import warmed
 from cubicsplat_cli.photo.inputs import FitInputs
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.scene_reader import read_svg

@@ -27,7 +27,7 @@ from cubicsplat_cli.files.marks import provenance_comment, with_checksum
 from cubicsplat_cli.files.names import outputs_beside
 from cubicsplat_cli.files.write import encode_png, folder_locked
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.sinks import FileSink
+from cubicsplat_cli.jobs.results import FileSink
 from cubicsplat_cli.progress import interrupt
 from cubicsplat_cli.svg.scene_reader import read_svg
 

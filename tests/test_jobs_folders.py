@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from cli_runs import SHORT, contents, json_lines, save_pictures
 
-from cubicsplat_cli.jobs.plan import plan_jobs
-from cubicsplat_cli.jobs.sources import Source
+from cubicsplat_cli.jobs.plan import Source, plan_jobs
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.scene_reader import read_svg

@@ -13,9 +13,9 @@ from test_fit import picture, settings
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.options import LOSSES, listed, loss_text, parse_loss
-from cubicsplat_cli.photo.fitting import fit
+from cubicsplat_cli.photo.evaluator import ABSOLUTE, Objective
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.photo.ms_ssim import MsSsim
-from cubicsplat_cli.photo.objective import ABSOLUTE, Objective
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 

@@ -15,11 +15,10 @@ from moving_scenes import scene_at
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion.fitting import ClipFit, FrameGroup, fit_clip, groups
 from cubicsplat_cli.motion.following import Follower, flow, sampled
-from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotRates
 from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
-from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
+from cubicsplat_cli.motion.tracks import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotTrack, Tracks
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.photo.schedule import FINISH_TOLERANCE
+from cubicsplat_cli.photo.stepper import FINISH_TOLERANCE
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
@@ -209,7 +208,7 @@ def test_a_curve_without_opacity_is_not_drawn_and_stays_so() -> None:
     assert (scene.curves, seen.tolist()) == (2, [0, 2])
     frames = [np.full((20, 20, 3), 0.5, np.float32)] * 5
     joint = JointFit(tracks, frames, CpuEngine(1), RasterSettings("exact", 1.0, 12))
-    joint.run(3, KnotRates(0.1, 0.1), np.random.default_rng(0), joint.raster, 0.0)
+    joint.run(3, (0.1, 0.1), np.random.default_rng(0), joint.raster, 0.0)
     assert (opacities[2:, 1] == 0.0).all()
     moved = (shapes != before).any(axis=2)
     assert moved[:, [0, 2]].all()
@@ -221,7 +220,7 @@ def test_the_last_epochs_of_the_joint_fit_have_exact_coverage(monkeypatch: pytes
     used = []
     monkeypatch.setattr(JointFit, "step", lambda fit, *_: used.append(fit.raster))
     joint = JointFit(random_tracks(np.random.default_rng(2), frames=2), [disc(9.0, 9.0)] * 2, CpuEngine(1), relaxed)
-    joint.run(10, KnotRates(0.1, 0.1), np.random.default_rng(0), exact, 0.2)
+    joint.run(10, (0.1, 0.1), np.random.default_rng(0), exact, 0.2)
     assert used == [relaxed] * 16 + [exact] * 4
 
 
@@ -350,7 +349,7 @@ def test_the_gradient_of_knots_is_that_of_all_frames_together(name: str) -> None
     sums, touched = np.zeros_like(track.values), np.zeros(track.knots.shape, bool)
     for frame in range(tracks.frames):
         joint = JointFit(tracks, frames, engine, raster)
-        joint.step(frame, KnotRates(0.0, 0.0))
+        joint.step(frame, (0.0, 0.0))
         means, _, ages = joint.moments[name]
         sums += means / (1.0 - KEEP_MEAN)
         touched |= ages > 0

@@ -14,9 +14,7 @@ from PIL import Image
 
 from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.evaluate import metrics as measuring
-from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.files.load import resize_picture
-from cubicsplat_cli.photo.fitting import Fitting
+from cubicsplat_cli.files.load import as_picture, resize_picture
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import photo as photo_style
@@ -133,12 +131,12 @@ def fitted(monkeypatch):
     monkeypatch.setattr(photo_style, "FINISH_SCALE", 2)
     sizes = []
 
-    class Noted(Fitting):
-        def __init__(self, target, settings, on_progress, film, inputs, rough=None):
+    class Noted(FitLoop):
+        def __init__(self, target, settings, *given, rough=None):
             sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
-            super().__init__(target, settings, on_progress, film, inputs, rough)
+            super().__init__(target, settings, *given, rough=rough)
 
-    monkeypatch.setattr("cubicsplat_cli.photo.fitting.Fitting", Noted)
+    monkeypatch.setattr("cubicsplat_cli.photo.loop.FitLoop", Noted)
     return sizes
 
 

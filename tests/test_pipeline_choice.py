@@ -18,12 +18,12 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.style import Style
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.results import MemorySink
 from cubicsplat_cli.jobs.run import run_job
-from cubicsplat_cli.jobs.sinks import MemorySink
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import choose
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_outlines

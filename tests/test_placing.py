@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubicsplat_cli.photo.placing import TRIES, place_shapes
-from cubicsplat_cli.photo.seeding import Seeder
+from cubicsplat_cli.photo.seeding import TRIES, Seeder, place_shapes
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.shapes import shape_points

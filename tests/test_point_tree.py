@@ -11,8 +11,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from cubicsplat_cli.raster.graphs import linked_groups, strong_groups
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.raster.sparse import linked_groups, strong_groups
 
 # On a coarse grid, so that many lie at the same place and as far as each other.
 PLACES = st.integers(1, 60).flatmap(lambda n: arrays.arrays(float, (n, 2), elements=st.integers(-20, 20).map(float)))

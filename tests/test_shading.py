@@ -338,7 +338,7 @@ def test_an_interrupt_leaves_the_objects_in_their_paints(monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cubicsplat_cli.photo.fitting.Fitting.relax", interrupted)
+    monkeypatch.setattr("cubicsplat_cli.photo.loop.FitLoop.relax", interrupted)
     with under_way(Work()) as work:
         made = shaded_drawing(shaded_objects(ball()), QUICK)
     assert work.interrupted

@@ -14,8 +14,8 @@ from conftest import smooth_pixels
 
 from cubicsplat_cli import read_svg, vectorize
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.photo.fitting import fit
-from cubicsplat_cli.photo.shapes import Shapes
+from cubicsplat_cli.photo.fills import Shapes
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import request_of

@@ -19,10 +19,9 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.formatting import duration
-from cubicsplat_cli.html_report import charts
 from cubicsplat_cli.html_report.embed import picture_url, shown_elements
 from cubicsplat_cli.html_report.index import Entry, index
-from cubicsplat_cli.html_report.page import Subject, command, page
+from cubicsplat_cli.html_report.page import Subject, command, course, histogram, page, ticks
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Focus
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
@@ -276,13 +275,13 @@ def test_the_command_asks_for_the_same_again(request_, monkeypatch):
 
 
 def test_ticks_are_round_and_within():
-    assert charts.ticks(0.0, 10.0, 4) == [0.0, 2.5, 5.0, 7.5, 10.0]
-    assert charts.ticks(23.1, 31.9, 3) == [25.0, 30.0]
-    assert charts.ticks(5.0, 5.0, 3) == [5.0]
+    assert ticks(0.0, 10.0, 4) == [0.0, 2.5, 5.0, 7.5, 10.0]
+    assert ticks(23.1, 31.9, 3) == [25.0, 30.0]
+    assert ticks(5.0, 5.0, 3) == [5.0]
 
 
 def test_a_course_rises_where_its_values_do():
-    chart = charts.course("t", "a", [0.0, 1.0, 2.0], [20.0, 30.0, 25.0], 1)
+    chart = course("t", "a", [0.0, 1.0, 2.0], [20.0, 30.0, 25.0], 1)
     heights = [float(point.split()[1]) for point in chart.line[1:].split("L")]
     assert heights[1] < heights[2] < heights[0]
     assert chart.last == "25.0"
@@ -290,7 +289,7 @@ def test_a_course_rises_where_its_values_do():
 
 def test_a_histogram_counts_all_values():
     values = [-0.2, 0.0, 1e-7, 0.01, 0.011, 2.0]
-    chart = charts.histogram("t", "a", values)
+    chart = histogram("t", "a", values)
     assert sum(int(text.split(":")[0]) for *_, text in chart.bars) == len(values)
 
 

@@ -19,7 +19,7 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.finish.simpler import apart
 from cubicsplat_cli.artwork.vectorize import versions
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.pipeline.artwork import drawn_outlines, within_budget
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import StageTimer, Work, under_way

@@ -11,7 +11,6 @@ from test_fit import settings
 from test_fit_pieces import crossing_penalty
 
 from benchmarks.spikes import spikes_of
-from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.geometric import (
     HELD,
     Regulariser,
@@ -20,6 +19,7 @@ from cubicsplat_cli.photo.geometric import (
     sliver_gradient,
     spike_gradient,
 )
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
 

@@ -14,8 +14,8 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.scene import scene_of as scene_of_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.images import Tile, draw_part
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames

@@ -14,7 +14,7 @@ from cli_runs import strict_json
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.cli.run import summary_line
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.options import GzipBytes, parse_bytes
 from cubicsplat_cli.pipeline.tiny import TinySearch
 from cubicsplat_cli.pipeline.vectorize import dominant_colors

@@ -15,12 +15,11 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_pixels
 from cubicsplat_cli.evaluate.metrics import compare, weighted_psnr_db
-from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.files.load import resize_picture
+from cubicsplat_cli.files.load import as_picture, resize_picture
 from cubicsplat_cli.files.weights import load_mask, pixel_weights
 from cubicsplat_cli.options import parse_focus
-from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.inputs import FitInputs
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.photo.seeding import spread_of
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings

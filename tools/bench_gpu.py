@@ -32,8 +32,8 @@ from torch import Tensor
 
 from cubicsplat_cli.bench.step import synthetic_picture
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.initial import control_points, new_curves, picture_colours_at
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.photo.seeding import random_centres
 from cubicsplat_cli.photo.state import FitCurves
 from cubicsplat_cli.raster.cuda import compile as cuda_compile

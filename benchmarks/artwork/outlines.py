@@ -11,14 +11,15 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from benchmarks.artwork.document import PRIMITIVES, Document
+from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.svg.elements import StyledShape
-from cubicsplat_cli.svg.paths import PathSegment, arc_of, subpaths
+from cubicsplat_cli.svg.paths import PathSegment, cubics_of, subpaths
 from cubicsplat_cli.svg.values import parse_length
 
 # px, and shares of its size, that an outline may be off the primitive that it is, and off one that it might be.
 OFF, OFF_SHARE, NEAR_SHARE = 0.1, 0.002, 0.004
 LEAST_RADIUS = 0.5  # px of round corners
-_STEPS = np.linspace(0.0, 1.0, 17)[1:, None]
+_STEPS = np.linspace(0.0, 1.0, 17)[1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,19 +79,9 @@ def without_repeats(points: np.ndarray) -> np.ndarray:
 
 def along(piece: PathSegment) -> list[tuple[float, float]]:
     """Points of a piece of a path, its start left out, its end included."""
-    start, end = np.array(piece.start), np.array(piece.end)
-    t = _STEPS
-    if piece.is_arc:
-        arc = arc_of(piece)
-        angle = arc.first + arc.span * t[:, 0]
-        points = arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    elif len(piece.handles) == 2:
-        a, b = np.array(piece.handles)
-        points = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
-    elif len(piece.handles) == 1:
-        points = (1 - t) ** 2 * start + 2 * (1 - t) * t * np.array(piece.handles[0]) + t**2 * end
-    else:
-        points = end[None]
+    if not piece.handles and not piece.is_arc:
+        return [piece.end]
+    points = points_at(np.stack(cubics_of(piece)), _STEPS).reshape(-1, 2)
     return [(float(x), float(y)) for x, y in points]
 
 

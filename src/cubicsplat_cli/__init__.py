@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from cubicsplat_cli.errors import CubicSplatError, EngineError, InputError, UsageError
     from cubicsplat_cli.files.load import Picture, load_picture
     from cubicsplat_cli.metrics import Quality, Report
-    from cubicsplat_cli.photo.fitting import fit
     from cubicsplat_cli.photo.inputs import FitResult
+    from cubicsplat_cli.photo.loop import fit
     from cubicsplat_cli.pipeline.animation import Animation
     from cubicsplat_cli.pipeline.task import Result
     from cubicsplat_cli.progress import Progress
@@ -51,7 +51,7 @@ _HOME = {
     "errors": ("CubicSplatError", "EngineError", "InputError", "UsageError"),
     "files.load": ("Picture", "load_picture"),
     "scene.gradients": ("Gradients",),
-    "photo.fitting": ("fit",),
+    "photo.loop": ("fit",),
     "photo.inputs": ("FitResult",),
     "pipeline.animation": ("Animation",),
     "pipeline.task": ("Result",),

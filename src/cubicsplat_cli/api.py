@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
-from cubicsplat_cli.files.convert import PictureLike, as_picture
+from cubicsplat_cli.files.load import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
 from cubicsplat_cli.metrics import Quality
 from cubicsplat_cli.options import renamed, settings_of, unknown_setting

@@ -24,9 +24,8 @@ from cubicsplat_cli.artwork.tracing.contours import ROUNDING
 from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.phase_field import blend_pairs, finer_labels
 from cubicsplat_cli.raster.stack import Goal
-from cubicsplat_cli.raster.unmix import REACH, components, near_fills
+from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_labels, near_fills
 
 # Misfit of a pixel that no outline leaves which is where it should be; share of the blends with it in letters and thin
 # lines, not in larger shapes; times as many regions, beyond which a picture falls to pieces. Share of the error that is

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,10 +13,10 @@ import cubicsplat_cli
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.load import Picture, load_picture
-from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.files.marks import settings_hash, sha256_of
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import one_line
-from cubicsplat_cli.metrics import Report, to_json
+from cubicsplat_cli.metrics import Report
 from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.progress import Progress
@@ -128,24 +127,22 @@ def _run(
     fit: FitJob, picture: Picture, cache: Path | None, watch: Watch, vectorized: Callable[..., Result]
 ) -> tuple[FitFigures, bytes]:
     entry = None if cache is None else CacheEntry(cache, fit, picture)
-    kept = None if entry is None else entry.read()
-    if kept is not None:
-        return kept
+    if entry is not None and (kept := entry.read()) is not None:
+        return _figures(fit, kept[0], cached=True), kept[1]
     with watch(f"{fit.path.name}, {fit.configuration}") as on_progress:
         request = Request(fit.settings, style="photo", precision=PRECISION)
         result = vectorized(picture, request, title=fit.path.name, on_progress=on_progress)
     if result.report.interrupted:
         raise KeyboardInterrupt
-    run, svg = run_of_report(fit, result.report), result.svg.encode()
     if entry is not None:
-        entry.write(run, svg)
-    return run, svg
-
-
-def run_of_report(fit: FitJob, report: Report) -> FitFigures:
-    """The figures in the report of one picture, which was measured."""
+        entry.write(result)
     # As the report's file has them, so that a result is the same from the cache.
-    report = Report.from_json(report.to_json())
+    report = Report.from_json(result.report.to_json())
+    return _figures(fit, report, cached=False), result.svg.encode()
+
+
+def _figures(fit: FitJob, report: Report, *, cached: bool) -> FitFigures:
+    """The figures in the report of one picture, which was measured."""
     quality, timing = report.quality, report.timing
     assert quality is not None
     return FitFigures(
@@ -164,12 +161,12 @@ def run_of_report(fit: FitJob, report: Report) -> FitFigures:
         bytes=report.output.bytes,
         paths=report.output.paths,
         renderer=quality.svg.renderer,
-        cached=False,
+        cached=cached,
     )
 
 
 class CacheEntry:
-    """Cache files of one fit: a JSON and an SVG, named by a hash of all that decides the result."""
+    """Cache files of one fit: its report and its SVG, named by a hash of all that decides the result."""
 
     def __init__(self, folder: Path, fit: FitJob, picture: Picture, code: str | None = None) -> None:
         decisive = fit.settings.public() | {
@@ -179,28 +176,22 @@ class CacheEntry:
             "engine": fit.settings.device,
             "code": code or code_digest(),
         }
-        self.fit = fit
         stem = f"{fit.path.stem}-{fit.settings.mode.value}-{fit.settings.curves}-{settings_hash(decisive)}"
         self.json, self.svg = folder / f"{stem}.json", folder / f"{stem}.svg"
 
-    def read(self) -> tuple[FitFigures, bytes] | None:
+    def read(self) -> tuple[Report, bytes] | None:
         """The cached result; None if it is missing or incomplete."""
-        if not (self.json.is_file() and self.svg.is_file()):
+        try:
+            report, svg = Report.from_json(self.json.read_bytes()), self.svg.read_bytes()
+        except (OSError, ValueError):
             return None
-        kept, svg = json.loads(self.json.read_text(encoding="utf-8")), self.svg.read_bytes()
-        known = {member.name for member in fields(FitFigures)}
-        if kept.get("sha256") != hashlib.sha256(svg).hexdigest() or set(kept.get("run", ())) != known:
-            return None
-        # The same fit may belong to another configuration by now.
-        named = {"picture": self.fit.path.name, "configuration": self.fit.configuration, "cached": True}
-        return FitFigures(**kept["run"] | named), svg
+        return (report, svg) if report.output.svg_sha256 == sha256_of(svg) else None
 
-    def write(self, run: FitFigures, svg: bytes) -> None:
+    def write(self, result: Result) -> None:
         """Keeps a result; the JSON, which makes it count, comes last."""
         self.json.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(self.svg, svg)
-        kept = {"sha256": hashlib.sha256(svg).hexdigest(), "run": asdict(run)}
-        write_atomically(self.json, to_json(kept).encode())
+        write_atomically(self.svg, result.svg.encode())
+        write_atomically(self.json, result.report.to_json().encode())
 
 
 @lru_cache(maxsize=1)

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import time
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cubicsplat_cli.bench.memory import Memory, memory
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.metrics import head
-from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.photo.loop import FitLoop
 
 # Steps of the exact finish that are not timed: they bring its larger polylines and tile lists into memory.
 _EXACT_WARMUP = 5
 # Of the drawn picture: seed and number of its shapes; other values would be another benchmark.
 _PICTURE_SEED = 20_26
 _SHAPES = 40
+STATUS = Path("/proc/self/status")
 
 
 def total_steps(warmup: int, steps: int, finish: float) -> int:
@@ -45,7 +49,11 @@ def measure_step(
         raise UsageError(f"warmup-steps must be at least 0 and steps at least 1, not {warmup} and {steps}")
     finish = settings.recipe.finish
     settings = settings.with_(steps=max(settings.steps, total_steps(warmup, steps, finish)), time_limit=None)
-    loop = FitLoop(np.ascontiguousarray(target, dtype=np.float32), settings)
+    # What these take is the fit's memory, and not the baseline's.
+    from cubicsplat_cli.photo.loop import FitLoop
+    from cubicsplat_cli.scene.arrays import one_torch_thread
+
+    loop = FitLoop(target, settings)
     with one_torch_thread():
         for _ in range(warmup):
             loop.advance()
@@ -190,3 +198,34 @@ def synthetic_picture(width: int, height: int) -> np.ndarray:
     band = np.exp(-(((v - 0.72) / 0.12) ** 2))
     picture = picture + 0.12 * (weave * band)[..., None]
     return np.clip(picture, 0.0, 1.0).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Bytes of this process in physical memory: `resident` now, `peak` the most so far; None where unknown."""
+
+    resident: int | None
+    peak: int | None
+
+
+def memory(status: Path = STATUS) -> Memory:
+    """Read Linux's process status, or elsewhere the peak of `getrusage`; Windows has neither."""
+    try:
+        return from_status(status.read_text(encoding="ascii"))
+    except OSError:
+        return Memory(None, _peak_of_getrusage())
+
+
+def from_status(text: str) -> Memory:
+    """The figures in the text of /proc/self/status."""
+    sizes = {name: 1024 * int(kilobytes) for name, kilobytes in re.findall(r"^(Vm\w+):\s*(\d+) kB$", text, re.M)}
+    return Memory(sizes.get("VmRSS"), sizes.get("VmHWM"))
+
+
+def _peak_of_getrusage() -> int | None:
+    try:
+        import resource
+    except ImportError:
+        return None
+    # Kilobytes everywhere but on macOS.
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

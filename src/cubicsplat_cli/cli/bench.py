@@ -60,13 +60,9 @@ def step(
     if match is None or max(int(side) for side in match.groups()) > _MOST_SIDE:
         raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, at most {_MOST_SIDE} a side, not {size!r}")
     settings = FitSettings.from_preset(**fit)
-    import numpy  # noqa: F401  (what the interpreter takes with numpy is not the fit's memory)
+    from cubicsplat_cli.bench.step import measure_step, memory, step_lines, synthetic_picture
 
-    from cubicsplat_cli.bench.memory import memory
-
-    baseline = memory()
-    from cubicsplat_cli.bench.step import measure_step, step_lines, synthetic_picture
-
+    baseline = memory()  # what the interpreter takes with numpy is not the fit's memory
     if image is None:
         target, name = synthetic_picture(int(match[1]), int(match[2])), "synthetic"
     else:

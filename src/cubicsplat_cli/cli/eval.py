@@ -79,8 +79,6 @@ def evaluate(
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
     """Say how close SVGs or pictures are to others: PSNR, SSIM."""
-    from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
-
     if scale is not None:
         SCALE.check("scale", scale)
     FitSettings(threads=threads)
@@ -89,7 +87,11 @@ def evaluate(
     check_csv(csv)
     wanted = chosen_metrics(metrics)
     folders = reference.is_dir()
-    page = None if report is None else planned_pages(report, folders=folders)
+    page = None
+    if report is not None:
+        from cubicsplat_cli.html_report.index import planned_pages, write_pages
+
+        page = planned_pages(report, folders=folders)
     reporter = Reporter(quiet=quiet)
     given = {"renderer": renderer, "scale": scale, "threads": threads, "measures": wanted}
 
@@ -144,10 +146,9 @@ def _folders(
     """All pairs of two folders; one that fails does not stop the others. shown: metrics to print, none for nothing."""
     from cubicsplat_cli.files.names import match_folders
 
-    matches = match_folders(reference, candidate)
-    pairs = ComparedPairs(extra=matches.extra)
-    pairs.failed = [(path, f"nothing in {candidate} has its name") for path in matches.missing]
-    for first, second in matches.pairs:
+    matched, missing, extra = match_folders(reference, candidate)
+    pairs = ComparedPairs(failed=[(path, f"nothing in {candidate} has its name") for path in missing], extra=extra)
+    for first, second in matched:
         try:
             pairs.compared.append(compare(first, second))
         except CubicSplatError as error:

@@ -7,13 +7,13 @@ from dataclasses import field
 from typing import Any
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate.images import downsampled_scene, downsampled_svg
 from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
 from cubicsplat_cli.evaluate.perceptual import further, straight_rgba
 from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
-from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
-from cubicsplat_cli.metrics import Input, Quality
+from cubicsplat_cli.metrics import Input, Quality, gap_db
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE
 
@@ -33,9 +33,7 @@ class Change:
     @property
     def change_db(self) -> float | None:
         """Scaled minus native PSNR; None when either picture is identical to the reference."""
-        if self.native.psnr_db is None or self.scaled.psnr_db is None:
-            return None
-        return self.scaled.psnr_db - self.native.psnr_db
+        return gap_db(self.native, self.scaled)
 
     def public(self) -> dict[str, Any]:
         return {"native": self.native, "scaled": self.scaled, "change_db": self.change_db}

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import ctypes.util
+import hashlib
 import importlib
+import importlib.util
 import io
+import marshal
 import math
 import re
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
-from cubicsplat_cli.evaluate.cairo import import_cairosvg
+from cubicsplat_cli.files.cache import read_cache, write_cache
 from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.progress import COMMAND_BEGAN
 from cubicsplat_cli.record import record
-from cubicsplat_cli.svg.embedded import picture_in
+from cubicsplat_cli.svg.values import picture_in
 
 if TYPE_CHECKING:
     from cubicsplat_cli.svg.untrusted import SvgSize
@@ -32,6 +39,8 @@ RGBA = [2, 1, 0, 3] if sys.byteorder == "little" else [1, 2, 3, 0]
 _STRIP_PIXELS = 2**18
 
 _PACKAGES = {"cairosvg": "cairosvg", "resvg": "resvg_py"}
+CACHE = "cairo"  # kind of what is kept on disk
+DECLARATIONS = "cairocffi.ffi"  # the module that parses cairo's header
 
 
 @record
@@ -229,7 +238,7 @@ def embedded_only(url: str, _resource_type: str) -> bytes:
     """
     if url.startswith("data:"):
         try:
-            return picture_in(url)
+            return picture_in(url)[0]
         except ValueError as error:
             raise InputError(f"the SVG {error}") from error
     raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
@@ -277,3 +286,58 @@ def _straight(pixels: np.ndarray) -> np.ndarray:
             straight[..., :3] = colours // np.maximum(alpha, 1)
         part[:] = straight
     return pixels
+
+
+def import_cairosvg() -> ModuleType:
+    """cairosvg. Raises what its import raises.
+
+    Its cairocffi parses cairo's header whenever it is imported, which takes a tenth of a second. A command keeps what
+    comes of that in the user's cache. Programs that use this package as a library may need the rest of that module.
+    """
+    header = None if COMMAND_BEGAN.get() is None or "cairocffi" in sys.modules else _header()
+    if header is None:
+        return importlib.import_module("cairosvg")
+    key = hashlib.sha256(header).hexdigest()
+    kept = read_cache(CACHE, key)
+    if kept is not None:
+        sys.modules[DECLARATIONS] = ModuleType(DECLARATIONS)
+        exec(marshal.loads(kept), sys.modules[DECLARATIONS].__dict__)
+    with _searched_by_the_loader():
+        cairosvg = importlib.import_module("cairosvg")
+    if kept is None and (parsed := sys.modules.get(DECLARATIONS)) is not None:
+        write_cache(CACHE, key, marshal.dumps(_parsed(parsed.ffi)))
+    return cairosvg
+
+
+def _header() -> bytes | None:
+    """All that the parsed declarations depend on; None where they depend on more."""
+    package = importlib.util.find_spec("cairocffi")
+    if package is None or package.origin is None or importlib.util.find_spec("xcffib") is not None:
+        return None
+    cffi = importlib.import_module("_cffi_backend").__version__
+    sources = (Path(package.origin).with_name(name).read_bytes() for name in ("ffi.py", "constants.py"))
+    versions = f"{sys.implementation.cache_tag} {sys.version_info} {cffi}".encode()
+    return b"\n".join((*sources, importlib.util.MAGIC_NUMBER, versions))
+
+
+def _parsed(ffi: Any) -> Any:
+    """The code of a module with the declarations of an FFI."""
+    ffi.set_source(DECLARATIONS, None, compiler_verbose=0)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "ffi.py")
+        ffi.emit_python_code(str(path))
+        return compile(path.read_bytes(), DECLARATIONS, "exec")
+
+
+@contextmanager
+def _searched_by_the_loader() -> Iterator[None]:
+    """Within, Linux' dynamic loader finds cairo by itself: cairocffi would run a compiler and a linker first, to look
+    for the names that cairo has on Windows.
+    """
+    found = ctypes.util.find_library
+    if sys.platform == "linux":
+        ctypes.util.find_library = lambda name: None
+    try:
+        yield
+    finally:
+        ctypes.util.find_library = found

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring, thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient
 from cubicsplat_cli.svg.drawing_paths import PathText, add_pieces
@@ -127,9 +127,9 @@ def _path_data(subpaths: list[Subpath], precision: int) -> str:
     for line in subpaths:
         if len(path.text) > MOST_CHARACTERS:
             break
-        cubics, third = line.cubics, np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
-        straight = cubics[:, :1] + (cubics[:, 3:] - cubics[:, :1]) * third
-        lines = (np.abs(cubics - straight) < 0.1**precision / 2.0).all(axis=(1, 2))
+        cubics = line.cubics
+        off = np.abs(cubics[:, 1:3] - thirds(cubics[:, 0], cubics[:, 3]))
+        lines = (off < 0.1**precision / 2.0).all(axis=(1, 2))
         steps = np.rint(cubics * 10.0**precision).astype(np.int64)
         anchors = np.concatenate([steps[:, 0], steps[-1:, 3]])
         ends = [*range(1, len(anchors))]

@@ -1,4 +1,5 @@
-"""Clips, read one frame at a time: animated GIF, PNG and WebP files, videos, and folders of pictures.
+"""Clips, read one frame at a time: animated GIF, PNG and WebP files, folders of pictures, and videos by PyAV, which is
+imported when one is read.
 
 Every failure is an `InputError` of one line, but for a video that cannot be read for want of a package: `EngineError`.
 """
@@ -8,21 +9,23 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files.convert import PictureLike, as_picture
+from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.files.decode import Decoded, decode, formats_of
-from cubicsplat_cli.files.load import Picture, load_picture, resize_picture
+from cubicsplat_cli.files.load import Picture, PictureLike, as_picture, load_picture, resize_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import pictures_in
 from cubicsplat_cli.files.paths import is_folder
 from cubicsplat_cli.files.read import read_whole
-from cubicsplat_cli.files.video import is_video, open_video
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
@@ -31,6 +34,12 @@ FOLDER_FPS = 25.0  # of pictures in a folder, which say no times; as ffmpeg has 
 # Browsers show frames of GIFs that ask for at most so many ms for UNTIMED_S each.
 _SHORTEST_MS, UNTIMED_S = 10, 0.1
 _FORMS = "give a GIF, an animated PNG or WebP, a video, or a folder of pictures"
+USUAL_FPS = 25.0  # of a video that says none
+# How the files of videos begin that are read: no lists of other files or addresses, which would be followed.
+_STARTS = (b"\x1a\x45\xdf\xa3", b"OggS", b"FLV\x01", b"\0\0\x01\xba", b"\0\0\x01\xb3")
+_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip")
+_STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"mif1", b"msf1")  # pictures in the same boxes
+_TRANSPORT, _PACKET = 0x47, 188  # of an MPEG transport stream: how each packet begins, and its bytes
 
 
 @record
@@ -236,15 +245,79 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
             yield decoded, milliseconds / 1000.0 if milliseconds > _SHORTEST_MS else UNTIMED_S
 
 
+def is_video(data: bytes) -> bool:
+    """Whether the bytes begin as those of a video that is read."""
+    if data[4:8] == b"ftyp" and data[8:12] in _STILLS:
+        return False
+    transport = len(data) > _PACKET and data[0] == data[_PACKET] == _TRANSPORT
+    avi = data.startswith(b"RIFF") and data[8:12] == b"AVI "
+    return data.startswith(_STARTS) or data[4:8] in _BOXES or transport or avi
+
+
 def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:
-    video, digest = open_video(data, shown, max_pixels), sha256_of(data)
+    """Raises EngineError where there is no PyAV."""
+    opened, digest = partial(_opened_video, data, shown, max_pixels), sha256_of(data)
+    with opened() as (_, stream):
+        count = stream.frames or None
+        seconds = None if stream.duration is None else float(stream.duration * stream.time_base)
 
     def frames() -> Iterator[Frame]:
         size = None
-        for index, (pixels, begin, end) in enumerate(video.frames()):
-            picture = Picture(pixels, None, shown, digest)
-            size = size or picture.size
-            _check_size(picture, size, f"{shown}: frame {index + 1}")
-            yield Frame(picture, begin, end)
+        with opened() as (container, stream):
+            for index, (pixels, begin, end) in enumerate(_video_frames(container, stream)):
+                picture = Picture(pixels, None, shown, digest)
+                size = size or picture.size
+                _check_size(picture, size, f"{shown}: frame {index + 1}")
+                yield Frame(picture, begin, end)
 
-    return ClipSource(shown, 0, 0, False, 0, video.count, digest, frames, video.seconds)
+    return ClipSource(shown, 0, 0, False, 0, count, digest, frames, seconds)
+
+
+@contextmanager
+def _opened_video(data: bytes, shown: str, max_pixels: int) -> Iterator[tuple[Any, Any]]:
+    """The container of a video and its stream of pictures."""
+    try:
+        import av
+    except ModuleNotFoundError as error:
+        raise EngineError(
+            f"{shown}: is a video; pip install 'cubicsplat[video]' to have it read, or give a GIF or its frames"
+        ) from error
+    try:
+        with av.open(io.BytesIO(data)) as container:
+            if not container.streams.video:
+                raise InputError(f"{shown}: holds no pictures; give another video, or a GIF")
+            stream = container.streams.video[0]
+            if stream.width * stream.height > max_pixels:
+                raise InputError(
+                    f"{shown}: is {stream.width} x {stream.height} px, the limit is {max_pixels:,} pixels; scale it "
+                    "down first, or raise it with --max-pixels"
+                )
+            yield container, stream
+    except av.FFmpegError as error:
+        reason = printable(one_line(error.strerror or error))
+        raise InputError(f"{shown}: is damaged or cut short ({reason}); save it again") from error
+
+
+def _video_frames(container: Any, stream: Any) -> Iterator[tuple[np.ndarray, float, float]]:
+    """Pictures (H, W, 3) float32 in [0, 1], each with the seconds from which and until which it is shown.
+
+    The last is shown as long as one usually is.
+    """
+    rate = float(stream.average_rate or USUAL_FPS)
+    waiting: tuple[np.ndarray, float] | None = None
+    start = None
+    for index, image in enumerate(container.decode(stream)):
+        at = index / rate if image.time is None else float(image.time)
+        start = at if start is None else start
+        if waiting is not None and at - start <= waiting[1]:
+            continue  # two at one time
+        if waiting is not None:
+            yield *waiting, at - start
+        waiting = _upright(image), at - start
+    if waiting is not None:
+        yield *waiting, waiting[1] + 1.0 / rate
+
+
+def _upright(image: Any) -> np.ndarray:
+    turned = int(getattr(image, "rotation", 0) or 0) // 90 % 4  # counterclockwise
+    return np.ascontiguousarray(np.rot90(image.to_ndarray(format="rgb24"), turned), np.float32) / np.float32(255)

@@ -1,4 +1,4 @@
-"""Loading a picture from a file or from bytes that nobody vouches for.
+"""Loading a picture from a file or from bytes that nobody vouches for, or taking it from an array or a Pillow image.
 
 Every failure is an `InputError` of one line that names the file, what is wrong and what to do. The order of
 the checks matters: kind of file before opening it (a FIFO would block), bytes before reading them, pixels
@@ -24,6 +24,7 @@ from PIL import Image, UnidentifiedImageError
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.files.decode import FORMATS_TEXT, MAX_DECODED_PIXELS, Decoded, decode, draft, factor_for, formats_of
+from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.formatting import counted, one_line, printable
 from cubicsplat_cli.record import record
@@ -73,6 +74,9 @@ class Picture:
     def target(self) -> np.ndarray:
         """The target of a fit: (H, W, 3) when the picture is opaque, else premultiplied (H, W, 4); float32."""
         return self.rgb if self.alpha is None else self.premultiplied()
+
+
+PictureLike = str | Path | bytes | np.ndarray | Image.Image | Picture  # whatever a person has
 
 
 def load_picture(
@@ -272,3 +276,56 @@ def _resample(channel: np.ndarray, width: int, height: int) -> np.ndarray:
     """One (H, W) float32 channel to another size, clipped to [0, 1] (Lanczos overshoots)."""
     image = Image.fromarray(np.ascontiguousarray(channel, dtype=np.float32))
     return np.clip(np.asarray(image.resize((width, height), Image.Resampling.LANCZOS)), 0.0, 1.0)
+
+
+def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS, max_size: int | None = None) -> Picture:
+    """A picture from whatever a person has.
+
+    source: a path; the bytes of a file; an array (H, W), (H, W, 3) or (H, W, 4), uint8 or float in [0, 1], sRGB with
+    straight alpha; or a Pillow image.
+
+    max_pixels, max_size: of files, as for `load_picture`. Raises InputError for anything that is no picture.
+    """
+    if isinstance(source, Picture):
+        return source
+    if isinstance(source, np.ndarray):
+        return _of_array(source)
+    if isinstance(source, Image.Image):
+        return _of_image(source)
+    if isinstance(source, (str, Path, bytes)):
+        source = Path(source) if isinstance(source, str) else source
+        return load_picture(source, max_pixels=max_pixels, max_size=max_size)
+    raise InputError(f"a picture must be a path, bytes, a numpy array or a Pillow image, not {type(source).__name__}")
+
+
+def _of_array(values: np.ndarray) -> Picture:
+    if values.ndim == 2:
+        values = values[..., None].repeat(3, axis=2)
+    if values.ndim != 3 or values.shape[2] not in (3, 4) or 0 in values.shape:
+        raise InputError(f"a picture's array must be (H, W), (H, W, 3) or (H, W, 4), not {values.shape}")
+    if values.dtype == np.uint8:
+        floats = values.astype(np.float32) / np.float32(255)
+    elif np.issubdtype(values.dtype, np.floating):
+        floats = values.astype(np.float32)
+        if not bool(((floats >= 0.0) & (floats <= 1.0)).all()):
+            raise InputError("a picture's floating-point values must lie between 0 and 1; scale them")
+    else:
+        raise InputError(f"a picture's array must hold uint8 or floating-point values, not {values.dtype}")
+    rgb, alpha = np.ascontiguousarray(floats[..., :3]), None
+    if values.shape[2] == 4 and bool((floats[..., 3] < 1.0).any()):
+        alpha = np.ascontiguousarray(floats[..., 3])
+        rgb[alpha == 0.0] = 0.0
+    return Picture(rgb, alpha, "<array>", sha256_of(np.ascontiguousarray(values).tobytes()))
+
+
+def _of_image(image: Image.Image) -> Picture:
+    try:
+        decoded = decode(image, b"", "<image>")
+    except InputError:
+        raise
+    except Exception as error:
+        # Pillow reads the pixels only now, and answers broken ones with nearly any exception.
+        raise InputError(f"the Pillow image cannot be read ({one_line(error)})") from error
+    alpha = b"" if decoded.alpha is None else decoded.alpha.tobytes()
+    digest = sha256_of(decoded.rgb.tobytes() + alpha)
+    return Picture(decoded.rgb, decoded.alpha, "<image>", digest, decoded.notes, compression=decoded.compression)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
@@ -212,15 +212,6 @@ def names_a_folder(output: str) -> bool:
     return output.endswith(("/", "\\")) or is_folder(Path(output))
 
 
-@dataclass(eq=False)
-class MatchedFolders:
-    """pairs: (reference, candidate). missing: references without a candidate. extra: candidates without one."""
-
-    pairs: list[tuple[Path, Path]] = field(default_factory=list)
-    missing: list[Path] = field(default_factory=list)
-    extra: list[Path] = field(default_factory=list)
-
-
 def pictures_in(folder: Path) -> list[Path]:
     """The picture files right in a folder, by name, less those that cubicsplat drew itself.
 
@@ -232,8 +223,9 @@ def pictures_in(folder: Path) -> list[Path]:
     return pictures
 
 
-def match_folders(references: Path, candidates: Path) -> MatchedFolders:
-    """Pairs the pictures of one folder with the SVGs, or else pictures, of the same stem in another.
+def match_folders(references: Path, candidates: Path) -> tuple[list[tuple[Path, Path]], list[Path], list[Path]]:
+    """Pairs of the pictures of one folder and the SVGs, or else pictures, of the same stem in another; the pictures
+    without such a candidate; and candidates without a picture.
 
     Raises InputError where the folders are one, cannot be read, or a stem is not unique in one of them.
     """
@@ -244,15 +236,11 @@ def match_folders(references: Path, candidates: Path) -> MatchedFolders:
     drawings = _by_stem(_files(candidates, lambda path: path.suffix.lower() in SVG_SUFFIXES))
     # Beside each SVG that `vectorize` writes lies its picture.
     results = _by_stem([path for path in rasters if path.stem not in drawings]) | drawings
-    matches = MatchedFolders(extra=[path for stem, path in results.items() if stem not in pictures])
-    for stem, path in pictures.items():
-        if stem in results:
-            matches.pairs.append((path, results[stem]))
-        else:
-            matches.missing.append(path)
-    if not matches.pairs:
+    pairs = [(path, results[stem]) for stem, path in pictures.items() if stem in results]
+    if not pairs:
         raise InputError(f"no file in {candidates} has the name of a picture in {references}; check the folders")
-    return matches
+    missing = [path for stem, path in pictures.items() if stem not in results]
+    return pairs, missing, [path for stem, path in results.items() if stem not in pictures]
 
 
 def _files(folder: Path, is_one: Callable[[Path], bool]) -> list[Path]:

@@ -6,8 +6,7 @@ import numpy as np
 from PIL import Image
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files.convert import PictureLike, as_picture
-from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.load import Picture, PictureLike, as_picture
 from cubicsplat_cli.options import Focus
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS

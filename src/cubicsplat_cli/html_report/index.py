@@ -1,24 +1,35 @@
-"""The page of many pictures: a table that can be sorted, with thumbnails, each row leading to the page of one."""
+"""The page of many pictures: a table that can be sorted, with thumbnails, each row leading to the page of one; and the
+pages of `cubicsplat eval --report`, of one pair, or of all pairs of two folders with such an index.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
 from PIL import Image
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.files.marks import PROGRAM, made_mark
-from cubicsplat_cli.files.paths import is_file
-from cubicsplat_cli.files.read import read_file
+from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.files.marks import PROGRAM, made_mark, sha256_of
+from cubicsplat_cli.files.names import PAGE
+from cubicsplat_cli.files.paths import check_outputs, is_file
+from cubicsplat_cli.files.read import read_file, read_whole
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number
-from cubicsplat_cli.html_report.embed import THUMBNAIL, rendered, thumbnail_url
+from cubicsplat_cli.html_report.embed import THUMBNAIL, eight_bit_pixels, rendered, thumbnail_url
+from cubicsplat_cli.html_report.page import Subject, page
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.record import record
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.evaluate.comparison import Comparison
 
 _HEADINGS = ("PSNR, dB", "SSIM", "shapes", "file", "time")
 
@@ -121,3 +132,81 @@ def _link(index_path: Path, page: Path) -> str:
     """The page as seen from the index, as a relative URL."""
     relative = os.path.relpath(page.absolute(), index_path.absolute().parent)
     return quote("./" + Path(relative).as_posix())
+
+
+def planned_pages(where: Path, *, folders: bool) -> Path:
+    """The page of one pair, or of two folders the index beside which the pages of all pairs will lie, chosen before
+    anything is compared. Raises UsageError for a name that no page can have, or of a file that cubicsplat did not
+    write; InputError if nothing can be written.
+    """
+    if not folders:
+        if where.suffix.lower() != PAGE:
+            raise UsageError(f"the page must end in {PAGE}, but --report is {where}")
+        check_outputs([where], force=False)
+        return where
+    if where.exists() and not where.is_dir():
+        raise UsageError(f"--report of two folders must be a folder, not the file {where}")
+    try:
+        where.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{where}: folder cannot be created ({error.strerror}); choose another") from error
+    return where / f"index{PAGE}"
+
+
+def write_pages(
+    first: Path, compared: Sequence[Comparison], failed: Sequence[tuple[Path, str]], threads: int | None, *,
+    folders: bool,
+) -> None:  # fmt: skip
+    """Writes a page for each pair, and of two folders the index; first: of `planned_pages`."""
+    if not folders:
+        write_atomically(first, _page(compared[0], threads))
+        return
+    names = {id(each): first.with_name(f"{Path(each.candidate.path).name}{PAGE}") for each in compared}
+    check_outputs([first, *names.values()], force=False)
+    entries = []
+    for each in compared:
+        write_atomically(names[id(each)], _page(each, threads))
+        entries.append(_entry(each, names[id(each)]))
+    entries += [Entry(str(path), error=error) for path, error in failed]
+    write_atomically(first, index(first, entries, first.absolute().parent.name))
+
+
+def _page(comparison: Comparison, threads: int | None) -> bytes:
+    candidate = comparison.candidate
+    path = Path(candidate.path)
+    subject = Subject(
+        comparison.reference,
+        read_whole(Path(comparison.reference_path)),
+        path.name,
+        candidate.data,
+        comparison.quality,
+        candidate.renderer,
+        _made_with(path, candidate.data),
+        sha256_of(candidate.data),
+        path.stat().st_size if is_file(path) else len(candidate.data),
+        raster=None if candidate.kind == "svg" else load_picture(candidate.data, name=candidate.path),
+        notes=tuple(comparison.notes),
+    )
+    return page(subject, threads)
+
+
+def _made_with(path: Path, data: bytes) -> Report | None:
+    """The report of the run that made an SVG: the JSON beside it, where that is about this very file."""
+    beside = path.with_suffix(".json")
+    if not is_file(beside):
+        return None
+    try:
+        report = Report.from_json(beside.read_bytes())
+    except (OSError, ValueError):
+        return None  # it is about something else
+    return report if report.output.svg_sha256 in (sha256_of(data), sha256_of(path.read_bytes())) else None
+
+
+def _entry(comparison: Comparison, page: Path) -> Entry:
+    candidate, reference = comparison.candidate, comparison.reference
+    if candidate.kind == "svg":
+        thumbnail = svg_thumbnail(candidate.data, candidate.path, reference.width, reference.height)
+    else:
+        thumbnail = thumbnail_url(eight_bit_pixels(load_picture(candidate.data, name=candidate.path)))
+    size = Path(candidate.path).stat().st_size
+    return Entry(candidate.path, page, thumbnail, quality=comparison.quality, bytes=size)

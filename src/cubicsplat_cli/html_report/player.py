@@ -10,9 +10,8 @@ from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.formatting import counted, duration, file_size
-from cubicsplat_cli.html_report.charts import course
 from cubicsplat_cli.html_report.embed import eight_bit_pixels, picture_data_url, rendered
-from cubicsplat_cli.html_report.page import Fact, setting_texts
+from cubicsplat_cli.html_report.page import Fact, course, setting_texts
 
 # Of the clip, at most so many frames are on the page, of at most so many px a side.
 MOST_PICTURES, SIDE = 120, 480

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 from cubicsplat_cli.errors import CubicSplatError, EngineError
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.results import FileSink, MemorySink
 from cubicsplat_cli.jobs.run import FAILED, Outcome, attempt, failure
-from cubicsplat_cli.jobs.sinks import FileSink, MemorySink
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request

@@ -13,10 +13,9 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, read_head
 from cubicsplat_cli.files.write import write_atomically
-from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare_files
 from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
+from cubicsplat_cli.jobs.results import FileSink, check_may_write, earlier_report, finished, prepare_files
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, attempt, export_of, failure, layer_files, load_job
-from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request

@@ -24,8 +24,8 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.results import FileSink
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, Outcome, attempt
-from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer, Progress, interrupt
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count

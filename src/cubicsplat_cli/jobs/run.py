@@ -14,9 +14,8 @@ from cubicsplat_cli.files.names import LAYER, STDIO, is_compressed_name
 from cubicsplat_cli.files.read import packed, unpacked
 from cubicsplat_cli.files.write import STDOUT
 from cubicsplat_cli.formatting import one_line, printable
-from cubicsplat_cli.jobs.earlier import is_finished
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.sinks import Sink
+from cubicsplat_cli.jobs.results import Sink, is_finished
 from cubicsplat_cli.metrics import Output, Report, head
 from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began, warnings_to
 from cubicsplat_cli.record import record

@@ -15,9 +15,8 @@ import numpy as np
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.motion.following import follow
-from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
-from cubicsplat_cli.motion.tracks import TRACKS, Tracks, grid_of
+from cubicsplat_cli.motion.tracks import TRACKS, JointFit, Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Stopped, work
@@ -180,7 +179,7 @@ class ClipFit:
         tracks = self._thinned(tracks, pictures)
         fit = JointFit(tracks, pictures, self.engine, self.relaxed, self.grid)
         recipe = self.settings.recipe
-        rates = KnotRates(recipe.rate_points * self.unit, recipe.rate_colours).scaled(RATE)
+        rates = RATE * recipe.rate_points * self.unit, RATE * recipe.rate_colours
 
         def on_epoch(share: float) -> None:
             self._tell("moving curves", (FOLLOWING_SHARE + (1.0 - FOLLOWING_SHARE) * share) * len(pictures))

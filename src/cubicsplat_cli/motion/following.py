@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cubicsplat_cli.motion.joint import KEEP_MEAN, KEEP_SQUARE
+from cubicsplat_cli.motion.tracks import KEEP_MEAN, KEEP_SQUARE
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.photo.schedule import Phase
+from cubicsplat_cli.photo.stepper import Phase
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.ndimage import uniform_filter

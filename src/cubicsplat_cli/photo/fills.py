@@ -1,4 +1,6 @@
-"""Linear gradients of a fit's curves: two colours each, from one point to another, and how they learn."""
+"""What a fit optimises in place of its curves' own parameters: linear gradients, two colours from one point to another,
+and the parameters of restricted shapes; and how they learn.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,12 @@ from dataclasses import dataclass
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, like, namespace, sigmoid
 from cubicsplat_cli.scene.gradients import LINEAR, Gradients, linear_frames
+from cubicsplat_cli.scene.shapes import TEMPLATES, lengths, nearest_shape, shape_gradient, shape_points
 
 LEAST_LENGTH = 1.0  # px, of the way from one colour to the other
 LOGIT_LIMIT = 9.0  # as in the engines
 ENDS_RATE = 0.4  # of that of the control points
+LEAST_AXIS = 0.25  # px, of half the first axis: where that is a point, the second one has no direction
 
 
 @dataclass(eq=False)
@@ -123,3 +127,48 @@ def adan(gradient: Array, moments: Array, ages: Array, rates: Rates) -> Array:
     previous[...] = gradient
     bias1, bias2, bias3 = (1.0 - keep**age for keep in rates.keep)
     return (mean / bias1 + keep2 * change / bias2) / (xp.sqrt(square / bias3) + rates.epsilon)
+
+
+@dataclass(eq=False)
+class Shapes(CurveArrays):
+    """N shapes of a kind. values (N, P): their parameters, px, see `scene.shapes`. moments (N, P, 4), ages (N,) int32:
+    Adan's, as in `OptimiserState`.
+    """
+
+    kind: str
+    values: Array
+    moments: Array
+    ages: Array
+
+    @classmethod
+    def nearest(cls, kind: str, points: Array) -> Shapes:
+        """The shapes nearest to closed curves (N, K, 2), which have not moved yet."""
+        xp, values = namespace(points), contiguous(nearest_shape(kind, points))
+        zeros = xp.zeros((*values.shape, 4), dtype=xp.float32, device=points.device)
+        return cls(kind, values, zeros, xp.zeros((len(points),), dtype=xp.int32, device=points.device))
+
+    @property
+    def has_axes(self) -> bool:
+        """Whether they are ellipses or rectangles."""
+        return self.kind in TEMPLATES
+
+    def points(self) -> Array:
+        """The control points (N, K, 2) px."""
+        return shape_points(self.kind, self.values)
+
+    def learn(self, of_points: Array, rates: Rates) -> None:
+        """One Adan update by dL/d of the control points."""
+        self.ages += 1
+        gradient = shape_gradient(self.kind, self.values, of_points)
+        self.values -= rates.points * adan(gradient, self.moments, self.ages, rates)
+        if self.has_axes:
+            now = lengths(self.values)
+            self.values[:, 2:4] *= namespace(now).clip(now, min=LEAST_AXIS) / now
+
+    def resize(self, across: float, down: float) -> None:
+        """Goes over to a picture whose sides are so many times as long."""
+        both = (across * down) ** 0.5
+        factors = [across, down, across, down, both] if self.has_axes else [across, down]
+        self.values *= like(self.values, factors * (self.values.shape[1] // len(factors)))
+        # The loss is a sum over the pixels: see `OptimiserState.resize`.
+        self.moments *= like(self.values, [both, both, both * both, both])

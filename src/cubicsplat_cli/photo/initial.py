@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.photo.fills import LinearFills, middles_of
-from cubicsplat_cli.photo.shapes import Shapes
+from cubicsplat_cli.photo.fills import LinearFills, Shapes, middles_of
 from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, logit, namespace

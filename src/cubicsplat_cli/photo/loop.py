@@ -1,4 +1,6 @@
-"""The loop of a fit: takes its state through the schedule, replaces curves on the way, and keeps the best."""
+"""A fit from its picture to its result: takes its state through the schedule, replaces curves on the way, and keeps the
+best; over a smaller copy, and with other numbers of curves, where asked for.
+"""
 
 from __future__ import annotations
 
@@ -8,29 +10,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.errors import DeviceError, EngineError
-from cubicsplat_cli.photo.evaluator import Evaluator
+from cubicsplat_cli.errors import DeviceError, EngineError, InputError
+from cubicsplat_cli.photo.evaluator import Evaluator, Objective
 from cubicsplat_cli.photo.initial import choose_background, curves_to_fit, keep_frozen, warmed
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
-from cubicsplat_cli.photo.objective import Objective
-from cubicsplat_cli.photo.schedule import Schedule, gini
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped
-from cubicsplat_cli.photo.stepper import Stepper
+from cubicsplat_cli.photo.stepper import Schedule, Stepper, gini
 from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace, one_torch_thread, with_channels
+from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, like, namespace, one_torch_thread, with_channels
 from cubicsplat_cli.settings import FitSettings
 
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
 
 
 class FitLoop:
-    """Advances the state of one fit, on the engine that `opened` gives.
+    """Advances the state of one fit, on the engine that `opened` gives; between its parts the number of its curves may
+    change.
 
-    target: (H, W, C) float32. Its kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried there.
+    target: (H, W, C), of which the kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried
+    there. rough: a smaller copy of the picture, on which all but the exact finish is done, and its inputs. Only fits
+    that do not begin with a drawing come in parts, or have such a copy. Other parameters, and errors, are those of
+    `fit`.
     """
 
     def __init__(
@@ -41,8 +45,15 @@ class FitLoop:
         on_progress: Callable[[Progress], None] | None = None,
         recorder: FrameRecorder | None = None,
         opened: Callable[..., Engine] = open_engine,
+        rough: tuple[np.ndarray, FitInputs] | None = None,
     ) -> None:
+        target = _checked(target, inputs)
         self.settings = _settings_for(target, settings, inputs)
+        # The picture and inputs of the exact finish, if it has others.
+        self._finish: tuple[np.ndarray, FitInputs] | None = None
+        if rough is not None and settings.recipe.finish > 0.0:
+            self._finish = target, inputs
+            target, inputs = _checked(*rough), rough[1]
         self.recorder, self.inputs = recorder, inputs
         self.generator = np.random.default_rng(self.settings.seed)
         self.schedule = Schedule(self.settings)
@@ -136,6 +147,8 @@ class FitLoop:
 
     def finish(self) -> FitResult:
         """All steps that are left, or as many as there is time for, and what they gave."""
+        if self._finish is not None and self.relax():
+            self.go_over_to(*self._finish)
         self.run_to(1.0)
         self.stepper.check_finite(self.step, wait=True)
         candidates = [self.state.curves]
@@ -291,3 +304,36 @@ def _engine_for(
         segments=max(settings.segments, 0 if inputs.start is None else inputs.start.segments),
         samples=max(settings.samples, settings.finish_samples),
     )  # fmt: skip
+
+
+def fit(
+    target: np.ndarray,
+    settings: FitSettings,
+    on_progress: Callable[[Progress], None] | None = None,
+    recorder: FrameRecorder | None = None,
+    inputs: FitInputs = NO_INPUTS,
+) -> FitResult:
+    """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
+
+    recorder: keeps scenes on the way. inputs: what else the fit is given.
+
+    An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
+    form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
+    leaves the state that the fit had come to, with a note.
+    """
+    return FitLoop(target, settings, inputs, on_progress, recorder).finish()
+
+
+def _checked(target: Array, inputs: FitInputs) -> Array:
+    """The picture as the engines take it. Raises InputError where it, or its weights, cannot be fitted."""
+    xp = namespace(target)
+    if target.ndim != 3 or target.shape[2] not in (3, 4) or 0 in target.shape:
+        raise InputError(f"the picture must have shape (height, width, 3 or 4), not {target.shape}")
+    if not xp.isfinite(target).all():
+        raise InputError("the picture has values that are not finite")
+    weights = inputs.weights
+    if weights is not None and (
+        weights.shape != target.shape[:2] or not np.isfinite(weights).all() or weights.min() < 0 or not weights.any()
+    ):
+        raise InputError(f"weights must be at least 0, not all 0, and of shape {target.shape[:2]}")
+    return contiguous(xp.astype(target, xp.float32, copy=False))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from cubicsplat_cli.photo.fills import LinearFills, middles_of
-from cubicsplat_cli.photo.shapes import Shapes
+from cubicsplat_cli.photo.fills import LinearFills, Shapes, middles_of
 from cubicsplat_cli.raster.engine import EngineScene, OptimiserState
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, copied, is_array, like, namespace, sigmoid

@@ -171,7 +171,7 @@ def _size(animation: Animation, task: ClipTask) -> int:
 def drawn_clip(task: ClipTask, work: Work) -> Animation:
     """The drawings of the frames as shapes that stand still, move, or are shown in some of them."""
     from cubicsplat_cli.artwork.moving import moving_drawing
-    from cubicsplat_cli.svg.moving_drawing import write_moving_drawing
+    from cubicsplat_cli.svg.moving_file import write_moving_drawing
 
     begins: list[float] = []
     ends: list[float] = []

@@ -32,8 +32,7 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.svg.moving import GridClip
-from cubicsplat_cli.svg.moving_drawing import still
-from cubicsplat_cli.svg.moving_file import read_clip
+from cubicsplat_cli.svg.moving_file import read_clip, still
 from cubicsplat_cli.svg.quantise import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 

@@ -24,7 +24,7 @@ from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
-from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing, write_mosaic
 from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
@@ -60,7 +60,6 @@ def drawn_pixels(task: Task) -> Made:
 def drawn_cells(task: Task, cells: Cells) -> Made:
     """The cells of a picture, exactly, in no more colours than are asked for."""
     from cubicsplat_cli.artwork.mosaic import finer, mosaic, with_ground
-    from cubicsplat_cli.svg.mosaic_writer import write_mosaic
 
     request = task.request
     chosen, most = request.artwork, [n for n in (request.artwork.colors, request.settings.curves) if n is not None]

@@ -28,8 +28,8 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo.fitting import Fitting
     from cubicsplat_cli.photo.inputs import FitInputs, FitResult
+    from cubicsplat_cli.photo.loop import FitLoop
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
@@ -70,19 +70,19 @@ class Photo:
         start = None if request.init is None else request.init.scene
         return FitInputs(self.task.weights(self.fine), start, request.freeze)
 
-    def begin(self, settings: FitSettings) -> Fitting:
+    def begin(self, settings: FitSettings) -> FitLoop:
         """A fit in parts."""
-        from cubicsplat_cli.photo.fitting import Fitting
         from cubicsplat_cli.photo.inputs import FitInputs
+        from cubicsplat_cli.photo.loop import FitLoop
 
         task, rough = self.task, None
         if self.rough is not self.fine:
             rough = self.rough.target(), FitInputs(task.weights(self.rough))
-        return Fitting(self.fine.target(), settings, task.on_progress, task.recorder, self.inputs, rough)
+        return FitLoop(self.fine.target(), settings, self.inputs, task.on_progress, task.recorder, rough=rough)
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """A fit that begins with a scene."""
-        from cubicsplat_cli.photo.fitting import fit
+        from cubicsplat_cli.photo.loop import fit
 
         task, inputs = self.task, replace(self.inputs, start=scene)
         return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)

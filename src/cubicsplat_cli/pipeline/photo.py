@@ -103,10 +103,10 @@ class QuickPhoto:
 
     def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float]) -> None:
         self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
-        from cubicsplat_cli.photo.fitting import Fitting  # which most drawings do not come to
+        from cubicsplat_cli.photo.loop import FitLoop  # which most drawings do not come to
 
         small = resize_picture(task.target, QUICK_SIDE).target()
-        self._fitting = Fitting(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
+        self._fitting = FitLoop(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
 
     def beyond(self, least: float) -> float | None:
         """Its level, dB, infinite where it is the picture; None where that is `least` or less, which may be plain long

@@ -191,8 +191,8 @@ def _off(straight: np.ndarray, shape: Shape) -> np.ndarray:
 
 def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings) -> Scene:
     """Curves over a ground that are near a picture, both (H, W, 3) in levels, where there are weights (H, W)."""
-    from cubicsplat_cli.photo.fitting import Fitting
     from cubicsplat_cli.photo.inputs import FitInputs
+    from cubicsplat_cli.photo.loop import FitLoop
 
     rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
@@ -205,7 +205,7 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
         recipe=replace(recipe, shared_opacity=SHARED_OPACITY, rate_opacities=0.0, edge_start=recipe.edge_end),
     )  # fmt: skip
     inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind, metric=_seen(goal[window]))
-    fitting = Fitting(target, own, inputs=inputs)
+    fitting = FitLoop(target, own, inputs=inputs)
     if fitting.relax():
         importance = fitting.importance()
         kept = np.flatnonzero(importance >= min(PRICE, float(importance.max())))

@@ -18,8 +18,8 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.read import gzip_size
-from cubicsplat_cli.photo.fitting import fit
 from cubicsplat_cli.photo.inputs import FitInputs, FitResult
+from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import scene_arrays

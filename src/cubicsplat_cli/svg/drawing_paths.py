@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, thirds
 from cubicsplat_cli.artwork.geometry.steps import to_steps
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
 from cubicsplat_cli.svg.drawing_grid import MIRROR_REACH, grid_rings, smoothed
@@ -232,7 +232,7 @@ def ring_of(subpath: Sequence[PathSegment]) -> Ring:
 def controls_of(subpath: Sequence[PathSegment], ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Both control points (n, 2, 2) of each piece, of lines at their thirds, and which of them (n,) are lines."""
     starts = np.array([piece.start for piece in subpath])
-    controls = starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
+    controls = thirds(starts, ends)
     for index, piece in enumerate(subpath):
         if piece.handles:
             controls[index] = piece.handles

@@ -16,13 +16,12 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
-from cubicsplat_cli.svg.embedded import picture_in
 from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_writer import CURVES_ID
 from cubicsplat_cli.svg.shading import ISOLATED, SCALES, ShadedShape
-from cubicsplat_cli.svg.values import hex_colour, parse_number
+from cubicsplat_cli.svg.values import hex_colour, parse_number, picture_in
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
@@ -129,7 +128,7 @@ class _Content:
             x, y, width, height = (_coordinate(given.get(name, "0")) for name in _LENGTHS["rect"][:4])
             if min(width, height) <= 0.0 or given.get("preserveAspectRatio") != "none":
                 raise ValueError("has an <image> without extent, or with its own shape")
-            shaded.add_image((x, y, width, height), picture_in(given.get("xlink:href", "")))
+            shaded.add_image((x, y, width, height), picture_in(given.get("xlink:href", ""))[0])
         elif place == "svg/g/g/g":
             if given.get("transform") not in SCALES:
                 raise ValueError("has an unexpected <g> element")

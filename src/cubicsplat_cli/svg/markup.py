@@ -159,9 +159,7 @@ class GradientElements:
         new = text not in self._identifiers
         if new:
             self._identifiers[text] = self._names.unique("gradient")
-            attributes = {"id": self._identifiers[text], **element.attrib}
-            element.attrib.clear()
-            element.attrib.update(attributes)
+            element.attrib = {"id": self._identifiers[text], **element.attrib}
         return f"url(#{self._identifiers[text]})", element if new else None
 
 

@@ -171,42 +171,6 @@ def _mirrored(before: list[PathSegment], here: Point, command: str) -> Point:
 
 
 @record
-class Arc:
-    """A part of a unit circle, and where the drawing has it. first: radians at which it begins; span: radians that it
-    runs over, negative if counterclockwise as seen. centre: (2,) of the circle; radii, turn and origin: see `placed`.
-    """
-
-    first: float
-    span: float
-    centre: np.ndarray
-    radii: np.ndarray
-    turn: np.ndarray
-    origin: np.ndarray
-
-    def placed(self, points: np.ndarray) -> np.ndarray:
-        """(n, 2) in the drawing, of points relative to the unit circle's centre."""
-        return ((self.centre + points) * self.radii) @ self.turn.T + self.origin
-
-
-def arc_of(piece: PathSegment) -> Arc:
-    """The arc of a piece that `is_arc`. Radii that are too short are scaled up. Source: SVG 2, appendix B.2.4."""
-    start, end = np.array(piece.start), np.array(piece.end)
-    rx, ry, degrees, large, sweep = piece.numbers
-    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    turn, radii = np.array([[cos, -sin], [sin, cos]]), np.array([rx, ry])
-    half = turn.T @ (start - end) / 2.0 / radii
-    size = float(half @ half)
-    if size > 1.0:
-        radii, half, size = radii * math.sqrt(size), half / math.sqrt(size), 1.0
-    reach = (1.0 if large != sweep else -1.0) * math.sqrt(max(1.0 / max(size, 1e-12) - 1.0, 0.0))
-    centre = reach * np.array([half[1], -half[0]])
-    first = math.atan2(half[1] - centre[1], half[0] - centre[0])
-    last = math.atan2(-half[1] - centre[1], -half[0] - centre[0])
-    span = (last - first) % (2.0 * math.pi)
-    return Arc(first, span if sweep else span - 2.0 * math.pi, centre, radii, turn, (start + end) / 2.0)
-
-
-@record
 class Subpath:
     """cubics: (M, 4, 2), each of which starts where the one before ends. closed: whether it ends with Z."""
 
@@ -230,7 +194,7 @@ def cubic_subpaths(d: str) -> list[Subpath]:
     result = []
     for subpath in subpaths(d):
         with np.errstate(invalid="ignore", over="ignore"):  # infinite coordinates are refused below
-            cubics = [cubic for segment in subpath for cubic in _cubics(segment) if np.ptp(cubic, axis=0).any()]
+            cubics = [cubic for segment in subpath for cubic in cubics_of(segment) if np.ptp(cubic, axis=0).any()]
         if not np.isfinite(cubics).all():
             raise InputError("path data with a point that is infinitely far away")
         if cubics:
@@ -267,7 +231,8 @@ def apart(rings: list[np.ndarray]) -> list[list[np.ndarray]]:
     return [[rings[index] for index in np.flatnonzero(group == number)] for number in np.unique(group)]
 
 
-def _cubics(segment: PathSegment) -> list[np.ndarray]:
+def cubics_of(segment: PathSegment) -> list[np.ndarray]:
+    """A piece of a path as cubics (4, 2), lines and arcs too."""
     start, end = np.array(segment.start), np.array(segment.end)
     if len(segment.handles) == 2:
         return [np.array([start, *segment.handles, end])]
@@ -278,16 +243,28 @@ def _cubics(segment: PathSegment) -> list[np.ndarray]:
 
 
 def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:
-    """An elliptical arc in quarters or less."""
-    arc = arc_of(piece)
-    count = max(1, math.ceil(abs(arc.span) / (math.pi / 2.0) - 1e-9))
-    step = arc.span / count
+    """An arc in quarters or less. Radii that are too short are scaled up. Source: SVG 2, appendix B.2.4."""
+    start, end = np.array(piece.start), np.array(piece.end)
+    rx, ry, degrees, large, sweep = piece.numbers
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    turn, radii = np.array([[cos, -sin], [sin, cos]]), np.array([rx, ry])
+    # As a part of a unit circle, the middle between its ends at the origin.
+    half = turn.T @ (start - end) / 2.0 / radii
+    size = float(half @ half)
+    if size > 1.0:
+        radii, half, size = radii * math.sqrt(size), half / math.sqrt(size), 1.0
+    reach = (1.0 if large != sweep else -1.0) * math.sqrt(max(1.0 / max(size, 1e-12) - 1.0, 0.0))
+    centre = reach * np.array([half[1], -half[0]])
+    first = math.atan2(half[1] - centre[1], half[0] - centre[0])
+    last = math.atan2(-half[1] - centre[1], -half[0] - centre[0])
+    span = (last - first) % (2.0 * math.pi) - (0.0 if sweep else 2.0 * math.pi)
+    count = max(1, math.ceil(abs(span) / (math.pi / 2.0) - 1e-9))
+    step = span / count
     handle = 4.0 / 3.0 * math.tan(step / 4.0)
-    cubics = []
-    for index in range(count):
-        a, b = arc.first + index * step, arc.first + (index + 1) * step
-        p, q = np.array([math.cos(a), math.sin(a)]), np.array([math.cos(b), math.sin(b)])
-        ahead, back = np.array([-p[1], p[0]]) * handle, np.array([-q[1], q[0]]) * handle
-        cubics.append(arc.placed(np.stack([p, p + ahead, q - back, q])))
-    cubics[0][0], cubics[-1][3] = piece.start, piece.end
-    return cubics
+    angles = first + step * np.arange(count + 1)
+    rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ahead = handle * np.stack([-rim[:, 1], rim[:, 0]], axis=1)
+    quarters = np.stack([rim[:-1], rim[:-1] + ahead[:-1], rim[1:] - ahead[1:], rim[1:]], axis=1)
+    cubics = ((centre + quarters) * radii) @ turn.T + (start + end) / 2.0
+    cubics[0, 0], cubics[-1, 3] = piece.start, piece.end
+    return [*cubics]

@@ -24,8 +24,7 @@ from cubicsplat_cli.svg.own import (
     own_subpaths,
 )
 from cubicsplat_cli.svg.paths import PathSegment
-from cubicsplat_cli.svg.quantise import MAX_COORDINATE
-from cubicsplat_cli.svg.scene_gradients import without_noise
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE, without_noise
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
 from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
 from cubicsplat_cli.svg.values import hex_colour, parse_number, unit_colour

@@ -13,8 +13,7 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import ANY, Mode
 from cubicsplat_cli.svg.markup import comment_text, format_number, gradient_element, in_short, joined, xml_text
-from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, ring_slices, to_grid
-from cubicsplat_cli.svg.scene_gradients import gradient_decimals
+from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, gradient_decimals, ring_slices, to_grid
 from cubicsplat_cli.svg.shapes import shape_element
 
 BACKGROUND_ID, CURVES_ID, UNITS_ID = "background", "curves", "units"

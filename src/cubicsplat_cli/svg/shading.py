@@ -15,9 +15,9 @@ from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.embedded import uri_of
 from cubicsplat_cli.svg.markup import Identifiers, format_number, joined, short_colour
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, to_grid
+from cubicsplat_cli.svg.values import uri_of
 
 # Whole numbers to px: steps a px, and steps that a curve's size has at least, which is the root of its area: rounding
 # to a twentieth of it adds 2 % to the error of soft shading and takes 12 % of its bytes.

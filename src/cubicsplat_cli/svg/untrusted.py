@@ -17,9 +17,8 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
 from cubicsplat_cli.files.read import MAX_SVG_BYTES, looks_like_svg
 from cubicsplat_cli.record import record
-from cubicsplat_cli.svg.embedded import MOST_PIXELS, picture_in, pixels_of
 from cubicsplat_cli.svg.own import MAX_ELEMENTS
-from cubicsplat_cli.svg.values import absolute_length
+from cubicsplat_cli.svg.values import MOST_PIXELS, absolute_length, picture_in
 
 MAX_DEPTH = 256
 MAX_RADIUS = 1e9  # a circle of infinite radius is drawn without end
@@ -140,7 +139,7 @@ class _Scan:
         if len(references) != 1 or not _DRAWN_ONCE.issuperset(self.within):
             return False
         try:
-            self.image_pixels += pixels_of(picture_in(references[0]))
+            self.image_pixels += picture_in(references[0])[1]
         except ValueError:
             return False
         return self.image_pixels <= MOST_PIXELS

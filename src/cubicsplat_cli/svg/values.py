@@ -1,9 +1,15 @@
-"""Numbers, lengths, colours and transforms as the attributes of an SVG say them: the one grammar of each."""
+"""Numbers, lengths, colours, transforms and embedded pictures as the attributes of an SVG say them: the one grammar of
+each.
+"""
 
 from __future__ import annotations
 
+import base64
+import binascii
+import io
 import math
 import re
+import warnings
 
 import numpy as np
 
@@ -21,6 +27,10 @@ _HEX = re.compile(r"#([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
 _TRANSFORM = re.compile(r"(matrix|translate|scale|rotate|skewX|skewY)\s*\(([^()]*)\)")
 _BETWEEN = re.compile(r"[\s,]*")
 _COUNTS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
+MOST_PIXELS = 2**26  # of one picture
+# Of its two forms a renderer may take the second for an SVG where it holds this.
+_PNG, _JPEG, _NO_JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"<svg"
+_URI = re.compile(r"data:image/(png|jpeg);base64,([A-Za-z0-9+/]+={0,2})")
 Rgba = tuple[float, float, float, float]  # sRGB and opacity, each in [0, 1]
 
 
@@ -132,3 +142,34 @@ def _matrix(name: str, n: list[float]) -> np.ndarray:
     cos, sin = math.cos(angle), math.sin(angle)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return turn if len(n) < 3 else translation(n[1], n[2]) @ turn @ translation(-n[1], -n[2])
+
+
+def uri_of(data: bytes) -> str:
+    """The data URI of a PNG or JPEG file."""
+    kind = "png" if data.startswith(_PNG) else "jpeg"
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def picture_in(uri: str) -> tuple[bytes, int]:
+    """The file that a data URI holds, and the pixels that it says it has. Raises ValueError for anything but a PNG or
+    JPEG of at most MOST_PIXELS.
+    """
+    from PIL import Image
+
+    match = _URI.fullmatch(uri)
+    if match is None:
+        raise ValueError("has an image other than a PNG or JPEG as a base64 data URI")
+    try:
+        data = base64.b64decode(match[2], validate=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
+                pixels = image.width * image.height
+    except (binascii.Error, OSError, SyntaxError, Image.DecompressionBombError) as error:
+        raise ValueError("has an image that cannot be read") from error
+    is_jpeg = data.startswith(_JPEG) and _NO_JPEG not in data
+    if not is_jpeg and not data.startswith(_PNG):
+        raise ValueError("has an image that is no plain PNG or JPEG")
+    if pixels > MOST_PIXELS:
+        raise ValueError(f"has an image of {pixels} px; at most {MOST_PIXELS} are drawn")
+    return data, pixels

@@ -19,8 +19,8 @@ from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.graphs import strong_groups
 from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
+from cubicsplat_cli.raster.sparse import strong_groups
 from cubicsplat_cli.record import record
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.

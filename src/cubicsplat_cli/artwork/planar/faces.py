@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 
 from cubicsplat_cli.artwork.planar.snapping import GRID, Segments
-from cubicsplat_cli.raster.graphs import linked_groups
+from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 
 NOTHING = -1

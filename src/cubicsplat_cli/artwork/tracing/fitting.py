@@ -26,8 +26,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, polygon
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.raster.contours import fitted_contours
-from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, fewer_points
+from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, fewer_points, fitted_contours
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in

@@ -15,7 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.graphs import linked_groups
+from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 

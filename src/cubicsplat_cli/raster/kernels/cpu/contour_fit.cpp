@@ -173,7 +173,7 @@ bool sound(const std::vector<Point>& loop, const Outline& outline) {
 extern "C" {
 
 // out: the weights of a loop of points (x 2), less where neighbours err together: see `independent` in
-// raster/contours.py.
+// raster/outlines.py.
 CS_EXPORT void cs_independent(int64_t count, const double* points, const double* weights, double* out) {
   using namespace cs;
   for (int64_t i = 0; i < count; i++) {
@@ -185,7 +185,7 @@ CS_EXPORT void cs_independent(int64_t count, const double* points, const double*
   }
 }
 
-// Fits an outline to each of some loops of points (x 2): see `fitted_contours` in raster/contours.py. ends: loops, where
+// Fits an outline to each of some loops of points (x 2): see `fitted_contours` in raster/outlines.py. ends: loops, where
 // the points of each end; weights: 1/px^2; known: whether a hidden point is a corner; prices: loops, of a parameter, nats.
 // astray: loops, whether one is fitted ever closer to its points where its outline has gone astray. form: loops, of a
 // primitive, -1 for a ring; values: loops x 6; pieces: loops; anchors, controls, lines, smooth: of rings, room for 2 x

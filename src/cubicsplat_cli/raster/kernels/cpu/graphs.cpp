@@ -1,4 +1,4 @@
-// Groups of things that are linked. raster/graphs.py says what each function means.
+// Groups of things that are linked. raster/sparse.py says what each function means.
 #include <algorithm>
 #include <cstdint>
 #include <exception>

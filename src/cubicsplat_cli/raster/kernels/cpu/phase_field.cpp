@@ -1,5 +1,5 @@
 // Where in its pixels two fills lie: a phase field of several steps a pixel. What is computed, and where that is from,
-// is said in raster/phase_field.py.
+// is said in `finer_labels` of raster/unmix.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
