@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 from contextlib import closing
+from threading import Event
 from urllib.parse import unquote
 
 import numpy as np
@@ -18,6 +19,7 @@ from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.options import GzipBytes, parse_bytes
 from cubicsplat_cli.pipeline.tiny import TinySearch
 from cubicsplat_cli.pipeline.vectorize import dominant_colors
+from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import request_of
@@ -103,7 +105,7 @@ def test_the_search_gets_back_what_rounding_costs(hills):
     with closing(CpuEngine(1)) as engine:
         search = TinySearch(polygons, as_picture(hills), None, engine, FitSettings(threads=1))
         before = search.loss
-        search.run(10_000, np.inf)
+        search.run(10_000, np.inf, Event())
         assert search.loss < 0.3 * before
     drawn = render_scene(search.polygons.scene(96, 64), samples=1)
     assert search.loss == pytest.approx(float(np.square(drawn - hills / np.float32(255)).sum()), rel=1e-4)
@@ -118,8 +120,21 @@ def test_an_interrupted_search_still_fits(hills):
             raise KeyboardInterrupt
 
         search._sweep = interrupted
-        assert search.run(250, np.inf)
+        assert search.run(250, np.inf, Event())
         assert packed_size(search.polygons.text()) <= 250 < packed_size(random_polygons((48.0, 32.0), 20).text())
+
+
+def test_the_file_does_not_depend_on_the_threads(hills, placeholder):
+    """Several fits are made at once, on as many threads as there are."""
+    assert vectorize(hills, max_bytes="300gz", **SHORT | {"threads": 3}).svg == placeholder.svg
+
+
+def test_an_interrupt_ends_all_fits(hills):
+    def interrupted(_: Progress) -> None:
+        raise KeyboardInterrupt
+
+    drawn = vectorize(hills, max_bytes="300gz", on_progress=interrupted, **SHORT | {"steps": 100_000, "threads": 3})
+    assert drawn.report.interrupted and packed_size(drawn.svg) <= 300
 
 
 def test_triangles_stay_triangles(hills):
@@ -171,7 +186,7 @@ def test_a_polygon_begins_where_its_path_compresses_best(hills):
 @pytest.mark.parametrize("alpha", [False, True])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_steps_change_the_loss_as_they_say(hills, alpha, threads):
-    """Nearly: they measure coverage along four lines in a row of pixels."""
+    """Nearly: they measure coverage along two lines in a row of pixels."""
     picture = np.dstack([hills, np.full((64, 96, 1), 180, np.uint8)]) if alpha else hills
     polygons = random_polygons((48.0, 32.0))
     if alpha:
@@ -185,14 +200,14 @@ def test_steps_change_the_loss_as_they_say(hills, alpha, threads):
         found = list(search.steps.best(3, 0.01))
         for _, rise, vertices, colour in found:
             polygons.vertices[3], polygons.colours[3] = vertices, colour
-            assert rise < 0.0 and search._loss() - before == pytest.approx(rise, rel=0.005)
+            assert rise < 0.0 and search._loss() - before == pytest.approx(rise, rel=0.01)
         polygons.vertices[3], polygons.colours[3] = own
         rises = search.steps.removals(3, 4)
         for vertex, rise in enumerate(rises[:-1]):
             polygons.vertices[3] = np.delete(own[0], vertex, axis=0)
-            assert search._loss() - before == pytest.approx(rise, rel=0.005)
+            assert search._loss() - before == pytest.approx(rise, rel=0.01)
         polygons.vertices[3] = own[0][[0, 0, 0]]
-        assert search._loss() - before == pytest.approx(rises[-1], rel=0.005)
+        assert search._loss() - before == pytest.approx(rises[-1], rel=0.01)
     assert len(found) == 5
 
 
@@ -201,7 +216,7 @@ def test_the_bytes_that_are_allowed_are_used():
     noise = np.random.default_rng(1).integers(0, 256, (64, 96, 3)).astype(np.uint8)
     with closing(CpuEngine(1)) as engine:
         search = TinySearch(random_polygons((48.0, 32.0), 12), as_picture(noise), None, engine, FitSettings(threads=1))
-        search.run(280, np.inf)
+        search.run(280, np.inf, Event())
     assert 276 < search.bytes <= 280
 
 

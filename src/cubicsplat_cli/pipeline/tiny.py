@@ -1,17 +1,20 @@
 """Photos of a few hundred bytes: polygons on a coarse grid, of which a search over whole numbers makes the best.
 
-The best of a few fits gives the polygons, and rounding them to the grid costs 1 to 5 dB. The search gets nearly all of
-that back. It tries steps of one vertex and of a whole polygon, and vertices added and left out, in many colours each.
-It takes those that lower loss + price x bytes most, where the bytes are those of the compressed file.
+A few fits give polygons, and rounding them to the grid costs 1 to 5 dB. The search gets nearly all of that back, and
+the best of what it finds is taken. It tries steps of one vertex and of a whole polygon, and vertices added and left
+out, in many colours each. It takes those that lower loss + price x bytes most, where the bytes are those of the
+compressed file.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 
@@ -21,6 +24,7 @@ from cubicsplat_cli.files.read import gzip_size
 from cubicsplat_cli.photo.inputs import FitInputs, FitResult
 from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.pipeline.task import Task
+from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.polygon_steps import FEWEST, SLACK, PolygonSteps
@@ -39,20 +43,20 @@ from cubicsplat_cli.svg.polygons import (
 
 # Measured on four Kodak photos, docs/lab/photos.md.
 HEAD_BYTES, PATH_BYTES, VERTEX_BYTES = 150, 6.0, 2.25  # of a compressed file, a polygon and each of its vertices
-SPARE = 1.1  # times the polygons that probably fit
+SPARE = 1.3  # times the polygons that probably fit
 UNITS_PER_SPACING = 11.0  # of the grid, for the side of a polygon's share of the picture
 LEAST_UNITS, MOST_UNITS = 48, 96  # numbers of two digits
 PIXELS_PER_UNIT = 2  # of the copy that is fitted
-SWEEPS = 16
+SWEEPS = 30
 # A file twice as large has about 40 % less error, which says what a byte is worth; less of
 # that at the beginning, and less and less when the bytes are used up.
-PRICE, CHEAPER = 0.4, 0.6
-GAIN = 6e-3  # of the loss, below which another sweep is not worth its time
-SURPLUS = 0.4  # of the bytes that are too many, left out before the next sweep, which saves some itself
+PRICE, CHEAPER = 0.6, 0.8
+GAIN = 2e-3  # of the loss, below which another sweep is not worth its time
+SURPLUS = 0.2  # of the bytes that are too many, left out before the next sweep, which saves some itself
 SAVING = 4.0  # bytes, the most that a step usually saves
 MOST = 9  # vertices
 ROUNDS = 2  # steps of a polygon in a sweep
-# Polygons that are fitted in all, in fits of which the best is taken: the fewer there are, the more fits differ.
+# Polygons that are fitted in all, in fits whose best search is taken: the fewer there are, the more fits differ.
 FITTED, STARTS = 60, 3
 _EXACT = RasterSettings("exact", 1.0, 1)  # a side is one edge
 
@@ -64,30 +68,45 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
     spacings = math.sqrt(count * max(width, height) / min(width, height))  # along the longer side
     units = min(MOST_UNITS, max(LEAST_UNITS, round(UNITS_PER_SPACING * spacings)))
     target = resize_picture(task.target, min(max(task.target.size), PIXELS_PER_UNIT * units))
-    weights, deadline = task.weights(target), time.perf_counter() + task.seconds_to_make()
+    pixels, weights = target.target(), task.weights(target)
     starts = min(STARTS, max(1, round(FITTED / count)))
-    share = None if settings.time_limit is None else 0.5 * settings.time_limit / starts  # the search has the rest
-    settings = settings.with_(curves=count, time_limit=share)
-    with closing(CpuEngine(settings.threads)) as engine:
-        fits = list(_fits(starts, target, weights, settings, task))
-        fitted = min(fits, key=lambda one: _loss_of(one.scene, target.target(), weights, engine))
-        search = TinySearch(
-            polygons_on_grid(fitted.scene, grid_size(width, height, units)), target, weights, engine, settings
-        )
-        interrupted = search.run(most, deadline)
-    return search.polygons, replace(fitted, interrupted=fits[-1].interrupted or interrupted)
+    threads = settings.threads or cpu_count()
+    at_once = 1 if settings.device == "cuda" else min(starts, threads)  # a GPU's engine does one fit after the other
+    turns = math.ceil(starts / at_once)
+    limit = None if settings.time_limit is None else 0.5 * settings.time_limit / turns  # the search has the rest
+    # So small a fit is done before a GPU has started.
+    device = "cpu" if settings.device == "auto" else settings.device
+    settings = settings.with_(curves=count, time_limit=limit, threads=threads // at_once, device=device)
+    began, seconds, stop = time.perf_counter(), task.seconds_to_make(), Event()
 
-
-def _fits(
-    starts: int, target: Picture, weights: np.ndarray | None, settings: FitSettings, task: Task
-) -> Iterator[FitResult]:
-    """Fits that begin elsewhere each, until one is interrupted."""
-    for k in range(starts):
-        seeded, inputs = settings.with_(seed=settings.seed + k), FitInputs(weights)
-        fitted = fit(target.target(), seeded, task.on_progress, task.recorder, inputs)
-        yield fitted
+    def searched(start: int, on_progress: Callable[[Progress], None] | None) -> tuple[TinySearch, FitResult]:
+        recorder, seeded = None if start else task.recorder, settings.with_(seed=settings.seed + start)
+        fitted = fit(pixels, seeded, on_progress, recorder, FitInputs(weights))
         if fitted.interrupted:
-            return
+            stop.set()
+        with closing(CpuEngine(settings.threads)) as engine:
+            search = TinySearch(
+                polygons_on_grid(fitted.scene, grid_size(width, height, units)), target, weights, engine, settings
+            )
+            if search.run(most, began + (start // at_once + 1) * seconds / turns, stop):
+                stop.set()
+        return search, fitted
+
+    def interrupted(_: Progress) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    # This thread, which Ctrl-C comes to, does every so many of the starts, and others the rest.
+    with ThreadPoolExecutor(max(1, at_once - 1)) as others:
+        found = [others.submit(searched, k, interrupted) for k in range(starts) if k % at_once]
+        own = [searched(k, task.on_progress) for k in range(0, starts, at_once) if k == 0 or not stop.is_set()]
+        try:
+            wait(found)
+        except KeyboardInterrupt:
+            stop.set()
+    results = own + [each.result() for each in found]
+    search, fitted = min(results, key=lambda one: one[0].loss)
+    return search.polygons, replace(fitted, interrupted=stop.is_set())
 
 
 def _loss_of(scene: Scene, goal: np.ndarray, weights: np.ndarray | None, engine: CpuEngine) -> float:
@@ -115,11 +134,13 @@ class TinySearch:
         self.steps = PolygonSteps(self.goal, weights, scale, most, settings.threads or cpu_count())
         self._measure()
 
-    def run(self, most: int, deadline: float) -> bool:
-        """Sweeps until that gains nothing any more, or the time is up. Returns whether Ctrl-C ended it before."""
+    def run(self, most: int, deadline: float, stop: Event) -> bool:
+        """Sweeps until that gains nothing any more, the time is up, or, after one sweep, `stop` is set. Returns whether
+        Ctrl-C ended it before.
+        """
         interrupted = False
         try:
-            self._sweeps(most, deadline)
+            self._sweeps(most, deadline, stop)
         except KeyboardInterrupt:
             interrupted = True
             self._measure()
@@ -129,13 +150,17 @@ class TinySearch:
             self._shrink(most)
         return interrupted
 
-    def _sweeps(self, most: int, deadline: float) -> None:
+    def _sweeps(self, most: int, deadline: float, stop: Event) -> None:
         price = PRICE * self.loss / max(1, max(self.bytes, most) - HEAD_BYTES)
         for _ in range(SWEEPS):
             before, within = self.loss, self.bytes <= most
             self._sweep(price, most)
             used = most - SAVING < self.bytes <= most
-            if time.perf_counter() > deadline or (within and used and self.loss > (1.0 - GAIN) * before):
+            if (
+                stop.is_set()
+                or time.perf_counter() > deadline
+                or (within and used and self.loss > (1.0 - GAIN) * before)
+            ):
                 break
             if self.bytes > most:
                 self._shrink(max(most, self.bytes - max(SAVING, SURPLUS * (self.bytes - most))))

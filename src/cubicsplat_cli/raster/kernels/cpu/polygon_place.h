@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kColours = 3, kLevels = 15;                     // channels, and the highest level of one
 constexpr int kFirst = kColours + 1, kSums = 2 * kFirst + 1;  // those by coverage, and with those by its square
-constexpr int kLines = 4;                                     // sampled in a row of pixels
+constexpr int kLines = 2;                                     // sampled in a row of pixels
 
 using Outline = std::vector<int32_t>;  // x and y of each vertex, units
 using Paint = std::array<int32_t, kColours>;
