@@ -1,0 +1,170 @@
+"""Soft areas of any form on even grounds: shadows, glows and blurred lights, as they are seen.
+
+A soft area of one colour leaves blends of that with its ground: colours on a straight line. How much of it a pixel has
+is read off that line. Beneath what covers it, it goes on smoothly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, Part, part_of, plateau
+from cubicsplat_cli.artwork.gradients.shades import common_shade
+from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
+from cubicsplat_cli.artwork.shadows.casters import (
+    LEAST_PART,
+    LEAST_RANGE,
+    OFF_LINE,
+    ON_LINE,
+    Ground,
+    direction_from,
+    end_of,
+)
+from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.paints import nearest_paints, part_spreads
+from cubicsplat_cli.record import record
+
+MOST_TRIED = 40  # grounds, the largest, looked at
+LEAST_AREA = 200  # px of an area
+ALIKE = 4.0  # levels by which the colours may differ that parts of one area tend to
+CLOSE = 4.0  # levels by which an area is off where it goes on at most
+ROUNDING = 0.5  # levels by which pixels are off what they were before they were rounded
+REACH = 6  # px beneath what covers an area in which it goes on as it changes beside that
+ROUNDS = 60  # of smoothing within what rounding leaves open
+
+
+@record
+class SoftArea:
+    """grounds: where it is seen; colour: (4,), opaque, in levels, that these tend to; share: (H, W) how much of that
+    they have, everywhere."""
+
+    grounds: tuple[Ground, ...]
+    colour: np.ndarray
+    share: np.ndarray
+
+    @property
+    def mask(self) -> np.ndarray:
+        """(H, W) bool where it is seen."""
+        return np.asarray(np.logical_or.reduce([ground.mask for ground in self.grounds]))
+
+    @property
+    def scale(self) -> float:
+        """Levels of a whole share."""
+        return float(np.abs(self.colour - self.grounds[0].fill).max())
+
+    @property
+    def ground(self) -> np.ndarray | None:
+        """The colour (3,) in levels of its ground where that is one and opaque."""
+        fill = self.grounds[0].fill
+        return fill[:3] if len(self.grounds) == 1 and fill[3] == 255.0 else None
+
+
+def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftArea]:
+    """The soft areas of a picture (H, W, 4), premultiplied levels, other than gradients. parts, count: as of
+    `smooth_parts`."""
+    found: list[tuple[Ground, np.ndarray]] = []
+    for part, fill, piece in _pieces(levels, parts, count):
+        work().at()
+        direction = direction_from(piece.pixels.values - fill)
+        if direction is None or _is_gradient(part, piece):
+            continue
+        colour = end_of(fill, direction)
+        own = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= ALIKE]
+        if not own:
+            own = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
+            found.append((own[0], colour))
+        own[0].mask[part.rows, part.columns] = True
+    return [_area(levels, parts, ground, colour) for ground, colour in found]
+
+
+def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, Part]]:
+    """Parts, their even grounds (4,), and the pieces of these that are not even."""
+    if count == 0:
+        return
+    sizes, boxes, spreads = part_spreads(levels, parts, count)
+    large = np.flatnonzero((sizes >= LEAST_PART) & (spreads > LEAST_RANGE))
+    for i in large[np.argsort(-sizes[large], kind="stable")][:MOST_TRIED].tolist():
+        part = part_of(levels, parts, i + 1, boxes[i])
+        fill, even = plateau(part)
+        if even.mean() >= LEAST_PLATEAU:
+            for piece in part.pieces(~even):
+                if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE:
+                    yield part, np.rint(fill), piece
+
+
+def _is_gradient(whole: Part, piece: Part) -> bool:
+    """Whether a piece of a part is a gradient that fades into the rest of that."""
+    around = piece.patch.grown(RING, whole.levels.shape)
+    rows, columns = around.places()
+    own = whole.patch.at(rows, columns)
+    around.mask[rows[~own] - around.top, columns[~own] - around.left] = False
+    pixels = Part(whole.levels, around).pixels
+    shade = common_shade(pixels, [])
+    return shade is not None and bool(shade.explains(pixels).mean() >= EXPLAINED)
+
+
+def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea:
+    """The soft area on a ground, seen there and where it goes on between what covers it."""
+    line = colour - ground.fill
+    scale = float(np.abs(line).max())
+    off = levels - ground.fill
+    seen = off @ line / float(line @ line)
+    on_line = largest(np.abs(off - seen[..., None] * line)) <= OFF_LINE
+    seen *= scale
+    own = ground.mask & on_line
+    darkest = float(seen[own].max())
+    possible = on_line & (seen <= darkest + CLOSE)
+    all_ = np.bincount(parts.ravel())
+    soft = np.append(False, part_spreads(levels, parts, len(all_) - 1)[2] > LEAST_RANGE)
+    # What is see-through shows the ground.
+    soft |= np.bincount(parts.ravel(), levels[..., 3].ravel()) < OPAQUE * all_
+    field = _continued(seen, own)
+    for _ in range(2):
+        gap = np.abs(field - seen)
+        there = possible & ~own & (field > OFF_LINE)
+        sizes, sums = (np.bincount(parts.ravel(), v.ravel()) for v in (there, there * gap))
+        more = (sizes >= ON_LINE * all_) & (soft | (sums <= CLOSE * all_))
+        more[0] = False
+        own |= (there & (gap <= CLOSE)) | (there & more[parts])
+        field = _continued(seen, own)
+    return SoftArea((replace(ground, mask=own),), colour, field / scale)
+
+
+def _continued(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(H, W) levels as they were before they were rounded, and on where they are not known."""
+    height, width = levels.shape
+    at = np.flatnonzero(~known)
+    found, places = nearest_paints(np.where(known, 0, -1), at, REACH, 1)
+    beside = found[:, 0] == 0
+    at, places = at[beside], places[beside, 0]
+    row, column = np.divmod(places, width)
+    behind = np.clip(2 * row - at // width, 0, height - 1), np.clip(2 * column - at % width, 0, width - 1)
+    smooth = _inwards(levels, known)
+    values = np.where(known[behind], 2.0 * smooth[row, column] - smooth[behind], smooth[row, column])
+    goal, fixed = smooth.copy(), known.copy()
+    goal.ravel()[at], fixed.ravel()[at] = np.maximum(values, 0.0), True
+    out = _inwards(goal, fixed)
+    low, high = np.where(fixed, out - ROUNDING, -np.inf), np.where(fixed, out + ROUNDING, np.inf)
+    for _ in range(ROUNDS):
+        out = np.clip(ndimage.gaussian_filter(out, 1.0, truncate=3.0, mode="nearest"), low, high)
+    return np.clip(out, 0.0, 255.0)
+
+
+def _inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Levels (H, W); where they are not known the mean of those that are, near ones more."""
+    out, left, sigma = levels.astype(float), ~known, 1.0
+    weights, values = known.astype(float), np.where(known, levels, 0.0).astype(float)
+    while left.any() and sigma < max(levels.shape):
+        weights = ndimage.gaussian_filter(weights, sigma, truncate=3.0, mode="nearest")
+        values = ndimage.gaussian_filter(values, sigma, truncate=3.0, mode="nearest")
+        now = left & (weights > 1e-3)
+        out[now] = values[now] / weights[now]
+        left &= ~now
+        sigma *= 2.0
+    return out
