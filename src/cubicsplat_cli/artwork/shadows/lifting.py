@@ -78,7 +78,7 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
         above = np.logical_or.reduce([cast.mask for cast in shadow.casts]) & ~taken
     else:
         areas = tuple(soft_areas(levels, parts, count)) if areas is None else areas
-        grounds = [ShadedGround(g.fill, a.colour, g.mask, a.share) for a in areas for g in a.grounds]
+        grounds = [ShadedGround(area.ground.fill, area.colour, area.mask, area.share) for area in areas]
         above = np.zeros(parts.shape, dtype=bool)
         for area in areas:
             above |= (area.scale * area.share > FAINT) & ~area.mask

@@ -152,7 +152,9 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
     owners, count = _owners(drawing), len(drawing.shapes)
     layers: list[tuple[int | None, list[Shape] | None]] = []
     for area in lifted.areas:
-        shapes = contoured(area.share, area.mask, area.colour[:3], area.ground, NAME)
+        fill = area.ground.fill
+        opaque = fill[:3] if fill[3] == 255.0 else None
+        shapes = contoured(area.share, area.mask, area.colour[:3], opaque, NAME)
         layers.append((_place(owners, count, area.share > SHADE, area.mask), list(shapes)))
     if lifted.shadow is not None and lifted.shaded is not None:
         for cast in lifted.shadow.casts:

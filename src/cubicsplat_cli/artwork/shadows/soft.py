@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, Part, part_of, plateau
+from cubicsplat_cli.artwork.gradients.parts import CLEAR, LEAST_PLATEAU, RING, Part, part_of, plateau, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
@@ -31,7 +31,7 @@ from cubicsplat_cli.raster.paints import nearest_paints, part_spreads
 from cubicsplat_cli.record import record
 
 MOST_TRIED = 40  # grounds, the largest, looked at
-LEAST_AREA = 200  # px of an area
+LEAST_AREA, LEAST_CUT = 200, 8  # px of an area, and where nothing is beside it
 ALIKE = 4.0  # levels by which the colours may differ that parts of one area tend to
 CLOSE = 4.0  # levels by which an area is off where it goes on at most
 ROUNDING = 0.5  # levels by which pixels are off what they were before they were rounded
@@ -41,38 +41,33 @@ ROUNDS = 60  # of smoothing within what rounding leaves open
 
 @record
 class SoftArea:
-    """grounds: where it is seen; colour: (4,), opaque, in levels, that these tend to; share: (H, W) how much of that
-    they have, everywhere."""
+    """ground: what it lies on, where it is seen; colour: (4,), opaque, in levels, that this tends to; share: (H, W) how
+    much of that it has, everywhere."""
 
-    grounds: tuple[Ground, ...]
+    ground: Ground
     colour: np.ndarray
     share: np.ndarray
 
     @property
     def mask(self) -> np.ndarray:
         """(H, W) bool where it is seen."""
-        return np.asarray(np.logical_or.reduce([ground.mask for ground in self.grounds]))
+        return self.ground.mask
 
     @property
     def scale(self) -> float:
         """Levels of a whole share."""
-        return float(np.abs(self.colour - self.grounds[0].fill).max())
-
-    @property
-    def ground(self) -> np.ndarray | None:
-        """The colour (3,) in levels of its ground where that is one and opaque."""
-        fill = self.grounds[0].fill
-        return fill[:3] if len(self.grounds) == 1 and fill[3] == 255.0 else None
+        return float(np.abs(self.colour - self.ground.fill).max())
 
 
 def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftArea]:
     """The soft areas of a picture (H, W, 4), premultiplied levels, other than gradients. parts, count: as of
     `smooth_parts`."""
-    found: list[tuple[Ground, np.ndarray]] = []
+    found, clear = list[tuple[Ground, np.ndarray]](), levels[..., 3] <= CLEAR
+    smooth = smooth_parts(levels)[0] > 0 if count else clear
     for part, fill, piece in _pieces(levels, parts, count):
         work().at()
         direction = direction_from(piece.pixels.values - fill)
-        if direction is None or _is_gradient(part, piece):
+        if direction is None or (fill[3] > CLEAR and _ends_at(clear, piece)) or _is_gradient(part, piece, smooth):
             continue
         colour = end_of(fill, direction)
         own = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= ALIKE]
@@ -80,7 +75,13 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
             own = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
             found.append((own[0], colour))
         own[0].mask[part.rows, part.columns] = True
-    return [_area(levels, parts, ground, colour) for ground, colour in found]
+    areas: list[SoftArea] = []
+    for ground, colour in found:
+        # The middle of one area looks like the ground of another.
+        others = [each.mask for each in areas if (each.ground.fill != ground.fill).any()]
+        if not any((mask & ground.mask).sum() > 0.5 * ground.mask.sum() for mask in others):
+            areas.append(_area(levels, parts, ground, colour))
+    return areas
 
 
 def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, Part]]:
@@ -98,8 +99,17 @@ def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple
                     yield part, np.rint(fill), piece
 
 
-def _is_gradient(whole: Part, piece: Part) -> bool:
-    """Whether a piece of a part is a gradient that fades into the rest of that."""
+def _ends_at(clear: np.ndarray, piece: Part) -> bool:
+    """Whether a piece is cut off where nothing is, (H, W) bool, so that it may not go on there."""
+    near = piece.patch.grown(REACH, clear.shape)
+    return int((near.mask & clear[near.window]).sum()) >= LEAST_CUT
+
+
+def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
+    """Whether a piece of a part is a gradient that fades into the rest of that. smooth: (H, W) bool where gradients are
+    sought."""
+    if smooth[piece.rows, piece.columns].mean() < EXPLAINED:
+        return False
     around = piece.patch.grown(RING, whole.levels.shape)
     rows, columns = around.places()
     own = whole.patch.at(rows, columns)
@@ -116,7 +126,8 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     off = levels - ground.fill
     seen = off @ line / float(line @ line)
     on_line = largest(np.abs(off - seen[..., None] * line)) <= OFF_LINE
-    seen *= scale
+    nothing = levels[..., 3] <= CLEAR
+    seen = np.where(nothing, 0.0, scale * seen)
     own = ground.mask & on_line
     darkest = float(seen[own].max())
     possible = on_line & (seen <= darkest + CLOSE)
@@ -124,7 +135,7 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     soft = np.append(False, part_spreads(levels, parts, len(all_) - 1)[2] > LEAST_RANGE)
     # What is see-through shows the ground.
     soft |= np.bincount(parts.ravel(), levels[..., 3].ravel()) < OPAQUE * all_
-    field = _continued(seen, own)
+    field = _continued(seen, own | nothing)
     for _ in range(2):
         gap = np.abs(field - seen)
         there = possible & ~own & (field > OFF_LINE)
@@ -132,8 +143,8 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
         more = (sizes >= ON_LINE * all_) & (soft | (sums <= CLOSE * all_))
         more[0] = False
         own |= (there & (gap <= CLOSE)) | (there & more[parts])
-        field = _continued(seen, own)
-    return SoftArea((replace(ground, mask=own),), colour, field / scale)
+        field = _continued(seen, own | nothing)
+    return SoftArea(replace(ground, mask=own), colour, field / scale)
 
 
 def _continued(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
