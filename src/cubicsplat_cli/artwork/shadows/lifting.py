@@ -71,6 +71,7 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     """
     parts, count = smooth_parts(levels, SHARP_BEND)
     shadow, shaded = shadow_of(levels, parts, count) if areas is None else None, None
+    above, taken = np.zeros(parts.shape, dtype=bool), np.zeros(parts.shape, dtype=bool)
     if shadow is not None:
         grounds = _shaded_grounds(levels, shadow)
         shaded = np.logical_or.reduce([ground.mask for ground in grounds])
@@ -79,7 +80,6 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     else:
         areas = tuple(soft_areas(levels, parts, count)) if areas is None else areas
         grounds = [ShadedGround(area.ground.fill, area.colour, area.mask, area.share) for area in areas]
-        above = np.zeros(parts.shape, dtype=bool)
         for area in areas:
             above |= (area.scale * area.share > FAINT) & ~area.mask
     if not grounds:
@@ -89,7 +89,7 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     # What a ground has where it is shaded, and a card anywhere.
     shades = [*grounds, *(ShadedGround(fill, fill, mask, np.zeros(parts.shape)) for fill, mask in cards)]
     colours = [lambda x, y, s=s: s.fill + s.share[y, x][:, None] * (s.colour - s.fill) for s in shades]
-    paint = np.where(parts > 0, parts + len(shades) - 1, -1).astype(np.int32)
+    paint = np.where((parts > 0) & ~taken, parts + len(shades) - 1, -1).astype(np.int32)
     for k, shade in enumerate(shades):
         paint[shade.mask] = k
     fills = np.array([ground.fill for ground in grounds] + stands)

@@ -74,8 +74,8 @@ def falls_on(caster: np.ndarray, ground: np.ndarray) -> bool:
 
 
 def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
-    """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its
-    rounding; None without any. parts, count: as of `smooth_parts`."""
+    """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding;
+    None without any. parts, count: as of `smooth_parts`."""
     shaded_ = shaded_grounds(levels, parts, count)
     if shaded_ is None:
         return None

@@ -36,6 +36,7 @@ ALIKE = 4.0  # levels by which the colours may differ that parts of one area ten
 CLOSE = 4.0  # levels by which an area is off where it goes on at most
 ROUNDING = 0.5  # levels by which pixels are off what they were before they were rounded
 REACH = 6  # px beneath what covers an area in which it goes on as it changes beside that
+ROUNDS_SEEN = 2  # in which more is found that shows an area
 ROUNDS = 60  # of smoothing within what rounding leaves open
 
 
@@ -129,20 +130,23 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     nothing = levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * seen)
     own = ground.mask & on_line
-    darkest = float(seen[own].max())
-    possible = on_line & (seen <= darkest + CLOSE)
-    all_ = np.bincount(parts.ravel())
-    soft = np.append(False, part_spreads(levels, parts, len(all_) - 1)[2] > LEAST_RANGE)
-    # What is see-through shows the ground.
-    soft |= np.bincount(parts.ravel(), levels[..., 3].ravel()) < OPAQUE * all_
+    # What is see-through shows the ground; so does what is no darker than the area elsewhere, if it is not even.
+    through = levels[..., 3] < OPAQUE
+    possible = on_line & (through | (seen <= float(seen[own].max()) + CLOSE))
+    sizes, _, spreads = part_spreads(levels, parts, int(parts.max()))
+    sizes, uneven = np.append(0, sizes), np.append(False, spreads > LEAST_RANGE)
+
+    def share_of(pixels: np.ndarray) -> np.ndarray:
+        """(parts + 1,) the share of each part's pixels that these (H, W) have, 0 of edges."""
+        return np.bincount(parts.ravel(), pixels.ravel(), len(sizes)) / np.maximum(sizes, 1) * (sizes > 0)
+
+    uneven |= share_of(through) > ON_LINE
     field = _continued(seen, own | nothing)
-    for _ in range(2):
-        gap = np.abs(field - seen)
-        there = possible & ~own & (field > OFF_LINE)
-        sizes, sums = (np.bincount(parts.ravel(), v.ravel()) for v in (there, there * gap))
-        more = (sizes >= ON_LINE * all_) & (soft | (sums <= CLOSE * all_))
-        more[0] = False
-        own |= (there & (gap <= CLOSE)) | (there & more[parts])
+    for _ in range(ROUNDS_SEEN):
+        gap, shaded = np.abs(field - seen), field > OFF_LINE
+        alike = uneven | (share_of(possible * gap) <= CLOSE)
+        more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
+        own |= possible & ((shaded & (gap <= CLOSE)) | more[parts])
         field = _continued(seen, own | nothing)
     return SoftArea(replace(ground, mask=own), colour, field / scale)
 
@@ -159,12 +163,12 @@ def _continued(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
     smooth = _inwards(levels, known)
     values = np.where(known[behind], 2.0 * smooth[row, column] - smooth[behind], smooth[row, column])
     goal, fixed = smooth.copy(), known.copy()
-    goal.ravel()[at], fixed.ravel()[at] = np.maximum(values, 0.0), True
+    goal.ravel()[at], fixed.ravel()[at] = np.clip(values, 0.0, levels[known].max()), True
     out = _inwards(goal, fixed)
     low, high = np.where(fixed, out - ROUNDING, -np.inf), np.where(fixed, out + ROUNDING, np.inf)
     for _ in range(ROUNDS):
         out = np.clip(ndimage.gaussian_filter(out, 1.0, truncate=3.0, mode="nearest"), low, high)
-    return np.clip(out, 0.0, 255.0)
+    return np.maximum(out, 0.0)
 
 
 def _inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
