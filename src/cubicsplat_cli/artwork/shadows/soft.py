@@ -141,18 +141,18 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
         return np.bincount(parts.ravel(), pixels.ravel(), len(sizes)) / np.maximum(sizes, 1) * (sizes > 0)
 
     uneven |= share_of(through) > ON_LINE
-    field = _continued(seen, own | nothing)
+    field = _continued(seen, own | nothing, scale)
     for _ in range(ROUNDS_SEEN):
         gap, shaded = np.abs(field - seen), field > OFF_LINE
         alike = uneven | (share_of(possible * gap) <= CLOSE)
         more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
         own |= possible & ((shaded & (gap <= CLOSE)) | more[parts])
-        field = _continued(seen, own | nothing)
+        field = _continued(seen, own | nothing, scale)
     return SoftArea(replace(ground, mask=own), colour, field / scale)
 
 
-def _continued(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(H, W) levels as they were before they were rounded, and on where they are not known."""
+def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
+    """(H, W) levels as they were before they were rounded, and on, up to `most`, where they are not known."""
     height, width = levels.shape
     at = np.flatnonzero(~known)
     found, places = nearest_paints(np.where(known, 0, -1), at, REACH, 1)
@@ -163,7 +163,7 @@ def _continued(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
     smooth = _inwards(levels, known)
     values = np.where(known[behind], 2.0 * smooth[row, column] - smooth[behind], smooth[row, column])
     goal, fixed = smooth.copy(), known.copy()
-    goal.ravel()[at], fixed.ravel()[at] = np.clip(values, 0.0, levels[known].max()), True
+    goal.ravel()[at], fixed.ravel()[at] = np.clip(values, 0.0, most), True
     out = _inwards(goal, fixed)
     low, high = np.where(fixed, out - ROUNDING, -np.inf), np.where(fixed, out + ROUNDING, np.inf)
     for _ in range(ROUNDS):
