@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.gradients.parts import CLEAR, LEAST_PLATEAU, RING, Part, part_of, plateau, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED
@@ -36,6 +36,7 @@ ALIKE = 4.0  # levels by which the colours may differ that parts of one area ten
 CLOSE = 4.0  # levels by which an area is off where it goes on at most
 ROUNDING = 0.5  # levels by which pixels are off what they were before they were rounded
 REACH = 6  # px beneath what covers an area in which it goes on as it changes beside that
+BESIDE = 32  # px around where an area is seen, beyond which it ends
 ROUNDS_SEEN = 2  # in which more is found that shows an area
 ROUNDS = 60  # of smoothing within what rounding leaves open
 
@@ -153,6 +154,15 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
 
 def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
     """(H, W) levels as they were before they were rounded, and on, up to `most`, where they are not known."""
+    rows, columns = (np.flatnonzero((known & (levels > OFF_LINE)).any(axis=axis)) for axis in (1, 0))
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    window, out = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
+    out[window] = _continued_within(levels[window], known[window], most)
+    return out
+
+
+def _continued_within(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
+    """The same of a window."""
     height, width = levels.shape
     at = np.flatnonzero(~known)
     found, places = nearest_paints(np.where(known, 0, -1), at, REACH, 1)
