@@ -293,14 +293,14 @@ def test_the_shadow_of_any_outline_is_even_shapes_within_each_other():
     assert np.percentile(gap, 99) <= 8.0 and (gap**2).mean() <= 3.0
 
 
-@pytest.mark.slow
 def test_what_a_shadow_of_any_outline_is_made_of():
     shape = star()
     picture = over(over(np.full((HEIGHT, WIDTH, 3), 255.0), shadow(shape, 2.0, 5.0, 4.0, 0.4), (0, 0, 0)), shape, BLUE)
     levels = levels_of(np.rint(picture).astype(np.float32) / np.float32(255))
     found = lifted(levels)
-    (cast,) = found.shadow.casts
-    assert np.abs(cast.share - shadow(shape, 2.0, 5.0, 4.0, 0.4)).max() <= 0.02
+    (area,) = found.areas
+    assert (area.colour == [0, 0, 0, 255]).all() and not (area.mask & (shape > 0.99)).any()
+    assert np.abs(area.share - shadow(shape, 2.0, 5.0, 4.0, 0.4))[area.mask].max() <= 0.01
     plain = over(np.full((HEIGHT, WIDTH, 3), 255.0), shape, BLUE)
     assert np.percentile(np.abs(found.levels[..., :3] - plain), 99) <= 8.0
 
@@ -314,3 +314,46 @@ def test_a_glow_is_opaque_and_goes_through_holes():
     assert shadows(drawing) and all(one.fill[3] == 255 for one in drawing.shapes)
     gap = np.abs(drawn(drawing) - picture).max(axis=2)
     assert gap[60:90, 75:105].max() <= 6.0 and np.percentile(gap, 99) <= 8.0
+
+
+def blot() -> np.ndarray:
+    """(H, W) a soft area that no blurred box, and no copy of anything else in a picture, makes."""
+    bent = np.clip(box(40, 30, 160, 70, 20.0) + box(40, 30, 90, 125, 20.0), 0.0, 1.0)
+    return shadow(bent, 0.0, 0.0, 9.0, 0.6)
+
+
+def test_a_soft_area_of_free_form_over_nothing_is_few_even_shapes():
+    shape = box(100, 60, 130, 110, 6.0)
+    alpha = 1.0 - (1.0 - shape) * (1.0 - blot())
+    picture = np.rint(255 * np.dstack([shape[..., None] * np.array(BLUE) / 255, alpha])) / 255
+    drawing = draw(picture.astype(np.float32))
+    steps = shadows(drawing)
+    assert 10 <= len(steps) <= 120 and len(drawing.shapes) == len(steps) + 1
+    gap = np.abs(drawn(drawing) - 255 * (picture[..., :3] + 1 - picture[..., 3:])).max(axis=2)
+    assert np.percentile(gap, 99) <= 6.0 and (gap**2).mean() <= 8.0
+
+
+def test_a_light_of_free_form_on_a_colour_is_few_even_shapes():
+    picture = over(np.zeros((HEIGHT, WIDTH, 3)) + BLUE, blot(), (255, 255, 160))
+    picture = np.rint(over(picture, box(20, 60, 60, 110, 6.0), (220, 40, 40))).astype(np.float32) / np.float32(255)
+    drawing = draw(picture)
+    steps = shadows(drawing)
+    assert 10 <= len(steps) <= 120 and len(drawing.shapes) == len(steps) + 2
+    gap = np.abs(drawn(drawing) - 255 * picture).max(axis=2)
+    assert np.percentile(gap, 99) <= 6.0 and (gap**2).mean() <= 3.0
+
+
+def test_soft_areas_are_not_taken_for_ringing():
+    picture = over(np.full((HEIGHT, WIDTH, 3), 250.0), blot(), (120, 40, 20))
+    prepared = analysed(np.rint(over(picture, star(), BLUE)).astype(np.float32) / np.float32(255))
+    assert prepared.condition.clean
+
+
+def test_lights_that_would_shine_beyond_their_ground_are_left_alone():
+    heart = star(far=60.0, near=45.0)
+    light = np.clip(shadow(box(20, 20, 95, 60, 10.0) + box(20, 20, 60, 120, 10.0), 0.0, 0.0, 7.0, 0.7), 0.0, 0.7)
+    picture = over(np.zeros((HEIGHT, WIDTH, 3)) + BLUE, heart, (180, 20, 30))
+    picture += (heart * light)[..., None] * (255.0 - picture)
+    picture = np.rint(picture).astype(np.float32) / np.float32(255)
+    gap = np.abs(drawn(draw(picture)) - 255 * picture).max(axis=2)
+    assert gap[heart == 0.0].mean() <= 2.0

@@ -33,7 +33,7 @@ from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.residual.added import with_added
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
-from cubicsplat_cli.artwork.shadows.slices import with_shadow
+from cubicsplat_cli.artwork.shadows.slices import placed, with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced
 from cubicsplat_cli.artwork.translucent.parts import parts_of
@@ -118,11 +118,17 @@ def _with_its_shadow(
     """
     if not _may_shine_through(prepared, settings):
         return None
-    without = prepared.lifted or lifted(prepared.levels)
-    if without.shadow is None:
+    without = lifted(prepared.levels) if prepared.lifted is None else prepared.lifted
+    if not without:
         return None
     drawings = versions(replace(prepared, levels=without.levels))
-    first = with_shadow(next(drawings), without)
+    drawing = next(drawings)
+    kept = placed(drawing, without.areas)
+    if kept and len(kept) < len(without.areas):
+        without = lifted(prepared.levels, kept)
+        drawings = versions(replace(prepared, levels=without.levels))
+        drawing = next(drawings)
+    first = with_shadow(drawing, without)
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None
     return chain([first], filter(None, (with_shadow(each, without) for each in drawings)))

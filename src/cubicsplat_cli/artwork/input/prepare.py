@@ -98,13 +98,14 @@ def _taken_in(levels: np.ndarray, factor: int, width: int, height: int, *, lossy
         if times > 1:
             # What was enlarged without smoothing is wanted pixel by pixel.
             condition = replace(condition_of(levels), aliased=False)
-    if condition.only_blurred:
-        # The ramps of shadows and gradients are as wide as blurred edges: it is told by what is left without them.
+    if not condition.clean and not lossy:
+        # Soft areas look like blurred edges or like ringing: damage is told by what is left without them.
         without = lifted(levels)
-        if without.shadow is not None:
+        if without:
             unshaded = condition_of(flattened(without.levels).levels)
             if unshaded.clean:
                 return PreparedInput(levels, unshaded, factor * times, times, width, height, lifted=without)
+    if condition.only_blurred:
         flat = without_blurred_gradients(levels, condition.blur)
         condition = condition_of(flat.levels)
         if condition.only_blurred and explained_by_blur(flat.levels, condition):

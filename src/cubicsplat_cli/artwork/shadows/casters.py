@@ -82,7 +82,7 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
             found.append(line)
     if not found:
         return None
-    return Shaded(tuple(ground for ground, _ in found), _end(found[0][0].fill, found[0][1]))
+    return Shaded(tuple(ground for ground, _ in found), end_of(found[0][0].fill, found[0][1]))
 
 
 def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | None:
@@ -91,7 +91,16 @@ def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | Non
     if even.mean() < LEAST_PLATEAU:
         return None
     fill = np.rint(fill)
-    off = part.pixels.values - fill
+    direction = direction_from(part.pixels.values - fill)
+    if direction is None:
+        return None
+    mask = np.zeros(shape, dtype=bool)
+    mask[part.rows, part.columns] = True
+    return Ground(fill, mask), direction
+
+
+def direction_from(off: np.ndarray) -> np.ndarray | None:
+    """The direction (4,) in which colours leave a fill, off it by (n, 4) levels; None where that is not one line."""
     total = off.sum(axis=0)
     length = float(np.linalg.norm(total))
     if length == 0.0:
@@ -99,14 +108,11 @@ def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | Non
     direction = total / length
     along = off @ direction
     beside = largest(np.abs(off - along[:, None] * direction))
-    if (beside <= OFF_LINE).mean() < ON_LINE or (along >= -OFF_LINE).mean() < ON_LINE:
-        return None
-    mask = np.zeros(shape, dtype=bool)
-    mask[part.rows, part.columns] = True
-    return Ground(fill, mask), direction
+    one_line = (beside <= OFF_LINE).mean() >= ON_LINE and (along >= -OFF_LINE).mean() >= ON_LINE
+    return direction if one_line else None
 
 
-def _end(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def end_of(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """The last colour (4,), opaque, in the direction from a fill."""
     if fill[3] < 254.5:
         lengths = [(255.0 - fill[3]) / max(float(direction[3]), 1e-9)]

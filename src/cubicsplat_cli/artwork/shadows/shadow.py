@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.parts import joined
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds, silhouettes_of
-from cubicsplat_cli.artwork.shadows.silhouettes import EXPLAINED, FAINT, HALFWAY, Outlined, shadow_of_outlines
 from cubicsplat_cli.raster.shadows import ShadedPixels
 from cubicsplat_cli.record import record
 
+# Share of the shaded pixels, and of the others, that must be off by CLOSE at most, and to go on; levels that count as
+# shade.
+EXPLAINED, HALFWAY, FAINT = 0.97, 0.6, 1.0
 ROUGH = 0.75  # levels, the root of the mean square, beyond which another layer is tried
 MOST_LAYERS, MOST_SHARED = 3, 2
 # Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.
@@ -31,7 +32,6 @@ class Cast(Caster):
     """The shadow of a box: its blurred copies."""
 
     layers: tuple[BlurredBox, ...]
-    off = CLOSE
 
     def darkening(self, shape: tuple[int, int]) -> tuple[slice, slice, np.ndarray]:
         """The rows and columns of a picture (H, W) that it may reach, and (h, w) how much it darkens them."""
@@ -45,17 +45,7 @@ class Shadow:
     """The soft shadows of a picture, with their grounds and colour. None falls on a ground within what casts it."""
 
     shaded: Shaded
-    casts: tuple[Cast, ...] | tuple[Outlined]
-
-    @property
-    def outlined(self) -> bool:
-        """Whether things of any outline cast it."""
-        return isinstance(self.casts[0], Outlined)
-
-    @property
-    def off(self) -> float:
-        """Levels by which a pixel may be off its shade."""
-        return max(cast.off for cast in self.casts)
+    casts: tuple[Cast, ...]
 
 
 class Shares:
@@ -84,8 +74,8 @@ def falls_on(caster: np.ndarray, ground: np.ndarray) -> bool:
 
 
 def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
-    """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes, or all of its things blurred alike,
-    explain to its rounding; None without any. parts, count: as of `smooth_parts`."""
+    """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding;
+    None without any. parts, count: as of `smooth_parts`."""
     shaded_ = shaded_grounds(levels, parts, count)
     if shaded_ is None:
         return None
@@ -107,12 +97,7 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
             best = casts if not best or _rank(casts) < _rank(best) else best
             if all(len(cast.layers) == 1 for cast in best):
                 break
-    if best:
-        return Shadow(shaded_, best)
-    if not silhouettes:
-        return None
-    outlined = shadow_of_outlines(levels, shaded_, seen, scale, joined(silhouettes), parts > 0)
-    return None if outlined is None else Shadow(shaded_, (outlined,))
+    return Shadow(shaded_, best) if best else None
 
 
 def _rank(casts: tuple[Cast, ...]) -> tuple[int, int]:

@@ -8,6 +8,7 @@ It is put into a drawing above all that it shades, below what casts it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -20,7 +21,7 @@ from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.contoured import contoured
 from cubicsplat_cli.artwork.shadows.lifting import Lifted
 from cubicsplat_cli.artwork.shadows.shadow import Cast
-from cubicsplat_cli.artwork.shadows.silhouettes import Outlined
+from cubicsplat_cli.artwork.shadows.soft import SoftArea
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
@@ -139,37 +140,36 @@ def _worst(cut: Cut, shapes: list[Shape]) -> float:
     return float(np.percentile(off[255.0 * cut.share[cut.shown] > FAINT], 99)) if len(off) else 0.0
 
 
+def placed(drawing: Drawing, areas: Sequence[SoftArea]) -> tuple[SoftArea, ...]:
+    """The soft areas that, drawn above their grounds, shade nothing else in the drawing of a picture without them."""
+    owners, count = _owners(drawing), len(drawing.shapes)
+    return tuple(area for area in areas if _place(owners, count, area.share > SHADE, area.mask) is not None)
+
+
 def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
     """The drawing of a picture without its shadows, with them; None where they cannot be drawn in gradients, or would
     shade what they do not."""
-    if lifted.shadow is None or lifted.shaded is None:
-        return drawing
-    owners = _owners(drawing)
-    layers: list[tuple[int, list[Shape]]] = []
-    for cast in lifted.shadow.casts:
-        shown = lifted.shaded & ~cast.mask
-        rows, columns, share = cast.darkening(shown.shape)
-        if share.size == 0:
-            continue
-        window, colour = (rows, columns), lifted.shadow.shaded.colour[:3]
-        dark = np.zeros(shown.shape, dtype=bool)
-        dark[window] = share > SHADE
-        place = _place(owners, len(drawing.shapes), dark & ~cast.mask, shown)
-        if place is None:
-            return None
-        if isinstance(cast, Outlined):
-            fills = {tuple(ground.fill.tolist()) for ground in lifted.shadow.shaded.grounds}
-            (ground,) = fills if len(fills) == 1 else [(0.0,) * 4]
-            opaque = np.array(ground[:3]) if ground[3] == 255.0 else None
-            shapes: list[Shape] | None = list(contoured(share, shown, colour, opaque, NAME))
-        else:
-            shapes = sliced(Cut(cast, share, shown[window], colour, window))
-        if shapes is None:
-            return None
-        layers.append((place, shapes))
+    owners, count = _owners(drawing), len(drawing.shapes)
+    layers: list[tuple[int | None, list[Shape] | None]] = []
+    for area in lifted.areas:
+        fill = area.ground.fill
+        opaque = fill[:3] if fill[3] == 255.0 else None
+        shapes = contoured(area.share, area.mask, area.colour[:3], opaque, NAME)
+        layers.append((_place(owners, count, area.share > SHADE, area.mask), list(shapes)))
+    if lifted.shadow is not None and lifted.shaded is not None:
+        for cast in lifted.shadow.casts:
+            shown = lifted.shaded & ~cast.mask
+            rows, columns, share = cast.darkening(shown.shape)
+            if share.size:
+                window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
+                dark[window] = share > SHADE
+                cut = Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window)
+                layers.append((_place(owners, count, dark & ~cast.mask, shown), sliced(cut)))
+    if any(place is None or shapes is None for place, shapes in layers):
+        return None
     out: list[Shape] = []
     for k, shape in enumerate([*lifted.meant(drawing).shapes, None]):
-        out += [one for place, shapes in layers if place == k for one in shapes]
+        out += [one for place, shapes in layers if place == k for one in shapes or ()]
         out += [shape] if shape is not None else []
     return replace(drawing, shapes=tuple(out))
 
