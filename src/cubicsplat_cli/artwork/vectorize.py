@@ -10,6 +10,7 @@ from itertools import chain
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.moves import PRICE
 from cubicsplat_cli.artwork.finish.pixels import with_pixels
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
@@ -31,6 +32,7 @@ from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.residual.added import with_added
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.slices import placed, with_shadow
@@ -39,6 +41,7 @@ from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced
 from cubicsplat_cli.artwork.translucent.parts import parts_of
 from cubicsplat_cli.files.compression import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import mean_fill
 
@@ -46,6 +49,7 @@ MANY = 150  # parts, whose finish takes longer than to find out whether they are
 # Px of the longer side below which clean pictures are traced in as many times the detail as they are smaller, down to
 # SMALLEST: artists draw as many pieces at any size, and one too many is easier to take out than one too few to put in.
 TRACED, SMALLEST = 512, 128
+ROUNDED = 1.0 / 12.0  # levels^2 by which a picture's pixels are off at the least
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
 
@@ -131,7 +135,20 @@ def _with_its_shadow(
     first = with_shadow(drawing, without)
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None
+    if without.areas:
+        others, plain = versions(replace(prepared, condition=prepared.seen or prepared.condition)), None
+        with work().stoppable():
+            plain = next(others)
+        if plain is not None and _description(plain, prepared.levels) < _description(first, prepared.levels):
+            return chain([plain], others)
     return chain([first], filter(None, (with_shadow(each, without) for each in drawings)))
+
+
+def _description(drawing: Drawing, levels: np.ndarray) -> float:
+    """Nats of a drawing, and of what it leaves of its picture (H, W, 4) in levels: normal errors of any one size."""
+    off = 255.0 * render_scene(scene_of(drawing)) - levels
+    error = float(np.mean(off * off)) + ROUNDED
+    return 0.5 * levels[..., 0].size * math.log(error) + PRICE * length(drawing.shapes)
 
 
 def _versions(

@@ -28,9 +28,9 @@ class PreparedInput:
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
     flat: levels without gradients, where they had to be found to tell the condition; lifted: without their soft
-    shadow, where that was. of_lcd: whether text was smoothed for an LCD's subpixels;
-    of_light: whether edges were blended in linear light. compression: of the levels' file, of a JPEG that is known as
-    such.
+    shadow, where that was; seen: the condition that they seemed to be in with it. of_lcd: whether text was smoothed for
+    an LCD's subpixels; of_light: whether edges were blended in linear light. compression: of the levels' file, of a
+    JPEG that is known as such.
     """
 
     levels: np.ndarray
@@ -43,6 +43,7 @@ class PreparedInput:
     pens: Pens | None = None
     flat: Flattened | None = None
     lifted: Lifted | None = None
+    seen: Condition | None = None
     of_lcd: bool = False
     of_light: bool = False
     compression: Compression | None = None
@@ -104,7 +105,9 @@ def _taken_in(levels: np.ndarray, factor: int, width: int, height: int, *, lossy
         if without:
             unshaded = condition_of(flattened(without.levels).levels)
             if unshaded.clean:
-                return PreparedInput(levels, unshaded, factor * times, times, width, height, lifted=without)
+                return PreparedInput(
+                    levels, unshaded, factor * times, times, width, height, lifted=without, seen=condition
+                )
     if condition.only_blurred:
         flat = without_blurred_gradients(levels, condition.blur)
         condition = condition_of(flat.levels)
