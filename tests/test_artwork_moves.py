@@ -5,8 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish.moves import as_path
+from cubicsplat_cli.artwork.finish.moves import as_path, cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import (

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
+from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions
-from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ROUNDING, edge_positions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
-from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions

@@ -14,8 +14,7 @@ from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
-from cubicsplat_cli.raster.paints import blends, nearest_paints
-from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_off
+from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, colours_off, nearest_paints
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 

@@ -15,8 +15,8 @@ from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, par
 from cubicsplat_cli.artwork.finish.settle import settle, trimmed
 from cubicsplat_cli.artwork.finish.state import WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, polygon_lengths
+from cubicsplat_cli.artwork.geometry.variables import feet_of
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
-from cubicsplat_cli.artwork.tracing.variables import feet_of
 from cubicsplat_cli.raster.cubics import found_merges
 from cubicsplat_cli.record import record
 

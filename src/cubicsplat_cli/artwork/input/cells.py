@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import distinct, steps
+from cubicsplat_cli.raster.unmix import distinct, steps
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 

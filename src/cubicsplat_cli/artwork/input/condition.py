@@ -14,8 +14,7 @@ from cubicsplat_cli.artwork.channels import LUMA, in_blocks, packed
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import edge_variances, second_differences
-from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
 
 # Levels: pixels whose 5 x 5 neighbours span less are away from edges, by the first of these limits that half of the
 # picture keeps to (25 normal deviates span 5 of their standard deviations); a second difference that an even or shaded

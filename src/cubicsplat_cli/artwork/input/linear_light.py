@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb
-from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
 # Edges that tell: levels of contrast; px by which the places differ between three columns, and between the two spaces,

@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import planes
+from cubicsplat_cli.raster.unmix import planes
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 

@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import FINEST_SIGMA, PLAIN_MISFIT, parameter_price
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, parameter_price
 from cubicsplat_cli.raster.borders import passings
 from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, EdgePositions, independent, loop_points, nearest_primitive
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.planar.faces import Faces
-from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.artwork.planar.snapping import Sources
 from cubicsplat_cli.record import record
 
 _JUMP = 0.5  # of the parameter: where a ring of one piece begins again

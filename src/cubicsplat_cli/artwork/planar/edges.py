@@ -10,8 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
 from cubicsplat_cli.artwork.planar.borders import Borders
 from cubicsplat_cli.artwork.planar.faces import Faces
-from cubicsplat_cli.artwork.planar.snapping import GRID
-from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
 from cubicsplat_cli.raster.cubics import newton_steps
 from cubicsplat_cli.record import record
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import (
     REACH,
     STRANGE,
@@ -18,6 +17,7 @@ from cubicsplat_cli.raster.unmix import (
     blend_with,
     fills_of_lines,
     near_fills,
+    off_palette,
     residual_of_three,
 )
 

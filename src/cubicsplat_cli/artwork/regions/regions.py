@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import CLEAR, PURE, SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
@@ -21,10 +20,9 @@ from cubicsplat_cli.artwork.regions.hairlines import (
     without,
 )
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
-from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
+from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners, with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
-from cubicsplat_cli.raster.observed import off_palette
-from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills
+from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills, off_palette
 from cubicsplat_cli.record import record
 
 MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills

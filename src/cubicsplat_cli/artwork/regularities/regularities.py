@@ -33,12 +33,11 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, MEAN, SIGMAS, SYSTEMATIC, Symmetry, Track, symmetry_of
-from cubicsplat_cli.artwork.regularities.copies import found_copies
-from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
-from cubicsplat_cli.artwork.regularities.grid import on_grid
+from cubicsplat_cli.artwork.regularities.grid import directed, found_slopes, has_diagonal, on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_parameters, mirrored_rings
 from cubicsplat_cli.artwork.regularities.rotational import EXACT, rotated
 from cubicsplat_cli.artwork.regularities.ties import TiedRing, tied_ring
+from cubicsplat_cli.artwork.regularities.turned import found_copies
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal

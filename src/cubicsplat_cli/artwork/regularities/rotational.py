@@ -14,10 +14,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import RingParameters
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
+from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
 from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.regularities.turned import FEWEST, MOST_PARTS, NEAR, STEPS, Walk
-from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 

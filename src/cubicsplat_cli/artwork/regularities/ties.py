@@ -9,7 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import Parameters, RingParameters
 from cubicsplat_cli.artwork.geometry.outlines import Outline
-from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 
 ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one

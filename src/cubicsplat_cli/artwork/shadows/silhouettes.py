@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.limits import blocks_of
 from cubicsplat_cli.artwork.shadows.casters import OFF_LINE, Shaded
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import nearest_paints
+from cubicsplat_cli.raster.shades import nearest_paints
 from cubicsplat_cli.raster.unmix import blend_with
 from cubicsplat_cli.record import record
 

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import parameter_price
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
-from cubicsplat_cli.artwork.tracing.fitting import parameter_price
-from cubicsplat_cli.artwork.tracing.variables import Pieces, feet_of, refine
+from cubicsplat_cli.artwork.geometry.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 

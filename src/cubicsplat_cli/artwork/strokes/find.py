@@ -25,10 +25,10 @@ from cubicsplat_cli.artwork.geometry.stroke import (
     ROUND,
     Stroke,
     line_chain,
+    outlines_of_stroke,
     pieces_of,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.strokes import evenly_wide
 

@@ -16,11 +16,10 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, St
 from cubicsplat_cli.artwork.finish.settle import settle
 from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, outlines_of_stroke, pieces_of, plan_of
+from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import length_of
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of
-from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cubics import tied_coordinates
 from cubicsplat_cli.raster.sparse import SparseRows
