@@ -21,7 +21,7 @@ from cubicsplat_cli.record import record
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
 # BLURS, px.
 FEW, LEAST_AREA = 16, 10
-BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
+BLURS = (0.0, *(1.5 * 2.0**k for k in range(5)))
 SMALL = 600  # px of a picture that may be all edges
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
-from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
+from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
@@ -22,7 +22,6 @@ from cubicsplat_cli.scene.paint import Rgba
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # Texture is where no pixel of a whole block is flat, which edges, three pixels wide, never fill.
 MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
-COUNTED_FILLS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
 # Levels of difference that people hardly see, by which a JPEG's pixels may be off; and how wide colours are then. Share
 # of the pixels in common colours or gradients for a picture to be a drawing perhaps: 0.58 and 0.70 in two
@@ -170,7 +169,7 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
     """
     code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
-    commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_FILLS]]
+    commonest = colours[np.argsort(-counts, kind="stable")[:MOST_PALETTE]]
     return np.isin(code, commonest) & (spread(levels, 3, 3) <= flat)
 
 

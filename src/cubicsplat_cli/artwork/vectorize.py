@@ -36,7 +36,7 @@ from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.slices import with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced, with_pixels
-from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import mean_fill

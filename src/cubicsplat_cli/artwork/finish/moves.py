@@ -85,7 +85,7 @@ def _edited(
     None without any."""
     ring = outline.outline()
     if not isinstance(ring, Ring):
-        other = as_path(ring, detail * sum(complaint.chi for complaint in own.values()), PRICE, crossed)
+        other = as_path(ring, detail * sum(complaint.chi for complaint in own.values()), crossed)
         return None if other is None else parametrised(other, constraints)
     found = {i: complaint for i, complaint in own.items() if complaint.chi * detail > WORTH}
     done = ring
@@ -95,9 +95,9 @@ def _edited(
     return None if done is ring else parametrised(done, constraints)
 
 
-def as_path(shape: Circle | Ellipse | Rectangle, chi: float, price: float, crossed: int) -> Ring | None:
+def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ring | None:
     """The ring to try in a primitive's place; None where all that its pixels hold against it, half of the excess of
-    chi^2, is worth less than the ring's further parameters at so many nats each, or is little for the pixels crossed.
+    chi^2, is worth less than the ring's further parameters, or is little for the pixels crossed.
 
     Rectangles that stand level stay: drawing programs with few samples a pixel know their sides to a quarter of one,
     and sides that slant would fit that better than they fit the drawing.
@@ -105,7 +105,7 @@ def as_path(shape: Circle | Ellipse | Rectangle, chi: float, price: float, cross
     if isinstance(shape, Rectangle) and shape.angle == 0.0:
         return None
     ring = shape.ring()
-    return ring if chi > max(price * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
+    return ring if chi > max(PRICE * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
 
 
 def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:

@@ -17,10 +17,11 @@ from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.palette import UNLIKE, modes, ringing
+from cubicsplat_cli.artwork.input.palette import SAME, UNLIKE, modes, ringing
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
+from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners
 from cubicsplat_cli.artwork.regions.sampling import COVERS, share_positions
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
@@ -40,9 +41,7 @@ LEAST_CLEAN, SMALLEST_CLEAN = 160.0, 1
 LEAST, SMALLEST = 60.0 * UNLIKE, 6
 DOT, LINE = 4, 3  # px of a shape, up to which it becomes a circle, and from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
-SAME = 8.0  # levels of one colour
-HALF, LESS = 0.5, 0.2  # shares from which a pixel is the new shape's, and from which one on the middle of a line is
-CLOSE = 12.0  # levels by which pixels of a line may be off its blends with what is drawn
+LESS = 0.2  # share from which a pixel on the middle of a line is the new shape's, as others are by half of them
 SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
 CROSSED = 0.05  # share of a new shape that a shape shows in which it lies beneath the new one
 
@@ -155,7 +154,7 @@ def proposals(
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
     near = ndimage.binary_dilation(area.where, ndimage.SQUARE, 2)
     # The uppermost shapes that cover half or more of each pixel, and that show in it; -1 for none.
-    owners, touching = (canvas.stack.uppermost(*window, share) for share in (HALF, SHOWS))
+    owners, touching = (canvas.stack.uppermost(*window, share) for share in (0.5, SHOWS))
     for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=model.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
@@ -180,7 +179,7 @@ def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
     lines stay in one piece.
     """
     most = ndimage.maximum_filter(share, 3 + 2 * math.ceil(blur))
-    cover = (share >= HALF) | ((share >= np.maximum(LESS, HALF * most)) & where)
+    cover = (share >= 0.5) | ((share >= np.maximum(LESS, 0.5 * most)) & where)
     levels = np.repeat(share[..., None], 4, axis=2)
     return joined_at_corners(cover.astype(np.int32), levels, COVERS / 255.0, whole=True) > 0
 
@@ -243,7 +242,7 @@ def _beneath(owners: np.ndarray, touching: np.ndarray) -> int:
     uppermost to show (n,) in most of it, as hairlines do.
     """
     found = []
-    for numbers, share in ((owners, CROSSED), (touching, HALF)):
+    for numbers, share in ((owners, CROSSED), (touching, 0.5)):
         names, counts = np.unique(numbers, return_counts=True)
         found.append(int(names[counts > share * len(numbers)].max(initial=-1)))
     return max(found)
@@ -269,7 +268,7 @@ def _colours(
     if found:
         shares, rests = (np.array(each) for each in zip(*found, strict=True))
         costs = np.where(np.median(shares[:, strongest], axis=1) >= LESS, rests.mean(axis=1), np.inf)
-        if costs.min() < CLOSE:
+        if costs.min() < BLEND:
             yield palette[[costs.argmin()]]
         several = np.unique(np.where(shares >= LESS, rests, np.inf).argmin(axis=0))
         if len(several) > 1:

@@ -38,9 +38,10 @@ MOST_EVEN, MOST_EVEN_CLEAR = 0.5, 0.33
 # Of the quiet pixels within so many px of one that is not, which wide margins leave as they are, the share that is
 # rough: up to 0.018 in nine of ten clean pictures, 0.05 and more in JPEGs and WebPs of quality 60 to 98.
 NEAR, LEAST_ROUGH = 4, 0.02
-# Or no blocks at all, as in a small JPEG or in WebP, whose blocks are of many sizes and smoothed: farther away, px, the
-# share that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80; that of smaller pictures ends before.
-FAR, LEAST_RINGING = 8, 0.003
+# Or no blocks at all, as in a small JPEG or in WebP, whose blocks are of many sizes and smoothed: farther away, as
+# far as a block, the share that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80; that of smaller
+# pictures ends before.
+LEAST_RINGING = 0.003
 MOST_INDEXED = 256  # colours
 # Opacity counts as well: black on nothing has edges.
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
@@ -216,7 +217,7 @@ def _indexed(levels: np.ndarray) -> bool:
 def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
     """Whether a picture is rough a few px away from its edges, and is not blurred, which reaches as far."""
     away = ndimage.distance_transform_cdt(quiet)
-    band = (away >= NEAR) & (away <= FAR)
+    band = (away >= NEAR) & (away <= BLOCK)
     if rough[band].sum() < LEAST_RINGING * band.sum() or not band.any():
         return False
     return (edge_blur(levels) or 0.0) < LEAST_BLUR_OF_JPEG

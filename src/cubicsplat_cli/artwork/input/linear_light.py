@@ -96,7 +96,7 @@ def _places(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     straight and its pixels are no blends.
     """
     first, last = steps[:, :1, :1], steps[:, 3:, :1]
-    share, rest = blend_of(steps, first, last, within=False)
+    share, rest = blend_of(steps, first, last, most=None)
     rest = rest / np.linalg.norm(last - first, axis=-1)[..., None]
     place = share[:, 1:3].sum(axis=1)
     bend = place[:, 0] - 2.0 * place[:, 1] + place[:, 2]

@@ -58,13 +58,13 @@ class Profiles:
     tints: np.ndarray
 
 
-def profiles_of(dark: np.ndarray, luma: np.ndarray, least: float, even: float) -> Profiles:
+def profiles_of(dark: np.ndarray, least: float, even: float) -> Profiles:
     """The profiles across all lines that are alone within REACH.
 
-    dark: (H, W, 3) levels by which a picture is darker than its paper; luma: (3,) weights of the channels; least:
-    levels of depth that a line has; even: levels of what may be left of one at the ends of a profile.
+    dark: (H, W, 3) levels by which a picture is darker than its paper; least: levels of depth that a line has;
+    even: levels of what may be left of one at the ends of a profile.
     """
-    depth = dark @ luma
+    depth = dark @ LUMA
     places, ways = _ridges(depth, least)
     offsets = np.arange(-REACH, REACH + 0.5 * STEP, STEP)
     depths = _sampled(depth, places, ways, offsets)
@@ -75,7 +75,7 @@ def profiles_of(dark: np.ndarray, luma: np.ndarray, least: float, even: float) -
     many = np.array([len(own) >= FEWEST_AROUND for own in near], dtype=bool)
     own = np.stack([_sampled(dark[..., k], places, ways, offsets).sum(axis=1) * STEP for k in range(3)], axis=-1)
     masses = np.array([own[part].mean(axis=0) for part in near]).reshape(-1, 3)[many]
-    total = masses @ luma
+    total = masses @ LUMA
     return Profiles(places[many], offsets, depths[many], total, masses / np.maximum(total, 1e-6)[:, None])
 
 
@@ -129,7 +129,7 @@ def pens_of(bare: np.ndarray, grain: float) -> Pens | None:
     """
     if min(bare.shape[:2]) < 2 * REACH:
         return None
-    lines = profiles_of(255.0 - bare, LUMA, FAINT * grain, EVEN * grain)
+    lines = profiles_of(255.0 - bare, FAINT * grain, EVEN * grain)
     kinds = _kinds(lines)
     if not (kinds >= 0).any():
         return None

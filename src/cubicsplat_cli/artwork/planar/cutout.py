@@ -15,8 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Ring, level_box, signed_area
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import offset_ring
-from cubicsplat_cli.artwork.planar.borders import Borders, borders_of
-from cubicsplat_cli.artwork.planar.edges import Edges, edges_of_borders
+from cubicsplat_cli.artwork.planar.borders import Borders, Edges, borders_of, edges_of_borders
 from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces, connected, faces_of, visible_regions
 from cubicsplat_cli.artwork.planar.snapping import (
     Sources,

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Ring,
     oriented,
     pieces_of_rings,
+    places_within,
     points_at,
     polygon,
     polygon_lengths,
@@ -129,8 +130,7 @@ def _chords(sources: Sources, live: np.ndarray) -> Segments:
     length = polygon_lengths(cubics)
     counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
     counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64) * live
-    piece = np.repeat(np.arange(len(cubics)), counts)
-    local = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
+    piece, local = places_within(counts)
     t = np.stack([local / counts[piece], (local + 1) / counts[piece]], axis=1)
     ends = []
     for k, border in ((0, 0), (1, 3)):

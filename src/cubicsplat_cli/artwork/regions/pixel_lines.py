@@ -13,21 +13,20 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import OPAQUE, PURE, has_square
+from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, PURE, has_square
+from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import components, nearest_fills, seam_shares, steps
 from cubicsplat_cli.record import record
 
-# Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
-ALIKE, APART = 0.5, 8.0
+APART = 8.0  # levels by which a pixel line must differ from what is on either side of it
 # Px from which a pixel line tells its fill, and from which it is one where others have told it; fill of the most pixel
 # lines.
 LONG, SHORT, MOST_RULES = 24, 5, 16
 # Where it may be something else, so many long ones in both directions tell it.
 FRAMES = 3
-# Px of a frame's corner, between its sides, and the share of the pixel line's fill from which a pixel there is its;
-# grounds of one fill's pixel lines that are looked at.
-CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
+# Px of a frame's corner, between its sides; grounds of one fill's pixel lines that are looked at.
+CORNER, MOST_GROUNDS = 24, 4
 # Share of the line's fill in the pixel that joins, over those in the two that meet: a line of one px across has a
 # quarter at the corners, one half as wide a quarter of that.
 LEAST_SHARE = 0.15
@@ -70,7 +69,7 @@ def with_pixel_lines(
     for colour in _colours(found, _doubtful(found, palette, pure)):
         gaps = largest(np.abs(fills - colour))
         if gaps.min() > ALIKE:
-            if len(fills) >= min(most or 256, 256):
+            if len(fills) >= min(most or MOST_COLORS, MOST_COLORS):
                 continue
             fills, gaps = np.vstack([fills, colour]), np.append(gaps, 0.0)
         own = found.where(largest(np.abs(found.colour - colour)) <= ALIKE)
@@ -90,7 +89,7 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRun
     grounds, counts = np.unique(np.rint(np.concatenate([own.before, own.behind])), axis=0, return_counts=True)
     for ground in grounds[np.argsort(-counts, kind="stable")[:MOST_GROUNDS]]:
         share, rest = blend_of(levels[y, x], ground, own.colour[0])
-        blends[y, x] |= (share >= SHARE) & (largest(np.abs(rest)) <= PURE)
+        blends[y, x] |= (share >= 0.5) & (largest(np.abs(rest)) <= PURE)
     return ndimage.binary_dilation(on, ndimage.SQUARE, CORNER, mask=blends | on)
 
 
@@ -176,8 +175,8 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
     for _ in range(PASSES):
         y, x, own = _touching(fills)
         ends = palette[fills[y, x]], palette[own][:, None]
-        share, _ = blend_of(levels[y, x], *ends, within=False)
-        meeting = [blend_of(levels[y[:, k], x[:, 1 - k]][:, None], *ends, within=False)[0] for k in (0, 1)]
+        share, _ = blend_of(levels[y, x], *ends, most=None)
+        meeting = [blend_of(levels[y[:, k], x[:, 1 - k]][:, None], *ends, most=None)[0] for k in (0, 1)]
         at, best = np.arange(len(y)), share.argmax(axis=1)
         both = np.ones(share.shape) if whole else np.clip(meeting[0] * meeting[1], 0.0, 1.0)
         good = (share >= LEAST_SHARE * both)[at, best]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.channels import FULL, blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster.borders import border_positions
 from cubicsplat_cli.raster.outlines import EdgePositions
@@ -31,7 +31,7 @@ SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
 EDGE, BETWEEN, MORE_STEPS, FEWEST_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 24, 2**18
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
-COVERS = np.array([np.zeros(4), np.full(4, 255.0)])  # levels of nothing and of all, for shares as a picture
+COVERS = np.array([np.zeros(4), np.full(4, FULL)])  # levels of nothing and of all, for shares as a picture
 
 
 def aliased(levels: np.ndarray) -> bool:

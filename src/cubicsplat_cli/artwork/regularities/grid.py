@@ -19,21 +19,18 @@ from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
 from cubicsplat_cli.artwork.regularities.alike import CLEAR, SIGMAS
-from cubicsplat_cli.artwork.regularities.ties import TiedRing, null_basis
+from cubicsplat_cli.artwork.regularities.ties import EXACT, LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.record import record
 
-# Cells that a canvas is commonly divided into.
-CELLS = (
-    *(2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 15, 16, 18, 20, 24, 25, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72),
-    *(80, 90, 96, 100, 108, 112, 120, 128, 144, 150, 160, 180, 192, 200, 240, 256, 288, 300, 320, 360, 384, 400, 512),
-)
+# Cells that a canvas is commonly divided into: numbers of few factors, halved again and again.
+MOST_CELLS, ODD = 512, (1, 3, 5, 7, 9, 15, 25, 27, 45, 75)
+CELLS = sorted(odd << k for odd in ODD for k in range(10) if 2 <= odd << k <= MOST_CELLS)
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
-EXACT = 0.03  # px, the error of coordinates where edges show their true areas
+EDGE = 0.03  # px, the error of coordinates where edges show their true areas
 ROUND = 0.06  # px, that of middles and radii
 CORNER = 0.25  # px, that of the radius of a rectangle's corners
-LEVEL = 1e-6  # px by which the ends of a level line differ
 SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, and pixels, from which an edge is seen
 # Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.
 FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
@@ -42,7 +39,6 @@ SHOWN = 0.8  # share of a line that must show
 SYSTEMATIC = 0.01  # px that one end of a line is off in its direction besides what its points tell
 POINT = 0.5 * SEEN_SIGMA  # px, the standard error of a point of a straight line
 OFTEN = 0.1  # share of a drawing's sloping lines that have the directions of a family, where the artist used it
-TIED = 1e-9  # px by which a tied line may still be off
 
 Slope = tuple[int, float]  # the number of a line of a ring, and its direction, radians
 
@@ -62,7 +58,7 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
     state: the drawing against its picture. cell: px between the places of level edges that the picture can tell apart,
     0 if it tells them exactly.
     """
-    edge = 0.5 * cell + EXACT
+    edge = 0.5 * cell + EDGE
     size = (float(drawing.width), float(drawing.height))
     outlines = [_on_border(outline, size) for shape in drawing.shapes for outline in shape.outlines]
     seen = _seen_edges(state)
@@ -92,7 +88,7 @@ def _seen_edges(state: State) -> list[list[np.ndarray]]:
     found = []
     for outline, first in zip(state.outlines, state.pieces, strict=False):
         good = outline.lines & (shown[first : first + len(outline.lines)] >= FEWEST_SEEN)
-        level = np.ptp(outline.cubics, axis=1) < LEVEL
+        level = np.ptp(outline.cubics, axis=1) < EXACT
         found.append([outline.cubics[good & level[:, axis], 0, axis] for axis in (0, 1)])
     return found
 
@@ -112,7 +108,7 @@ def _marks(outline: Outline, edge: float, seen: list[np.ndarray]) -> Iterator[Ma
 def _level(ring: Ring, axis: int) -> list[float]:
     """The coordinates of a ring's lines across an axis: y of the level ones for axis 1, x of the upright for 0."""
     values = ring.anchors[:, axis]
-    along = ring.lines & (np.abs(np.roll(values, -1) - values) < LEVEL)
+    along = ring.lines & (np.abs(np.roll(values, -1) - values) < EXACT)
     return np.unique(values[along]).tolist()
 
 
@@ -200,7 +196,7 @@ def _moved(ring: Ring, axis: int, value: float, to: float) -> Ring:
     if to == value:
         return ring
     values = ring.anchors[:, axis]
-    along = ring.lines & (np.abs(np.roll(values, -1) - values) < LEVEL) & (np.abs(values - value) < LEVEL)
+    along = ring.lines & (np.abs(np.roll(values, -1) - values) < EXACT) & (np.abs(values - value) < EXACT)
     moving = along | np.roll(along, 1)
     anchors, controls = ring.anchors.copy(), ring.controls.copy()
     anchors[moving, axis] += to - value
@@ -232,7 +228,7 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list
 def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, float]]:
     """Number, length, px, and direction, radians, of the lines of a ring that show and slope."""
     ways = np.roll(ring.anchors, -1, axis=0) - ring.anchors
-    for i in np.flatnonzero(ring.lines & (np.abs(ways) > LEVEL).all(axis=1)).tolist():
+    for i in np.flatnonzero(ring.lines & (np.abs(ways) > EXACT).all(axis=1)).tolist():
         length = float(np.hypot(*ways[i]))
         if length >= SHORTEST:
             weights = visibility.weights(i, (np.arange(math.ceil(length)) + 0.5) / math.ceil(length))
@@ -262,7 +258,7 @@ def directed(ring: TiedRing, slopes: Iterable[Slope]) -> TiedRing | None:
     off = _off(p.anchors, slopes)
     step = np.linalg.lstsq(matrix, -off, rcond=None)[0]
     brought = ring.moved(step)
-    if np.abs(_off(brought.pieces.anchors, slopes)).max() > TIED:
+    if np.abs(_off(brought.pieces.anchors, slopes)).max() > LEAST:
         return None
     equations = [{int(k): float(row[k]) for k in np.flatnonzero(row)} for row in matrix]
     return TiedRing(brought.pieces, ring.ties.after(null_basis(ring.ties.shape[1], equations)))
@@ -271,7 +267,7 @@ def directed(ring: TiedRing, slopes: Iterable[Slope]) -> TiedRing | None:
 def _across(angle: float) -> tuple[float, float]:
     """(2,) square to a direction, in whole numbers for 45 degrees."""
     x, y = -math.sin(angle), math.cos(angle)
-    return (x, y) if abs(abs(x) - abs(y)) > TIED else (math.copysign(1.0, x), math.copysign(1.0, y))
+    return (x, y) if abs(abs(x) - abs(y)) > LEAST else (math.copysign(1.0, x), math.copysign(1.0, y))
 
 
 def _off(anchors: np.ndarray, slopes: Iterable[Slope]) -> np.ndarray:
@@ -283,4 +279,4 @@ def _off(anchors: np.ndarray, slopes: Iterable[Slope]) -> np.ndarray:
 def has_diagonal(ring: Ring) -> bool:
     """Whether a line of a ring runs at 45 degrees exactly."""
     ways = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
-    return bool((ring.lines & (np.abs(ways[:, 0] - ways[:, 1]) < TIED) & (ways[:, 0] > LEVEL)).any())
+    return bool((ring.lines & (np.abs(ways[:, 0] - ways[:, 1]) < LEAST) & (ways[:, 0] > EXACT)).any())

@@ -20,21 +20,21 @@ from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import (
     CLEAR,
     FARTHEST,
+    FEWEST,
     LARGEST,
     MEAN,
-    ON_IT,
     SIGMAS,
     SYSTEMATIC,
     TRIES,
     Track,
 )
+from cubicsplat_cli.artwork.regularities.ties import LEAST
 from cubicsplat_cli.raster.point_tree import ClosedLines
 from cubicsplat_cli.record import record
 
 STEPS = 128  # round an outline
 LENGTH_OFF, NEAR = 0.8, 0.4  # px by which lengths of outlines that are alike differ, and their steps in the mean
 ALIKE = 0.1  # px by which turns that fit as well differ in that
-FEWEST = 8  # points that show
 FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
@@ -43,7 +43,7 @@ ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
 MOST_MODELS = 32  # of about its size that an outline is compared with, the first ones
 # As it is, mirrored either way, turned by half a circle.
-FLIPS = np.array([[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+FLIPS = np.array([[x, y] for y in (1.0, -1.0) for x in (1.0, -1.0)])
 
 
 @record
@@ -247,7 +247,7 @@ def found_copies(
         able = able[full | ~(whole[able] & track.whole)][:MOST_MODELS]
         # Where all of it shows, what is alike and of one size lies nearly right at once.
         astray = np.where(whole[able] & track.whole, ASTRAY, LARGEST)
-        found = lines.first_on(i, able, astray, FLIPS, (LARGEST, FARTHEST, MEAN), (FIRST_LOOK, TRIES), ON_IT)
+        found = lines.first_on(i, able, astray, FLIPS, (LARGEST, FARTHEST, MEAN), (FIRST_LOOK, TRIES), LEAST)
         if found is not None:
             model, flip, shift, told = found
             level[k] = names[model], _transform(tuple(FLIPS[flip].tolist()), shift, told, step, mirrors)
