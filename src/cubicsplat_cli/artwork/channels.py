@@ -7,6 +7,7 @@ from functools import reduce
 import numpy as np
 
 FULL = 255.0  # levels of a channel that is whole
+ROWS = 64  # of a picture, that are looked at in one go
 LUMA = np.array([0.299, 0.587, 0.114])  # of red, green and blue, by Rec. 601
 
 

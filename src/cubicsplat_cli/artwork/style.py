@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
+from cubicsplat_cli.artwork.channels import ROWS, in_blocks, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, MOST_PALETTE
@@ -31,9 +31,7 @@ _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer
 # Px of the blocks looked at for paper; what these have of the lightest ones' light; by which tints, in shares of the
 # light, may differ; and share of the blocks that are such, where ink covers the others.
 PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
-_BANDS_OF = 64  # rows
 _MOST_PIXELS = 2**20  # looked at
-_ROWS = 64  # read at once to tell one colour
 # What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.
 _SPREAD = 2.0 / 255.0 + 1e-6
 
@@ -129,9 +127,9 @@ def _sampled(target: np.ndarray) -> np.ndarray:
     height, width = target.shape[:2]
     if height * width <= _MOST_PIXELS:
         return target
-    bands = max(1, _MOST_PIXELS // (_BANDS_OF * width))
-    starts = np.linspace(0, max(0, height - _BANDS_OF), bands).astype(int)
-    return np.concatenate([target[start : start + _BANDS_OF] for start in starts])
+    bands = max(1, _MOST_PIXELS // (ROWS * width))
+    starts = np.linspace(0, max(0, height - ROWS), bands).astype(int)
+    return np.concatenate([target[start : start + ROWS] for start in starts])
 
 
 def _straight(levels: np.ndarray) -> np.ndarray:
@@ -192,8 +190,8 @@ def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
     least = most = plane[0, 0]
     total = np.zeros(plane.shape[2])
     # Most pictures are known by their first rows.
-    for top in range(0, plane.shape[0], _ROWS):
-        part = plane[top : top + _ROWS]
+    for top in range(0, plane.shape[0], ROWS):
+        part = plane[top : top + ROWS]
         least, most = np.minimum(least, part.min((0, 1))), np.maximum(most, part.max((0, 1)))
         if (most - least > spread).any():
             return None
