@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import SAME, UNLIKE, modes, ringing
-from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
 from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
@@ -39,7 +39,7 @@ MARGIN = 5  # px around an area that are looked at with it
 # noise: 60 px of what is just unlike, or a short line.
 LEAST_CLEAN, SMALLEST_CLEAN = 160.0, 1
 LEAST, SMALLEST = 60.0 * UNLIKE, 6
-DOT, LINE = 4, 3  # px of a shape, up to which it becomes a circle, and from which it is a line where they are in a row
+LINE = 3  # px of a shape from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
 LESS = 0.2  # share from which a pixel on the middle of a line is the new shape's, as others are by half of them
 SHOWS = 0.1  # coverage of a pixel by a shape that shows in it

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import BLOCK, Condition
 from cubicsplat_cli.artwork.input.evenness import EDGE
-from cubicsplat_cli.artwork.regions.fills import MOST_PALETTE
+from cubicsplat_cli.artwork.regions.fills import FEWEST_SQUARES, MOST_PALETTE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
 
@@ -29,7 +29,7 @@ WINDOW, UNLIKE, EXPLAINED, LEAST_MISSING = 5, 6.0, 0.5, 60
 # the size.
 RINGING, BLOCKS = 0.05, ((BLOCK, slice(0, 1)), (2 * BLOCK, slice(1, 3)))
 SMALL = 128  # px of the longer side, up to which details are so small
-FEWEST_SQUARES, MOST_SQUARES = 3, 24  # squares that show a fill, and fills
+MOST_SQUARES = 24  # fills that squares show
 # A square lies on a ramp where its colour is a blend of those up to so many px to either side of it: shares, and times
 # the misfit that it is off that and these are apart.
 REACH, BLENDED, MISFITS, CONTRAST = 2, (0.15, 0.85), 2.0, 6.0

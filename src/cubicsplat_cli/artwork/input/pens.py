@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA
+from cubicsplat_cli.artwork.input.paper import FAINT
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
@@ -24,8 +25,7 @@ NEAR = 0.6  # px from a pixel's middle to that of the line in it: both pixels be
 REACH, STEP = 8.0, 0.5  # px to either side of a line, and between the samples of a profile
 OUTER = 3  # samples at either end that hold nothing but paper beside a line that is alone
 AROUND, FEWEST_AROUND = 8.0, 6  # px within which places belong together, and how many there must be
-FAINT = 4.0  # standard deviations of the grain that a line is deeper than at the least
-EVEN = 3.0  # and that profiles may be off the paper at their ends
+EVEN = 3.0  # standard deviations of the grain that profiles may be off the paper at their ends
 # Tints, of channels over luma, and natural logarithms of masses, that differ by less are one.
 TINT, MASS = 0.25, 0.3
 FEWEST = 80  # places of a kind of line
