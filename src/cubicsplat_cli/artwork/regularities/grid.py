@@ -23,9 +23,11 @@ from cubicsplat_cli.artwork.regularities.ties import EXACT, LEAST, TiedRing, nul
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.record import record
 
-# Cells that a canvas is commonly divided into: numbers of few factors, halved again and again.
-MOST_CELLS, ODD = 512, (1, 3, 5, 7, 9, 15, 25, 27, 45, 75)
-CELLS = sorted(odd << k for odd in ODD for k in range(10) if 2 <= odd << k <= MOST_CELLS)
+# Cells that a canvas is commonly divided into.
+CELLS = (
+    *(2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 15, 16, 18, 20, 24, 25, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72),
+    *(80, 90, 96, 100, 108, 112, 120, 128, 144, 150, 160, 180, 192, 200, 240, 256, 288, 300, 320, 360, 384, 400, 512),
+)
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
 EDGE = 0.03  # px, the error of coordinates where edges show their true areas
