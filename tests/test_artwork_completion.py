@@ -12,10 +12,8 @@ import pytest
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import hidden_runs, outlines_of
-from cubicsplat_cli.artwork.layers.ends import End, continued
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path
-from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
+from cubicsplat_cli.artwork.layers.ways import End, HiddenLoop, Room, continued, min_link_path, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError

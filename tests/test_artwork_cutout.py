@@ -125,7 +125,7 @@ def blob(cx: float, cy: float, *radii: float) -> Ring:
     reach = np.array(radii)[:, None] * 4.0 / 3.0 * np.tan(np.pi / 2.0 / len(radii))
     way = reach * np.stack([-out[:, 1], out[:, 0]], axis=1)
     following = np.roll(np.arange(len(radii)), -1)
-    return ring_of_cubics(np.stack([at, at + way, (at - way)[following], at[following]], axis=1), smooth=True)
+    return ring_of_cubics(np.stack([at, at + way, (at - way)[following], at[following]], axis=1))
 
 
 def square(x: float, y: float, side: float) -> Ring:

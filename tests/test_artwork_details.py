@@ -11,13 +11,12 @@ from scipy import ndimage
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
+from cubicsplat_cli.artwork.finish import added
+from cubicsplat_cli.artwork.finish.proposals import ErrorModel, Placed, TargetPicture
 from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
 from cubicsplat_cli.artwork.input.prepare import as_levels
-from cubicsplat_cli.artwork.residual import added
-from cubicsplat_cli.artwork.residual.areas import ErrorModel, TargetPicture
-from cubicsplat_cli.artwork.residual.proposals import Placed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e

@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, Pins, parametr
 from cubicsplat_cli.artwork.finish.settle import LONGEST
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.regularities.directions import directed, has_diagonal
+from cubicsplat_cli.artwork.regularities.grid import directed, has_diagonal
 from cubicsplat_cli.artwork.regularities.ties import null_basis, tied_ring
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg.drawing_reader import read_drawing

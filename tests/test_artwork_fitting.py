@@ -9,6 +9,7 @@ import pytest
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.artwork import vectorize
+from cubicsplat_cli.artwork.geometry.fitting import few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -20,7 +21,6 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     polygon,
     signed_area,
 )
-from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import as_picture

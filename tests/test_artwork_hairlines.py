@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 
-from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
+from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions, find_regions, pixel_fills
-from cubicsplat_cli.artwork.tracing.contours import edge_positions
+from cubicsplat_cli.artwork.regions.sampling import edge_positions
 
 
 def regions_of(line: np.ndarray) -> Regions:

@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.input.recompressed import before_compression
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.files.load import as_picture, load_picture, resize_picture
 from cubicsplat_cli.raster import ndimage
 

@@ -8,8 +8,8 @@ import pytest
 import resvg_py
 from PIL import Image
 
-from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.merges import Merge, merged, with_merges
+from cubicsplat_cli.artwork.finish.moves import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.finish.state import State, begin, drawn, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, points_at, polygon, signed_area

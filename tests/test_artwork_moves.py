@@ -5,8 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish.moves import as_path
+from cubicsplat_cli.artwork.finish.moves import as_path, cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -103,5 +102,5 @@ def test_the_polish_keeps_primitives_that_are_right(drawn):
 
 def test_a_large_circle_is_not_given_up_for_little_on_each_of_its_pixels():
     leaf, disc = Ellipse(20.0, 20.0, 9.0, 2.0, 0.3), Circle(250.0, 250.0, 240.0)
-    assert as_path(leaf, 400.0, 4.0, 40) is not None
-    assert as_path(disc, 400.0, 4.0, 1400) is None
+    assert as_path(leaf, 400.0, 40) is not None
+    assert as_path(disc, 400.0, 1400) is None

@@ -10,12 +10,12 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
-from cubicsplat_cli.artwork.layers.ends import heading
 from cubicsplat_cli.artwork.layers.extents import extents
 from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
 from cubicsplat_cli.artwork.layers.stacking import Stack, _without_cycles, stack
+from cubicsplat_cli.artwork.layers.ways import heading
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import edge_positions
+from cubicsplat_cli.artwork.regions.sampling import edge_positions
 from cubicsplat_cli.raster.outlines import EdgePositions, coverage
 
 FINE = 8

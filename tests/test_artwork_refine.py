@@ -13,7 +13,7 @@ from outline_loops import corners_of
 from test_artwork_fitting import sampled, star
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, bernstein, derivatives, points_at
-from cubicsplat_cli.artwork.tracing.variables import Pieces, refine
+from cubicsplat_cli.artwork.geometry.variables import Pieces, refine
 from cubicsplat_cli.raster.cubics import divided_run, held_ring, tied_coordinates
 
 SIGMA = 0.02

@@ -20,13 +20,12 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, points_at, polygon
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, outlines_of_stroke, pieces_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.strokes import parameters as strokes
 from cubicsplat_cli.artwork.strokes.centre_line import with_corners
 from cubicsplat_cli.artwork.strokes.find import as_strokes
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters, fitted_strokes
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError

@@ -8,12 +8,12 @@ from conftest import rest_slow
 from image_files import recoded
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.layers.merging import FULL, Overlay, Paint, likeliest, paint_of, with_covered
+from cubicsplat_cli.artwork.layers.translucent import goes_on, meetings, without_overlays
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.sampling import edge_positions
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.tracing.contours import edge_positions
-from cubicsplat_cli.artwork.translucent.merging import FULL, Overlay, Paint, likeliest, paint_of, with_covered
-from cubicsplat_cli.artwork.translucent.parts import goes_on, meetings, without_overlays
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.svg.drawing_reader import read_drawing

@@ -21,7 +21,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.lottie import lottie
 from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.marks import svg_is_ours
-from cubicsplat_cli.html_report.player import player_page
+from cubicsplat_cli.html_report.animation import player_page
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

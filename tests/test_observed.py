@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubicsplat_cli.raster.observed import (
+from cubicsplat_cli.raster.unmix import (
     distinct,
     edge_variances,
     off_palette,

@@ -10,16 +10,20 @@ import pytest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import flattened
 from cubicsplat_cli.artwork.gradients.parts import Patch, joined, smooth_parts
-from cubicsplat_cli.raster.paints import bends_and_steps, blends, nearest_paints, part_spreads, trimmed_range
 from cubicsplat_cli.raster.shades import (
     Pixels,
+    bends_and_steps,
     best_colours,
     best_stops,
+    blends,
     colours_at,
     colours_off,
     fitted,
+    nearest_paints,
+    part_spreads,
     scatter,
     slopes,
+    trimmed_range,
 )
 
 KNOTS = np.array([0.2, 0.5, 1.1])

@@ -16,10 +16,9 @@ from test_artwork_cutout import FILLS, SIZE, Circle, Ellipse, Rectangle, blob, d
 import cubicsplat_cli as cubicsplat
 from cubicsplat_cli import UsageError
 from cubicsplat_cli.artwork import structure
-from cubicsplat_cli.artwork.geometry.stroke import Stroke, line_chain
+from cubicsplat_cli.artwork.geometry.stroke import Stroke, line_chain, outlines_of_stroke
 from cubicsplat_cli.artwork.planar.cutout import cut_out, overlapping
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
 from cubicsplat_cli.options import length_text, parse_width
 from cubicsplat_cli.request import request_of

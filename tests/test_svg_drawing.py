@@ -210,7 +210,7 @@ def smooth_ring(seed: int, joints: int) -> Ring:
     after = anchors + lengths[:, 0] * unit
     before = np.roll(anchors - lengths[:, 1] * unit, -1, axis=0)
     ends = np.roll(anchors, -1, axis=0)
-    return ring_of_cubics(np.stack([anchors, after, before, ends], axis=1), smooth=True)
+    return ring_of_cubics(np.stack([anchors, after, before, ends], axis=1))
 
 
 @given(st.integers(0, 10_000), st.integers(2, 9), st.integers(1, 3))

@@ -142,7 +142,7 @@ def drawing_seeds() -> tuple[bytes, ...]:
                     half_widths=torch.full((3,), 0.7 if mode is Mode.OPEN else 0.0),
                 )  # fmt: skip
                 found.append(write_svg(scene, precision=precision, title="a & b", comment="cubicsplat").encode())
-    ring = ring_of_cubics(rng.normal(10, 6, (4, 4, 2)), smooth=True)
+    ring = ring_of_cubics(rng.normal(10, 6, (4, 4, 2)))
     outlines = (ring, polygon(rng.normal(10, 6, (5, 2))), Circle(9, 8, 5), Ellipse(9, 8, 5, 3, 0.4))
     shapes = [Shape((9, 99, 200, 255), outlines, "all"), Shape((1, 2, 3, 99), (Rectangle(1, 2, 9, 8, 2, 0.3),), "r")]
     shapes += [Shape((255, 0, 0, 255), (outline,), "one") for outline in outlines]

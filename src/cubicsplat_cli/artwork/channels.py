@@ -6,6 +6,8 @@ from functools import reduce
 
 import numpy as np
 
+FULL = 255.0  # levels of a channel that is whole
+ROWS = 64  # of a picture, that are looked at in one go
 LUMA = np.array([0.299, 0.587, 0.114])  # of red, green and blue, by Rec. 601
 
 
@@ -44,13 +46,13 @@ def widened(box: tuple[slice, ...], by: int, shape: tuple[int, ...]) -> tuple[sl
 
 
 def blend_of(
-    values: np.ndarray, first: np.ndarray, second: np.ndarray, *, within: bool = True
+    values: np.ndarray, first: np.ndarray, second: np.ndarray, *, most: float | None = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Colours (..., C) as blends of two others: the shares (...) of the second one, and what these leave (..., C).
 
-    within: shares lie from 0 to 1; else anywhere on the line through both. Where the two are alike shares are 0.
+    Shares lie from 0 to `most`, or, None, anywhere on the line through both. Where the two are alike shares are 0.
     """
     span, off = second - first, values - first
     share = summed(off * span) / np.maximum(summed(span * span), 1e-9)
-    share = np.clip(share, 0.0, 1.0) if within else share
+    share = share if most is None else np.clip(share, 0.0, most)
     return share, off - share[..., None] * span

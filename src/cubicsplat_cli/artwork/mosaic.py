@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import widened
+from cubicsplat_cli.artwork.channels import FULL, widened
 from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.scene import filled_scene
@@ -20,7 +20,6 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Rgba
 
-OPAQUE = 255.0  # levels
 MOST_CORNERS = 1365  # of a curve of a scene, whose arrays have room for the longest curve in each row
 
 
@@ -46,7 +45,7 @@ class CellLayer:
         if len(self.loops[0]) <= MOST_CORNERS or self.mask.size == 1:
             return [self] if len(self.loops[0]) else []
         rows, columns = self.mask.shape
-        lap = int(self.fill[3] == OPAQUE)
+        lap = int(self.fill[3] == FULL)
         if rows >= columns:
             half = rows // 2
             top = replace(self, mask=self.mask[: half + lap], y=self.y[: half + lap + 1])
@@ -100,12 +99,12 @@ def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cell
     edge = np.concatenate([cells.numbers[[0, -1]].ravel(), cells.numbers[1:-1, [0, -1]].ravel()])
     counts = np.bincount(edge, minlength=len(cells.colours))
     ground = int(counts.argmax())
-    found = bool(2 * counts[ground] > len(edge) and cells.colours[ground, 3] >= OPAQUE)
+    found = bool(2 * counts[ground] > len(edge) and cells.colours[ground, 3] >= FULL)
     colours = cells.colours.copy()
     if colour is not None:
-        colours[cells.colours[:, 3] == 0.0] = (*colour, OPAQUE)
+        colours[cells.colours[:, 3] == 0.0] = (*colour, FULL)
     if found:
-        colours[ground] = (0.0, 0.0, 0.0, 0.0) if colour is None else (*colour, OPAQUE)
+        colours[ground] = (0.0, 0.0, 0.0, 0.0) if colour is None else (*colour, FULL)
     return replace(cells, colours=colours), found
 
 
@@ -132,7 +131,7 @@ def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> 
     order = np.argsort(-np.bincount(cells.numbers.ravel(), minlength=len(cells.colours)), kind="stable")
     # Later colours have higher ranks; of those that are not opaque what lies beneath would show.
     rank = np.argsort(order)[cells.numbers]
-    above = np.where((cells.colours[:, 3] >= OPAQUE)[cells.numbers], rank, -1)
+    above = np.where((cells.colours[:, 3] >= FULL)[cells.numbers], rank, -1)
     layers = []
     for place, box in enumerate(ndimage.find_objects(rank + 1)):
         fill = eight_bit(cells.colours[order[place]])

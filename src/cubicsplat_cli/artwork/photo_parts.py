@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import bends_and_steps
+from cubicsplat_cli.raster.shades import bends_and_steps
 from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels

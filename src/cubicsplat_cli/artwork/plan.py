@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
+from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions
-from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ROUNDING, edge_positions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
-from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
@@ -22,7 +21,7 @@ from cubicsplat_cli.record import record
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
 # BLURS, px.
 FEW, LEAST_AREA = 16, 10
-BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
+BLURS = (0.0, *(1.5 * 2.0**k for k in range(5)))
 SMALL = 600  # px of a picture that may be all edges
 
 

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
+from cubicsplat_cli.artwork.channels import ROWS, in_blocks, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
-from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
+from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
@@ -22,7 +22,6 @@ from cubicsplat_cli.scene.paint import Rgba
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # Texture is where no pixel of a whole block is flat, which edges, three pixels wide, never fill.
 MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
-COUNTED_FILLS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
 # Levels of difference that people hardly see, by which a JPEG's pixels may be off; and how wide colours are then. Share
 # of the pixels in common colours or gradients for a picture to be a drawing perhaps: 0.58 and 0.70 in two
@@ -32,9 +31,7 @@ _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer
 # Px of the blocks looked at for paper; what these have of the lightest ones' light; by which tints, in shares of the
 # light, may differ; and share of the blocks that are such, where ink covers the others.
 PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
-_BANDS_OF = 64  # rows
 _MOST_PIXELS = 2**20  # looked at
-_ROWS = 64  # read at once to tell one colour
 # What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.
 _SPREAD = 2.0 / 255.0 + 1e-6
 
@@ -130,9 +127,9 @@ def _sampled(target: np.ndarray) -> np.ndarray:
     height, width = target.shape[:2]
     if height * width <= _MOST_PIXELS:
         return target
-    bands = max(1, _MOST_PIXELS // (_BANDS_OF * width))
-    starts = np.linspace(0, max(0, height - _BANDS_OF), bands).astype(int)
-    return np.concatenate([target[start : start + _BANDS_OF] for start in starts])
+    bands = max(1, _MOST_PIXELS // (ROWS * width))
+    starts = np.linspace(0, max(0, height - ROWS), bands).astype(int)
+    return np.concatenate([target[start : start + ROWS] for start in starts])
 
 
 def _straight(levels: np.ndarray) -> np.ndarray:
@@ -170,7 +167,7 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
     """
     code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
-    commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_FILLS]]
+    commonest = colours[np.argsort(-counts, kind="stable")[:MOST_PALETTE]]
     return np.isin(code, commonest) & (spread(levels, 3, 3) <= flat)
 
 
@@ -193,8 +190,8 @@ def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
     least = most = plane[0, 0]
     total = np.zeros(plane.shape[2])
     # Most pictures are known by their first rows.
-    for top in range(0, plane.shape[0], _ROWS):
-        part = plane[top : top + _ROWS]
+    for top in range(0, plane.shape[0], ROWS):
+        part = plane[top : top + ROWS]
         least, most = np.minimum(least, part.min((0, 1))), np.maximum(most, part.max((0, 1)))
         if (most - least > spread).any():
             return None

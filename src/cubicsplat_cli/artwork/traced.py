@@ -1,8 +1,13 @@
-"""From the parts of a plan to shapes with outlines, traced in the pixels or in several steps a pixel."""
+"""From the parts of a plan to shapes with outlines, traced in the pixels or in several steps a pixel.
+
+Thin parts of pictures without anti-aliasing, as letters of small text, are known to half a px, which is half of what
+they are. Where an outline leaves a pixel of one out, or goes where none is, its pixels are drawn instead.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,20 +15,23 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.finish.polish import MOST
 from cubicsplat_cli.artwork.finish.state import State, begin
-from cubicsplat_cli.artwork.geometry.outlines import Outline
+from cubicsplat_cli.artwork.geometry.fitting import few_lines
+from cubicsplat_cli.artwork.geometry.outlines import Outline, pieces_of_rings, polygon
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all
+from cubicsplat_cli.artwork.layers.extents import Extent
+from cubicsplat_cli.artwork.layers.translucent import TranslucentPart
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS
 from cubicsplat_cli.artwork.plan import Plan, planned
-from cubicsplat_cli.artwork.regions.fills import eight_bit
+from cubicsplat_cli.artwork.regions.fills import PURE, eight_bit
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills
-from cubicsplat_cli.artwork.regions.sampling import ONE_SAMPLE
+from cubicsplat_cli.artwork.regions.sampling import ONE_SAMPLE, ROUNDING
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_outline, shape_name
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING
-from cubicsplat_cli.artwork.tracing.fitting import few_lines
-from cubicsplat_cli.artwork.translucent.parts import TranslucentPart
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.borders import border_map
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_labels, near_fills
 
@@ -36,6 +44,9 @@ FAR_OFF, LETTERS, MORE, LEFT, LEAST_AREA = 0.3**2, 0.1, 4, 0.4, 0.5
 STEPS, MOST_STEPS = 4, 10_000_000
 # Times the error of pixels that a fill which is not near must explain one better than those that are.
 FARTHER = 4.0
+# Share of a pixel that a line may be off: one that runs through the pixel's middle covers half of it and more.
+# In a letter of fewer than 50 px one that is off more counts, in a long line several.
+MOST_OFF, FEW_OFF = 0.75, 0.02
 
 
 def traced(
@@ -139,3 +150,33 @@ def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, mo
     first[y, x], second[y, x], share[y, x] = pairs
     labels, finer = finer_labels(first, second, share, fills.palette, steps)
     return FlatPicture(finer, fills.palette, labels) if components(labels)[1] <= most else None
+
+
+def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
+    """The drawing of a plan's parts, one shape each, in their order, with the pixels of thin parts that it misses."""
+    pairs = zip(drawing.shapes, plan.parts, strict=True)
+    shapes = [_of_pixels(shape, part.extent, plan.levels, part.fill) for shape, part in pairs]
+    return replace(drawing, shapes=tuple(shapes))
+
+
+def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarray) -> Shape:
+    """The shape of an extent, or its pixels in a picture (H, W, 4) of such a fill (4,), both in levels."""
+    around = ndimage.binary_dilation(extent.shown, ndimage.SQUARE) & ~extent.shown
+    # Pixels would leave gaps to smooth outlines of what lies above.
+    if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any() or (around & extent.allowed).any():
+        return shape
+    height, width = extent.shown.shape
+    levels = levels[extent.top : extent.top + height, extent.left : extent.left + width]
+    own = extent.shown & (np.abs(levels - fill).max(axis=2) <= PURE)
+    drawn = coverage(*pieces_of_rings(shape.oriented()), extent.top, extent.left, height, width)
+    off = drawn - own
+    if not own.any() or (np.abs(off) > MOST_OFF).sum() <= FEW_OFF * own.sum():
+        return shape
+    return replace(shape, outlines=tuple(_along_pixels(own, np.array([extent.left, extent.top]))))
+
+
+def _along_pixels(own: np.ndarray, corner: np.ndarray) -> Iterator[Outline]:
+    """The outlines of pixels (h, w) bool in a window with such a corner x, y."""
+    for inside, cracks, _ in border_map(own.astype(np.int32)).loops:
+        if inside:
+            yield polygon(cracks[cracks[:, 2] != np.roll(cracks[:, 2], 1), :2] + corner.astype(float))

@@ -10,8 +10,8 @@ from itertools import chain
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.added import with_added
 from cubicsplat_cli.artwork.finish.moves import PRICE
-from cubicsplat_cli.artwork.finish.pixels import with_pixels
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.finish.state import goal_of
@@ -24,6 +24,7 @@ from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_lev
 from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, before_compression
 from cubicsplat_cli.artwork.input.restore import MISFIT, restored, seen_as
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
+from cubicsplat_cli.artwork.layers.translucent import parts_of
 from cubicsplat_cli.artwork.limits import blocks_of, enlarged
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
@@ -31,15 +32,13 @@ from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
-from cubicsplat_cli.artwork.residual.added import with_added
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.slices import placed, with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced
-from cubicsplat_cli.artwork.translucent.parts import parts_of
-from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced, with_pixels
+from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.stack import Goal

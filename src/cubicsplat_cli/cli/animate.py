@@ -186,7 +186,7 @@ def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Pla
     from cubicsplat_cli.files.write import write_atomically
 
     if places.page is not None:
-        from cubicsplat_cli.html_report.player import player_page
+        from cubicsplat_cli.html_report.animation import player_page
 
         with task.timer("html_report"):
             write_atomically(places.page, player_page(svg, report, task.played(report.style), places.result.name))

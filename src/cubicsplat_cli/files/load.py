@@ -22,8 +22,16 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.compression import Compression
-from cubicsplat_cli.files.decode import FORMATS_TEXT, MAX_DECODED_PIXELS, Decoded, decode, draft, factor_for, formats_of
+from cubicsplat_cli.files.decode import (
+    FORMATS_TEXT,
+    MAX_DECODED_PIXELS,
+    Compression,
+    Decoded,
+    decode,
+    draft,
+    factor_for,
+    formats_of,
+)
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.formatting import counted, one_line, printable

@@ -22,7 +22,7 @@ from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import nearest_paints
+from cubicsplat_cli.raster.shades import nearest_paints
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import painted

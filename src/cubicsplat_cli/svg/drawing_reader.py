@@ -11,9 +11,18 @@ from typing import TypeVar
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, extent_of, signed_area
-from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
+from cubicsplat_cli.artwork.geometry.stroke import (
+    BEVEL,
+    BUTT,
+    MITER,
+    ROUND,
+    SQUARE,
+    Chain,
+    Path,
+    Stroke,
+    outlines_of_stroke,
+)
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
 from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, canvas_size, own_elements, own_subpaths

@@ -1,1 +1,1 @@
-"""The finish: all parameters of the drawing together against its pixels, and moves that add or tie some."""
+"""The finish: all parameters of a drawing together against its pixels; moves that add or tie some; further shapes."""

@@ -12,11 +12,11 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
-from cubicsplat_cli.artwork.finish.settle import settle, trimmed
+from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle, trimmed
 from cubicsplat_cli.artwork.finish.state import WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, polygon_lengths
+from cubicsplat_cli.artwork.geometry.variables import feet_of
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
-from cubicsplat_cli.artwork.tracing.variables import feet_of
 from cubicsplat_cli.raster.cubics import found_merges
 from cubicsplat_cli.record import record
 
@@ -27,7 +27,6 @@ HOPEFUL = 0.5  # of the cost before it is settled, that counts against a merge w
 MOST_TURN = float(np.cos(np.radians(100.0)))  # cosine of the angle by which a run turns from start to end
 FEW = 24  # points of a piece suffice
 FEWEST_PIECES = 3  # of a ring that is left
-ROUNDS = 6
 
 
 @record
@@ -56,19 +55,19 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
     if not any(plans):
         return state
     changed = np.array([bool(plan) for plan in plans])
-    trial = settle(_with(state, plans, constraints), ROUNDS, trim=False, changed=changed)
+    trial = settle(_with(state, plans, constraints), TRIAL_ROUNDS, trim=False, changed=changed)
     paying = _paying(state, trial, plans, detail)
     if not any(paying):
         return state
     differ = np.array([len(fewer) < len(plan) for fewer, plan in zip(paying, plans, strict=True)])
     if differ.any():
         fewer = trial.taken_back(_with(state, paying, constraints), differ)
-        trial = settle(fewer, ROUNDS, changed=differ)
+        trial = settle(fewer, TRIAL_ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
     trial = trimmed(trial, changed)
     refused = shorter(state, trial, changed, detail) | (trial.clockwise != state.clockwise)
     if refused.any():
-        trial = settle(trial.taken_back(state, refused), 2, changed=refused)
+        trial = settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused)
     return trial
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
-from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.state import WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, polygon_lengths
@@ -86,7 +85,7 @@ def _edited(
     None without any."""
     ring = outline.outline()
     if not isinstance(ring, Ring):
-        other = as_path(ring, detail * sum(complaint.chi for complaint in own.values()), PRICE, crossed)
+        other = as_path(ring, detail * sum(complaint.chi for complaint in own.values()), crossed)
         return None if other is None else parametrised(other, constraints)
     found = {i: complaint for i, complaint in own.items() if complaint.chi * detail > WORTH}
     done = ring
@@ -96,9 +95,9 @@ def _edited(
     return None if done is ring else parametrised(done, constraints)
 
 
-def as_path(shape: Circle | Ellipse | Rectangle, chi: float, price: float, crossed: int) -> Ring | None:
+def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ring | None:
     """The ring to try in a primitive's place; None where all that its pixels hold against it, half of the excess of
-    chi^2, is worth less than the ring's further parameters at so many nats each, or is little for the pixels crossed.
+    chi^2, is worth less than the ring's further parameters, or is little for the pixels crossed.
 
     Rectangles that stand level stay: drawing programs with few samples a pixel know their sides to a quarter of one,
     and sides that slant would fit that better than they fit the drawing.
@@ -106,7 +105,7 @@ def as_path(shape: Circle | Ellipse | Rectangle, chi: float, price: float, cross
     if isinstance(shape, Rectangle) and shape.angle == 0.0:
         return None
     ring = shape.ring()
-    return ring if chi > max(price * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
+    return ring if chi > max(PRICE * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
 
 
 def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
@@ -148,3 +147,56 @@ def floor_of(state: State, number: int) -> float:
     """The misfit of a pixel that an outline crosses by chance."""
     own = _floor(state, slice(state.marks[number], state.marks[number + 1]))
     return max(float(np.median(own)) if len(own) else 0.0, state.goal.share_error**2 * state.sharing * 1e-4)
+
+
+def divided(ring: Ring, piece: int, t: float) -> Ring:
+    """The same curve with a piece cut in two at a parameter, joined smoothly; of a line, both parts are lines."""
+    a, b = _cut(ring.cubics[piece], t)
+    anchors = np.insert(ring.anchors, piece + 1, a[3], axis=0)
+    controls = np.insert(ring.controls, piece + 1, b[1:3], axis=0)
+    controls[piece] = a[1:3]
+    lines = np.insert(ring.lines, piece + 1, ring.lines[piece])
+    return Ring(anchors, controls, lines, np.insert(ring.smooth, piece + 1, not ring.lines[piece]))
+
+
+def curved(ring: Ring, piece: int) -> Ring:
+    """The ring with a line made a cubic, straight to begin with, that turns at its ends as it likes."""
+    return Ring(ring.anchors, ring.controls, ring.lines & (np.arange(ring.pieces) != piece), ring.smooth)
+
+
+def cornered(ring: Ring, anchor: int) -> Ring:
+    """The ring with a smooth joint made a corner."""
+    return Ring(ring.anchors, ring.controls, ring.lines, ring.smooth & (np.arange(ring.pieces) != anchor))
+
+
+def rounded(ring: Ring, anchor: int, reach: float) -> Ring:
+    """The ring with a corner replaced by a cubic between points `reach` px before and after it, joined smoothly."""
+    before, after = (anchor - 1) % ring.pieces, anchor
+    cubics = ring.cubics
+    first, _ = _cut(cubics[before], 1.0 - _parameter(cubics[before][::-1], reach))
+    _, second = _cut(cubics[after], _parameter(cubics[after], reach))
+    corner = ring.anchors[anchor]
+    anchors, controls = ring.anchors.copy(), ring.controls.copy()
+    controls[before] = first[1:3]
+    controls[after] = second[1:3]
+    anchors[anchor] = second[0]
+    bend = np.stack([first[3] + (corner - first[3]) * 0.55, second[0] + (corner - second[0]) * 0.55])
+    anchors = np.insert(anchors, anchor, first[3], axis=0)
+    controls = np.insert(controls, anchor, bend, axis=0)
+    smooth = ring.smooth.copy()
+    smooth[anchor] = True
+    return Ring(anchors, controls, np.insert(ring.lines, anchor, False), np.insert(smooth, anchor, True))
+
+
+def _cut(cubic: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """The parts of a cubic (4, 2) before and after t, by de Casteljau's construction."""
+    rows = [cubic]
+    while len(rows[-1]) > 1:
+        rows.append(rows[-1][:-1] * (1.0 - t) + rows[-1][1:] * t)
+    return np.stack([row[0] for row in rows]), np.stack([row[-1] for row in rows[::-1]])
+
+
+def _parameter(cubic: np.ndarray, reach: float) -> float:
+    """The parameter at which a cubic is about `reach` px from its start, at most two fifths."""
+    length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
+    return min(reach / max(length, 1e-9), 0.4)

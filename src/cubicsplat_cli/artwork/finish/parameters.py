@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, polygon_lengths
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.raster.cubics import held_ring
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record

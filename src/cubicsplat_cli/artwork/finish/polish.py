@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
-from cubicsplat_cli.artwork.finish.settle import ROUNDS, settle
+from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, ROUNDS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -21,7 +21,7 @@ PASSES = 3  # of moves, and of merges, at most
 # Pieces beyond which there are fewer rounds; merges only after the moves, and one pass of each; neither of the two,
 # which take some ms a piece; fewer rounds still; and nothing is fitted, for its memory.
 CROWDED, FULL, CHANGED, MANY, MOST = 400, 4000, 16_000, 40_000, 100_000
-TRIAL_ROUNDS, FEWEST_ROUNDS = 6, 3
+FEWEST_ROUNDS = 3
 
 
 def polish(
@@ -95,5 +95,5 @@ def _tried(state: State, others: Mapping[int, Parameters], detail: float) -> Sta
     trial = settle(state.with_outlines(others), _trial_rounds(int(state.pieces[-1])), changed=changed)
     refused = shorter(state, trial, changed, detail)
     if refused.any():
-        trial = settle(trial.taken_back(state, refused), 2, changed=refused)
+        trial = settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused)
     return trial if not refused[changed].all() else state

@@ -12,6 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import areas_beside
+from cubicsplat_cli.artwork.input.restore import BLUR_REACH
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces
@@ -20,7 +21,6 @@ from cubicsplat_cli.scene.paint import Rgba
 
 # Residuals beyond count linearly: they are details that no shape draws. Times the error of shares, for edges in steps.
 HUBER, ERRORS = 0.15, 3.0
-BLUR_REACH = 3.0  # standard deviations of a blur, beyond which nothing is left of it
 # Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well

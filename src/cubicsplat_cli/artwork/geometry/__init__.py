@@ -1,1 +1,1 @@
-"""Outlines and pen strokes of artwork, how finely they are followed, and the exact coverage of pixels by them."""
+"""Outlines and pen strokes of artwork, their fit to points, and how finely they are followed."""

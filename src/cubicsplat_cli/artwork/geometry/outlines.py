@@ -102,10 +102,10 @@ def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def ring_of_cubics(cubics: np.ndarray, smooth: bool) -> Ring:
-    """A ring of the cubics (A, 4, 2) of which each starts where the one before ends; smooth: all joints are G1."""
+def ring_of_cubics(cubics: np.ndarray) -> Ring:
+    """A ring of the cubics (A, 4, 2) of which each starts where the one before ends, all joints smooth (G1)."""
     count = len(cubics)
-    joints = np.full(count, smooth)
+    joints = np.ones(count, dtype=bool)
     return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), np.zeros(count, dtype=bool), joints)
 
 
@@ -147,7 +147,7 @@ class Ellipse:
 
     def ring(self) -> Ring:
         """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
-        return ring_of_cubics(_placed(_UNIT_CIRCLE * [self.rx, self.ry], self.angle, (self.cx, self.cy)), smooth=True)
+        return ring_of_cubics(_placed(_UNIT_CIRCLE * [self.rx, self.ry], self.angle, (self.cx, self.cy)))
 
 
 @dataclass(frozen=True)
@@ -235,9 +235,8 @@ def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     cubics = ring.cubics
     lengths = polygon_lengths(cubics)
     counts = np.where(ring.lines, 1, np.maximum(2, np.ceil(lengths / step))).astype(int)
-    owner = np.repeat(np.arange(ring.pieces), counts)
-    t = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
-    return summed(bernstein(t)[:, None] * cubics.transpose(0, 2, 1)[owner])
+    owner, place = places_within(counts)
+    return summed(bernstein(place / counts[owner])[:, None] * cubics.transpose(0, 2, 1)[owner])
 
 
 def polygon_lengths(cubics: np.ndarray) -> np.ndarray:
@@ -249,9 +248,14 @@ def dense(corners: np.ndarray, step: float) -> np.ndarray:
     """The corners (n, 2) of a closed polyline, and points between those that are farther apart than `step` px."""
     after = following(corners)
     counts = np.maximum(np.ceil(np.hypot(*(after - corners).T) / step).astype(int), 1)
-    owner = np.repeat(np.arange(len(corners)), counts)
-    share = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
-    return corners[owner] + (after - corners)[owner] * share[:, None]
+    owner, place = places_within(counts)
+    return corners[owner] + (after - corners)[owner] * (place / counts[owner])[:, None]
+
+
+def places_within(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of the elements (m,) of rows of so many each, counts (n,): the row of each, and its number there, from 0 on."""
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def signed_area(ring: Ring) -> float:

@@ -1,10 +1,23 @@
-"""A pen stroke: a line or closed outline drawn with a pen of one width."""
+"""A pen stroke, a line or closed outline drawn with a pen of one width; and its own outline by SVG's rules: offset
+curves on both sides, caps and joins.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, thirds
+from cubicsplat_cli.artwork.geometry.fine import arc
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Circle,
+    Ellipse,
+    Outline,
+    Rectangle,
+    Ring,
+    polygon_lengths,
+    signed_area,
+    thirds,
+)
+from cubicsplat_cli.raster.strokes import OffsetPlan
 from cubicsplat_cli.record import record
 
 BUTT, ROUND, SQUARE = "butt", "round", "square"
@@ -75,3 +88,65 @@ def pieces_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Control points (S, 4, 2) of a path's pieces, and which are lines (S,)."""
     ring = path if isinstance(path, Chain) else path.ring()
     return ring.cubics, ring.lines
+
+
+def plan_of(cubics: np.ndarray, lines: np.ndarray, stroke: Stroke) -> OffsetPlan:
+    """The plan of the outline of a stroke along cubics (S, 4, 2) that have a length, lines (S,) bool of them."""
+    return OffsetPlan.of(cubics, lines, "closed" if stroke.closed else stroke.cap, stroke.join)
+
+
+def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
+    """The outline of a stroke, and of a closed one the hole too.
+
+    Where the stroke crosses itself its outline does too, and the nonzero rule fills it.
+    """
+    cubics, lines = _lasting(*pieces_of(stroke.path))
+    if not len(cubics):
+        assert isinstance(stroke.path, Chain)
+        return (_dot(stroke.path.anchors[0], 0.5 * stroke.width, stroke.cap),)
+    found = plan_of(cubics, lines, stroke).outline(cubics, 0.5 * stroke.width)
+    rings = np.split(found.cubics, found.ends[:-1])
+    straight = np.split(found.lines, found.ends[:-1])
+    if not stroke.closed or abs(abs(_winding(cubics)) - 1.0) < 0.25:
+        made = [_ring(own, lines) for own, lines in zip(rings, straight, strict=True)]
+        return tuple(sorted(made, key=lambda ring: -abs(signed_area(ring))))
+    # It crosses itself: once around it on one side and back on the other, cut open where it begins.
+    there = line_chain(np.stack([rings[0][0, 0], rings[1][0, 0]])).cubics
+    whole = np.concatenate([rings[0], there, rings[1], there[:, ::-1]])
+    return (_ring(whole, np.concatenate([straight[0], [True], straight[1], [True]])),)
+
+
+def offset_ring(ring: Ring, reach: float) -> Ring:
+    """The outline at `reach` px to the left of a ring, as seen, with mitred corners; it crosses itself where the ring
+    bends back. A nonzero fill of it covers what the ring encloses on its right, and what is within the reach.
+    """
+    cubics, lines = _lasting(ring.cubics, ring.lines)
+    found = OffsetPlan.of(cubics, lines, "one side", MITER).outline(cubics, -reach)
+    return _ring(found.cubics, found.lines)
+
+
+def _winding(cubics: np.ndarray) -> float:
+    """The winding number of a closed line."""
+    ways = np.diff(cubics, axis=1).reshape(-1, 2)
+    ways = ways[np.hypot(*ways.T) > 1e-9]
+    angles = np.arctan2(ways[:, 1], ways[:, 0])
+    turns = np.diff(angles, append=angles[:1])
+    return float(((turns + np.pi) % (2.0 * np.pi) - np.pi).sum() / (2.0 * np.pi))
+
+
+def _lasting(cubics: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pieces that have a length."""
+    long = polygon_lengths(cubics) > 1e-9
+    return cubics[long], lines[long]
+
+
+def _ring(cubics: np.ndarray, lines: np.ndarray) -> Ring:
+    return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), lines, np.zeros(len(lines), dtype=bool))
+
+
+def _dot(at: np.ndarray, half: float, cap: str) -> Ring:
+    """A stroke of no length: a disc or, with square caps, a square."""
+    if cap == ROUND:
+        return _ring(at + half * arc(0.0, 2.0 * np.pi, 8), np.zeros(8, dtype=bool))
+    corners = at + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
+    return _ring(line_chain(corners).cubics, np.ones(4, dtype=bool))

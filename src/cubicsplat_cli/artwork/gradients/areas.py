@@ -16,8 +16,7 @@ from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import part_spreads
-from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.raster.shades import Pixels, part_spreads
 
 LEAST_RANGE = 3.0  # levels, within which an area has one colour
 NEARLY = 8.0  # levels by which a few pixels that make no area of their own may be off

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, painted

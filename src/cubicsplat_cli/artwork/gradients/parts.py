@@ -12,8 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import bends_and_steps, trimmed_range
-from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, trimmed_range
 from cubicsplat_cli.record import record
 
 # Levels: a second difference that rounding makes, and the steepest change per px.

@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.channels import ROWS, blend_of, largest
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import distinct, steps
+from cubicsplat_cli.raster.unmix import distinct, steps
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
@@ -50,7 +50,7 @@ MOST_COLOURS, MOST_WORK = 4096, 2**28
 MOST_NOISE, MOST_STRANGE = 0.25, 0.004
 # Colours within so many units of CIELAB are one, and those of few cells within that many times the noise.
 SAME, SAME_NOISE = 5.0, 4.0
-_ROWS, _SAMPLE = 64, 2**16
+_SAMPLE = 2**16
 
 
 @record
@@ -123,7 +123,7 @@ def without_repeats(target: np.ndarray) -> np.ndarray:
 def _exact_cells(target: np.ndarray) -> Cells | None:
     height, width = target.shape[:2]
     # Most photos have more colours in a few of their rows than any cells may have.
-    if len(distinct(_keys(_levels(target[:_ROWS, : _SAMPLE // _ROWS])))[0]) > _most_colours(height * width):
+    if len(distinct(_keys(_levels(target[:ROWS, : _SAMPLE // ROWS])))[0]) > _most_colours(height * width):
         return None
     grid = exact_grid(target)
     count = (len(grid.x) - 1) * (len(grid.y) - 1)

@@ -12,10 +12,9 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, in_blocks, packed
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
-from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ONE_SAMPLE, aliased
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import edge_variances, second_differences
-from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
 
 # Levels: pixels whose 5 x 5 neighbours span less are away from edges, by the first of these limits that half of the
 # picture keeps to (25 normal deviates span 5 of their standard deviations); a second difference that an even or shaded
@@ -46,8 +45,8 @@ LEAST_RINGING = 0.1
 MOST_INDEXED = 256  # colours
 # Opacity counts as well: black on nothing has edges.
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
-# Edges whose width is measured: levels of contrast, how many must be there, and are looked at each way.
-CONTRAST, FEWEST, MOST = 60.0, 40, 24_000
+# Edges whose width is measured: levels of contrast, and how many are looked at each way.
+CONTRAST, MOST = 60.0, 24_000
 OFF_LINE = 0.1  # of an edge's contrast, by which its pixels may be off the line between the colours that they blend
 JPEG_EDGES = 8.0  # times the noise elsewhere
 # Times the noise that pixels count as off by where it is alike over 1.5 px: so many of them tell as much as one.

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import in_blocks, largest
-from cubicsplat_cli.raster.observed import steps
+from cubicsplat_cli.raster.unmix import steps
 from cubicsplat_cli.record import record
 
 ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import ROWS
 from cubicsplat_cli.record import record
 
 # Enlargements by less than this are not told from none. Those by no whole number need so many nats of evidence: the
@@ -23,7 +24,7 @@ LEAST_BORDERS = 4.0  # that the change is spread over: some period fits any two
 LEAST_CUT = 0.25  # of a cell, that is left of one at the side of a noisy picture
 _TRIES = 12  # of the strongest periods
 _FINER = 16  # times as many frequencies as px, so that a period is known to a fraction of a px across the picture
-_ROWS, _SAMPLE, _FEW = 64, 1024, 32
+_SAMPLE, _FEW = 1024, 32
 
 
 @record
@@ -63,10 +64,10 @@ def _changes(target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     height, width = target.shape[:2]
     columns, rows = np.zeros(width - 1, dtype=bool), np.zeros(height - 1, dtype=bool)
-    for top in range(0, height, _ROWS):
-        part = target[top : top + _ROWS]
+    for top in range(0, height, ROWS):
+        part = target[top : top + ROWS]
         columns |= (part[:, 1:] != part[:, :-1]).any(axis=(0, 2))
-        down = target[max(0, top - 1) : top + _ROWS]
+        down = target[max(0, top - 1) : top + ROWS]
         rows[max(0, top - 1) : max(0, top - 1) + len(down) - 1] = (down[1:] != down[:-1]).any(axis=(1, 2))
         if all((each[:-2] & each[1:-1] & each[2:]).any() for each in (columns, rows)):
             return np.arange(1, width), np.arange(1, height)

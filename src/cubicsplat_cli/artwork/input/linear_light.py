@@ -14,18 +14,20 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb
-from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.artwork.input.condition import CONTRAST
+from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
+from cubicsplat_cli.artwork.regions.sampling import FEWEST, MOST
+from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
-# Edges that tell: levels of contrast; px by which the places differ between three columns, and between the two spaces,
-# at least; how many there must be; how many, in rows of how many px in all, are looked at each way.
-CONTRAST, DIFFERENT, FEWEST, MOST, LOOKED_AT = 60.0, 0.1, 40, 20_000, 2**20
+# Edges that tell: px by which the places differ between three columns, and between the two spaces, at least; in rows of
+# how many px in all they are looked at each way.
+DIFFERENT, LOOKED_AT = 0.1, 2**20
 # Px by which a place may be off at most, which corners are; times the squares in linear light that those in sRGB are:
 # 2.2 and more in pictures blended there, even with 4 x 4 samples a pixel, else at most 1.1.
 CORNER, BETTER = 0.2, 1.4
 EVEN = 2.0  # levels by which the pixels of a square of 2 x 2 px in one colour may differ
 CELL = 8.0  # levels that are one colour near a blend
-OFF = 12.0  # levels of light that blends of two or three colours may be off at most
 # Of what shines through along a rim, levels by which two pixels are one colour, and by which blends are off that were
 # rounded once for each layer.
 RIM_EVEN, RIM_OFF = 1.0, 2.0
@@ -47,7 +49,7 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
     values, ends = levels[blended], levels.reshape(-1, 4)[places]
     again, off = blends(light_of(values), near, light_of(ends), ends, three=True)
     out = levels.copy()
-    out[blended] = np.where((off <= OFF)[:, None], np.rint(again), values)
+    out[blended] = np.where((off <= BLEND)[:, None], np.rint(again), values)
     return out
 
 
@@ -96,7 +98,7 @@ def _places(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     straight and its pixels are no blends.
     """
     first, last = steps[:, :1, :1], steps[:, 3:, :1]
-    share, rest = blend_of(steps, first, last, within=False)
+    share, rest = blend_of(steps, first, last, most=None)
     rest = rest / np.linalg.norm(last - first, axis=-1)[..., None]
     place = share[:, 1:3].sum(axis=1)
     bend = place[:, 0] - 2.0 * place[:, 1] + place[:, 2]

@@ -8,7 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
+from cubicsplat_cli.artwork.input.condition import BLOCK, Condition
+from cubicsplat_cli.artwork.input.evenness import EDGE
+from cubicsplat_cli.artwork.regions.fills import FEWEST_SQUARES, MOST_PALETTE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
 
@@ -17,18 +20,16 @@ from cubicsplat_cli.raster.unmix import nearest_fills, spread
 SAME, SAME_NOISE, VALLEY = 8.0, 4.0, 0.7
 CALM = 1.5  # times the noise that 3 x 3 px may deviate, and a level for rounding
 FEWEST, LEAST_SHARE = 16, 1e-4  # calm pixels that show a fill, and their share of the picture
-MOST = 64
-# Near edges, px, where 3 x 3 px span so many levels, a fill is only what differs so many times as much from those found
-# farther away.
-NEAR, EDGE, FAR = 8, 24.0, 2.5
+# Within so many px of edges a fill is only what differs so many times as much from those found farther away.
+NEAR, FAR = 8, 2.5
 # A fill colour is missing where the mean residual of WINDOW x WINDOW px is over UNLIKE in luma or chroma, about 3 to 4
 # in CIEDE2000, and makes up most of the squares: a thin line's does not. Px that show it.
 WINDOW, UNLIKE, EXPLAINED, LEAST_MISSING = 5, 6.0, 0.5, 60
 # What a JPEG leaves of edges, as a share of the range of values in the block around, px: of luma, and of chroma of half
 # the size.
-RINGING, BLOCKS = 0.05, ((8, slice(0, 1)), (16, slice(1, 3)))
+RINGING, BLOCKS = 0.05, ((BLOCK, slice(0, 1)), (2 * BLOCK, slice(1, 3)))
 SMALL = 128  # px of the longer side, up to which details are so small
-FEWEST_SQUARES, MOST_SQUARES = 3, 24  # squares that show a fill, and fills
+MOST_SQUARES = 24  # fills that squares show
 # A square lies on a ramp where its colour is a blend of those up to so many px to either side of it: shares, and times
 # the misfit that it is off that and these are apart.
 REACH, BLENDED, MISFITS, CONTRAST = 2, (0.15, 0.85), 2.0, 6.0
@@ -68,7 +69,7 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> n
         for k in range(len(new)):
             own = (gap <= reach) & (nearest == k)
             fill = np.median(colours[own], axis=0)
-            if len(fills) < MOST and all(np.abs(fill - other).max() > apart for other in known):
+            if len(fills) < MOST_PALETTE and all(np.abs(fill - other).max() > apart for other in known):
                 fills.append(fill)
                 sizes.append(float(own.sum()))
         places = np.concatenate([places, new])
@@ -92,17 +93,14 @@ def _peaks(values: np.ndarray, places: np.ndarray, reach: float) -> np.ndarray:
     return np.array(found).reshape(-1, 4)
 
 
-def missing_colours(
-    levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray, space: np.ndarray, condition: Condition
-) -> np.ndarray:
+def missing_colours(levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray, condition: Condition) -> np.ndarray:
     """(k, 4) fill colours in levels that areas of a picture (H, W, 4) of a condition have and its palette (P, 4) lacks.
 
-    nearest: (H, W) the colour of the palette nearest to each pixel. space: (4, 4) what rows of RGBA are multiplied by
-    for luma and chroma.
+    nearest: (H, W) the colour of the palette nearest to each pixel.
     """
-    seen = (levels @ space).astype(np.float32)
+    seen = (levels @ LUMA_CHROMA).astype(np.float32)
     inner = ndimage.alike(nearest, 3)
-    residual = np.where(inner[..., None], seen - (palette @ space).astype(np.float32)[nearest], np.float32(0.0))
+    residual = np.where(inner[..., None], seen - (palette @ LUMA_CHROMA).astype(np.float32)[nearest], np.float32(0.0))
     share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
     mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
     square = ndimage.uniform_filter(residual * residual, (WINDOW, WINDOW, 1)) / share
@@ -143,7 +141,7 @@ def modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> 
     for place in known:
         weight[np.abs(colours - place).max(axis=1) <= reach] = 0.0
     found: list[np.ndarray] = []
-    while len(found) < MOST and len(weight):
+    while len(found) < MOST_PALETTE and len(weight):
         first = int(weight.argmax())
         if weight[first] < 2.0:
             break

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
-from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 

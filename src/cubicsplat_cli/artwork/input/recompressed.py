@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, Mixture, mixture_of
 from cubicsplat_cli.artwork.input.restore import OFF, THIN, labelled
 from cubicsplat_cli.artwork.regions.hairlines import with_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
-from cubicsplat_cli.files.compression import Compression
+from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.scene.paint import painted
 

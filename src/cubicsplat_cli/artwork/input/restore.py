@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import summed
+from cubicsplat_cli.artwork.channels import blend_of, summed
 from cubicsplat_cli.artwork.gradients.flattening import APART
 from cubicsplat_cli.artwork.input.chroma import (
     LUMA_CHROMA,
@@ -102,7 +102,7 @@ def restored(
     seen = (levels @ space).astype(np.float32)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = nearest_fills(seen, palette @ space, straight=True)
-    palette = np.vstack([palette, missing_colours(levels, palette, nearest, LUMA_CHROMA, condition)])
+    palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])
     thick, squares = len(palette), np.zeros((0, 4))
     if thick <= MOST_THICK:
         _, gap = nearest_fills(seen, palette @ space, straight=True)
@@ -302,11 +302,9 @@ def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.
     colours = fills[np.maximum(candidates, 0)]
     known = candidates >= 0
     for i in range(count):
-        base, rest = colours[:, i], values - colours[:, i]
         for j in range(count):
-            span = colours[:, j] - base
-            t = np.clip(summed(rest * span) / np.maximum(summed(span * span), 1e-9), 0.0, 0.5)
-            out[:, i, j] = np.where(known[:, i] & known[:, j], summed((rest - t[:, None] * span) ** 2), np.inf)
+            _, rest = blend_of(values, colours[:, i], colours[:, j], most=0.5)
+            out[:, i, j] = np.where(known[:, i] & known[:, j], summed(rest**2), np.inf)
     return out
 
 

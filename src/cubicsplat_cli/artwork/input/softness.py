@@ -11,8 +11,9 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.artwork.input.condition import SECOND
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import planes
+from cubicsplat_cli.raster.unmix import planes
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
@@ -21,7 +22,7 @@ WINDOW, WIDER, NOISY = 5, 9, 2.0
 QUIET = 1.2  # levels per px, beyond which there is an edge or texture
 SAME, SAME_GROUND = 4.0, 6.0  # levels around a place's median, and between the medians of places that are the ground
 FEW = 9  # px, of a place that tells nothing
-SECOND_MEDIAN = 0.6745 * 6.0**0.5  # of the size of second differences of normal noise of 1
+SECOND_MEDIAN = 0.6745 * SECOND  # of the size of second differences of normal noise of 1
 LEAST_SOFT = 0.1  # share of the pixels, below which nothing drifts
 # Of what is neither ground nor edge: drawings have at most 0.57 but for a bird in one gradient (0.77) and lettering in
 # one (0.93), soft photos mostly 0.74 to 1, but at 128 px down to 0.34.

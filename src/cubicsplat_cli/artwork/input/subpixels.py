@@ -16,7 +16,7 @@ from cubicsplat_cli.record import record
 PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
 # What the filters of all programs have in common, and the widest one, five taps. Colour fringes that no other filter
 # leaves say which it was.
-NARROW, WIDE = np.array([1.0, 1.0, 1.0]) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
+NARROW, WIDE = np.ones(3) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 ROUNDING = 1.0  # levels, the root of the mean square, which 8-bit values are off at most
 # Share of the squares of a part's colour fringes that offset channels explain, in text for certain, and in a part that
 # has the fill of such text.

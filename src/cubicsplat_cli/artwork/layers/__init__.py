@@ -1,1 +1,1 @@
-"""The order of layers, how far each reaches, and how its outline goes on where it is hidden."""
+"""The order of layers, translucent ones too, how far each reaches, and how its outline goes on where it is hidden."""

@@ -12,11 +12,10 @@ from itertools import islice
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.min_link import SLACK
-from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
-from cubicsplat_cli.artwork.tracing.fitting import dot_of, few_lines, fit_outlines
+from cubicsplat_cli.artwork.layers.ways import SLACK, Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.outlines import fewer_points
 

@@ -13,12 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import widened
+from cubicsplat_cli.artwork.geometry.fitting import few_lines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flattened, polygon
-from cubicsplat_cli.artwork.layers.min_link import Room
 from cubicsplat_cli.artwork.layers.stacking import Stack
+from cubicsplat_cli.artwork.layers.ways import Room
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.fitting import few_lines
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage, hull_mask
 from cubicsplat_cli.record import record

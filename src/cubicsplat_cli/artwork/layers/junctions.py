@@ -14,12 +14,13 @@ import math
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import FINEST_SIGMA, PLAIN_MISFIT, parameter_price
+from cubicsplat_cli.artwork.layers.ways import REACH
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, parameter_price
 from cubicsplat_cli.raster.borders import passings
 from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, EdgePositions, independent, loop_points, nearest_primitive
 
-REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
+REACHES = (REACH, 0.5 * REACH)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
 LEAST_TURN = math.radians(2.5)  # standard error beyond that of the points
 LEAST_VOTE = 0.3

@@ -2,21 +2,31 @@
 
 Straight sides go on until they meet; the rest of a primitive or of a smooth piece; one cubic that goes on smoothly at
 both ends; a limb's end; the fewest straight lines that stay hidden; the upper layers' edge.
+
+Of the cubics that stay hidden the one that bends least is taken, by the integral of the squared curvature. Of the ways
+with the fewest lines (minimum-link paths) the shortest is; their corners are sought along the run itself, deeper
+beneath the upper layers, and on the tangents at both ends.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, polyline_places
-from cubicsplat_cli.artwork.layers.ends import REACH, End, continued, ends_of
-from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
-from cubicsplat_cli.raster.outlines import fewer_points
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import Hiding, end_heading, fewer_points, fewest_links
 from cubicsplat_cli.record import record
 
+REACH = 14.0  # px along an outline from which its tangent is taken
+STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
+HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, of the distance between the ends
+MOST_TRIED = 8
+SAMPLES = np.linspace(0.0, 1.0, 33)
+TOLERATED = 1  # px that a continuation may be wrong in
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
 # The most that such a cubic turns, radians: an edge less likely turns by more than a right angle.
 SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
@@ -25,6 +35,101 @@ LEAST_REACH = 1.0  # px that a side goes on until it meets another
 # Straight sides within such an angle are those of a limb or a band. How far it goes on, of its width: artists' limbs
 # went 0.25 to 0.87, the middle one of ten 0.6. Beyond FARTHEST px the sides' headings say too little.
 PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
+RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
+# px beneath the run at which a corner is tried, and at how many places along it; where nothing is found, as what hides
+# the run is narrow, nearer to it and at more.
+WIDE, NARROW = ((0.0, 3.0, 8.0, 16.0), 28), ((0.0, -1.5, 1.5), 64)
+# px from an end of the run in which lines may be nearer, and in which pixels that show the layer do not count.
+NEAR_END, AT_END = 6.0, 3.0
+SLACK = 1.0  # px that the lines along an edge may be off it
+
+
+@record
+class End:
+    """at: (2,) px, the last visible place; tangent: (2,) unit, onwards into what is hidden, None where it is not known;
+    straight: whether the outline is so up to there."""
+
+    at: np.ndarray
+    tangent: np.ndarray | None
+    straight: bool
+
+
+def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End, End]:
+    """The ends of what shows of a closed outline before and after a hidden run, indices in order; see `end_of`."""
+    return end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+
+
+def end_of(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> End:
+    """The end of what shows of a closed outline before the hidden run that begins at index `start`.
+
+    points: (n, 2) px; sigma: (n,) inf where hidden. step: -1 where the visible part comes before the run, else 1.
+    """
+    n = len(points)
+    index = (start + step * np.arange(1, n)) % n
+    known = np.isfinite(sigma[index])
+    index = index[: int(np.argmin(known)) if not known.all() else n]
+    at = points[index[:1] if len(index) else [start]][0]
+    found = heading(points[index], sigma[index], REACH)
+    if found is None:
+        return End(at, None, False)
+    return End(found.at, found.tangent, found.bend * REACH <= STRAIGHT)
+
+
+@record
+class Heading:
+    """at: (2,) px, where an outline ends; tangent: (2,) unit, onwards; error: its standard error, radians; bend: 1/px;
+    misfit: mean squared residual of a smooth end, in sigmas."""
+
+    at: np.ndarray
+    tangent: np.ndarray
+    error: float
+    bend: float
+    misfit: float
+
+
+def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | None:
+    """The direction of an outline at its end: points (n, 2) px from there on, `reach` px of them being looked at, and
+    their standard errors (n,). None where too few are known.
+    """
+    found = end_heading(points, sigma, reach) if len(points) else None
+    return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())
+
+
+def continued(
+    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, most: float, wrong: Callable[[np.ndarray], int]
+) -> np.ndarray | None:
+    """(len(run), 2) points along the cubic that continues a closed outline where it is hidden; None where none does.
+
+    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
+    that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
+    """
+    before, after = ends_of(points, sigma, run)
+    first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
+    span = float(np.hypot(*(last - first)))
+    if leaving is None or arriving is None or span < 1.0:
+        return None
+    # By which the way from one end to the other turns off the tangents.
+    turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
+    if turns.sum() > most:
+        return None
+    cubics = np.array(
+        [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
+    )
+    for k in np.argsort(_bending(cubics), kind="stable")[:MOST_TRIED]:
+        trial, fine = points.copy(), points_at(cubics[k], np.linspace(0.0, 1.0, 4 * len(run) + 8))
+        trial[run] = polyline_places(fine, (np.arange(len(run)) + 1.0) / (len(run) + 1.0) * arc_lengths(fine)[-1])
+        if wrong(trial) <= TOLERATED:
+            return trial[run]
+    return None
+
+
+def _bending(cubics: np.ndarray) -> np.ndarray:
+    """(k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
+    first, second = derivatives(cubics, np.broadcast_to(SAMPLES, (len(cubics), len(SAMPLES))))
+    speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
+    cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
+    return (cross**2 / speed**5).mean(axis=1) * chord
 
 
 @record
@@ -145,3 +250,75 @@ def _across(first: End, last: End) -> np.ndarray | None:
     level = 0.5 * float((first.at + last.at) @ along) + DEPTH * width
     far = [(level - float(at @ along)) / float(way @ along) for at, way in ((first.at, u), (last.at, v))]
     return np.array([first.at + far[0] * u, last.at + far[1] * v]) if min(far) >= LEAST_REACH else None
+
+
+@record
+class Room:
+    """Pixels in which a part of a layer may go on unseen. top, left: of its window, px. shown, allowed: (h, w) bool, as
+    of an extent; spare: (h, w) bool, pixels that may be covered but need not be; canvas: height and width, px. Beyond
+    the canvas all is as on its border.
+    """
+
+    top: int
+    left: int
+    shown: np.ndarray
+    allowed: np.ndarray
+    spare: np.ndarray
+    canvas: tuple[int, int]
+
+    @cached_property
+    def hidden(self) -> np.ndarray:
+        """(h, w) bool: pixels that upper layers hide."""
+        return self.allowed & ~self.shown
+
+    @cached_property
+    def wide(self) -> np.ndarray:
+        """(h, w) bool: hidden pixels far enough from all others."""
+        return np.asarray(ndimage.binary_erosion(self.hidden, ndimage.SQUARE, border_value=1))
+
+    def at(self, mask: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(...) bool: a mask (h, w) at points (..., 2); beyond the window False."""
+        column = np.clip(np.floor(points[..., 0]).astype(int), 0, self.canvas[1] - 1) - self.left
+        row = np.clip(np.floor(points[..., 1]).astype(int), 0, self.canvas[0] - 1) - self.top
+        height, width = mask.shape
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        return np.asarray(inside & mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
+
+
+def min_link_path(run: np.ndarray, first: End, last: End, room: Room) -> Iterator[np.ndarray]:
+    """(k, 2) corners of the fewest lines from one end of a hidden run to the other, where such are found: well beneath
+    what hides it, then with no room to spare.
+
+    run: (m, 2) px along the edge of what hides it, in order. first, last: where it begins and ends.
+    """
+    start, stop = _on_ray(first, run[0], room), _on_ray(last, run[-1], room)
+    for mask, (depths, count) in ((room.wide, WIDE), (room.spare, NARROW)):
+        inner, place = _beneath(run, depths, count)
+        good = room.at(mask, inner)
+        nodes = np.concatenate([start, inner[good], stop])
+        order = np.concatenate([np.full(len(start), -1.0), place[good], np.full(len(stop), float(len(run)))])
+        box = room.top, room.left, *room.canvas
+        hiding = Hiding(box, mask, room.hidden, room.allowed, np.stack([first.at, last.at]), NEAR_END, AT_END)
+        path = fewest_links(nodes, order, RAY[: len(start)], RAY[: len(stop)], hiding)
+        if len(path):
+            yield nodes[path]
+
+
+def _on_ray(end: End, near: np.ndarray, room: Room) -> np.ndarray:
+    """(k, 2) places straight on from an end for as long as that stays hidden; the run's own where there are none."""
+    if end.tangent is None:
+        return near[None]
+    steps = np.arange(0.5, RAY[-1] + 0.5, 0.5)
+    way = end.at + steps[:, None] * end.tangent
+    good = room.at(room.hidden, way) | ((steps <= AT_END) & room.at(room.allowed, way))
+    far = steps[-1] if good.all() else steps[int(np.argmin(good))] - 0.5
+    points = end.at + RAY[far >= RAY, None] * end.tangent
+    return points if len(points) else near[None]
+
+
+def _beneath(run: np.ndarray, depths: tuple[float, ...], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(k, 2) places along a run and deeper, and (k,) how far along each is."""
+    index = np.unique(np.linspace(0, len(run) - 1, min(count, len(run))).astype(int))
+    way = run[np.minimum(index + 2, len(run) - 1)] - run[np.maximum(index - 2, 0)]
+    normal = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+    return np.concatenate([run[index] + depth * normal for depth in depths]), np.tile(index.astype(float), len(depths))

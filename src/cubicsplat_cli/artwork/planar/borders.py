@@ -1,16 +1,26 @@
-"""The borders between visible regions, as runs along the drawing's own lines and cubics that meet at nodes."""
+"""The borders between visible regions, as runs along the drawing's own lines and cubics that meet at nodes; and as
+edges in whole steps of a file's grid, each of them there once, whichever regions it bounds.
+"""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
 from cubicsplat_cli.artwork.planar.faces import Faces
-from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
+from cubicsplat_cli.raster.cubics import newton_steps
 from cubicsplat_cli.record import record
 
 _JUMP = 0.5  # of the parameter: where a ring of one piece begins again
+SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
+AT_END = 1e-6  # of the parameter
+ASTRAY = 0.25  # px that a node may lie off the vertex of the map
+_ROUNDS = 8
 
 
 @dataclass(eq=False)
@@ -141,3 +151,152 @@ def _cycles(
             row.pop()
         cycles.setdefault(int(region[faces.face[start]]), []).append(row)
     return cycles
+
+
+@record
+class Edges:
+    """n edges. cubics: (n, 4, 2) px; lines: (n,) bool; gone: (n,) bool, those that are part of a node; smooth: the
+    pairs of edge ends (edge, 0 or 1) that go on smoothly into one another."""
+
+    cubics: np.ndarray
+    lines: np.ndarray
+    gone: np.ndarray
+    smooth: list[tuple[tuple[int, int], tuple[int, int]]]
+
+
+def edges_of_borders(borders: Borders, faces: Faces, sources: Sources) -> Edges:
+    """Every run of the borders as a line or cubic between exact nodes."""
+    cluster, gone = _clusters(borders, faces)
+    ends: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    for number in np.flatnonzero(~gone).tolist():
+        for k in (0, 1):
+            ends[int(cluster[borders.ends[number, k]])].append((number, k))
+    places = {c: _place(c, found, borders, faces, sources) for c, found in ends.items()}
+    cubics = np.zeros((len(borders.runs), 4, 2))
+    lines = np.zeros(len(borders.runs), dtype=bool)
+    for number in np.flatnonzero(~gone).tolist():
+        a, b = (places[int(cluster[borders.ends[number, k]])] for k in (0, 1))
+        run = borders.runs[number]
+        cubics[number], lines[number] = _between(run.piece, run.t, a, b, sources)
+    pairs = [pair for found in ends.values() for pair in _smooth_pairs(found, borders, sources)]
+    return Edges(cubics, lines, gone, pairs)
+
+
+def _clusters(borders: Borders, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
+    """(V,) the node of each vertex, named by one of them, and (runs,) bool which runs lie within one."""
+    steps = np.hypot(*(faces.vertices[faces.head] - faces.vertices[faces.tail]).T) / GRID
+    lengths = np.array([steps[[e for e, _ in run.edges]].sum() for run in borders.runs])
+    name = np.arange(len(faces.vertices))
+    gone = np.zeros(len(lengths), dtype=bool)
+
+    def root(v: int) -> int:
+        while name[v] != v:
+            name[v] = name[name[v]]
+            v = int(name[v])
+        return v
+
+    for number in np.argsort(lengths, kind="stable").tolist():
+        if lengths[number] >= SHORT:
+            break
+        a, b = (root(int(v)) for v in borders.ends[number])
+        # What would leave nothing of a small region stays.
+        gone[number] = a != b
+        name[max(a, b)] = min(a, b)
+    return np.array([root(v) for v in range(len(name))]), gone
+
+
+def _place(node: int, ends: list[tuple[int, int]], borders: Borders, faces: Faces, sources: Sources) -> np.ndarray:
+    """(2,) px: an anchor of the uppermost shape that runs through a node, else where that crosses another."""
+    vertex = faces.vertices[node] / GRID
+    found = [(borders.runs[n].piece, borders.runs[n].t[k]) for n, k in ends]
+    top = max(int(sources.shape[piece]) for piece, _ in found)
+    upper = [each for each in found if sources.shape[each[0]] == top]
+    for piece, t in upper:
+        if min(t, 1.0 - t) < AT_END:
+            return _if_near(sources.cubics[piece, 0 if t < 0.5 else 3], vertex)
+    piece, t = upper[0]
+    for other, u in found:
+        if other == piece:
+            continue
+        if min(u, 1.0 - u) < AT_END:
+            foot = _foot(sources, piece, t, sources.cubics[other, 0 if u < 0.5 else 3])
+            return _if_near(sources.at(np.array([piece]), np.array([foot]))[0], vertex)
+        met = _crossing(sources.cubics[[piece, other]], np.array([t, u]))
+        if met is not None and np.hypot(*(met - vertex)) <= ASTRAY:
+            return met
+    return _if_near(sources.at(np.array([piece]), np.array([t]))[0], vertex)
+
+
+def _if_near(place: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+    return place if np.hypot(*(place - vertex)) <= ASTRAY else vertex
+
+
+def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
+    """The parameter of a piece nearest to a place."""
+    u = np.array([[t]])
+    for _ in range(_ROUNDS):
+        u = np.clip(newton_steps(sources.cubics[[piece]], place[None, None], u), 0.0, 1.0)
+    return float(u[0, 0])
+
+
+def _crossing(cubics: np.ndarray, t: np.ndarray) -> np.ndarray | None:
+    """The crossing of two cubics (2, 4, 2) near the parameters (2,), by Newton's method; None where they run
+    abreast."""
+    for _ in range(_ROUNDS):
+        place, (way, _) = points_at(cubics, t[:, None])[:, 0], derivatives(cubics, t[:, None])
+        (ax, ay), (bx, by) = way[:, 0]
+        turn = ax * by - ay * bx
+        if abs(turn) < 0.02 * np.hypot(ax, ay) * np.hypot(bx, by):
+            return None
+        dx, dy = place[1] - place[0]
+        t = np.clip(t + np.array([dx * by - dy * bx, dx * ay - dy * ax]) / turn, 0.0, 1.0)
+    place = points_at(cubics, t[:, None])[:, 0]
+    return place[0] if np.hypot(*(place[1] - place[0])) < 1e-3 else None
+
+
+def _between(
+    piece: int, t: tuple[float, float], a: np.ndarray, b: np.ndarray, sources: Sources
+) -> tuple[np.ndarray, bool]:
+    """The part of a piece between two nodes, and whether it is a line."""
+    cubic = sources.cubics[piece]
+    t0, t1 = (_foot(sources, piece, u, place) for u, place in zip(t, (a, b), strict=True))
+    if sources.lines[piece] or abs(t1 - t0) < AT_END:
+        return a + (b - a) * (np.arange(4) / 3.0)[:, None], True
+    part = _part(cubic, t0, t1)
+    part[1] += a - part[0]
+    part[2] += b - part[3]
+    part[0], part[3] = a, b
+    return part, False
+
+
+def _part(cubic: np.ndarray, t0: float, t1: float) -> np.ndarray:
+    """(4, 2) the cubic from t0 to t1, by its blossom."""
+
+    def blossom(r: float, s: float, t: float) -> np.ndarray:
+        points = cubic
+        for u in (r, s, t):
+            points = points[:-1] * (1.0 - u) + points[1:] * u
+        return points[0]
+
+    return np.stack([blossom(t0, t0, t0), blossom(t0, t0, t1), blossom(t0, t1, t1), blossom(t1, t1, t1)])
+
+
+def _smooth_pairs(
+    ends: list[tuple[int, int]], borders: Borders, sources: Sources
+) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Pairs of ends at a node that go on smoothly: of one piece that was cut, or of two that were joined so."""
+    places = [(borders.runs[n].piece, borders.runs[n].t[k]) for n, k in ends]
+    return [
+        (ends[i], ends[j])
+        for i, j in combinations(range(len(ends)), 2)
+        if ends[i][0] != ends[j][0] and _smooth(*places[i], *places[j], sources)
+    ]
+
+
+def _smooth(p: int, t: float, q: int, u: float, sources: Sources) -> bool:
+    if p == q:
+        return min(t, 1.0 - t) > AT_END
+    for (a, at), (b, start) in (((p, t), (q, u)), ((q, u), (p, t))):
+        if sources.after[a] == b and bool(sources.smooth[a]) and at > 1.0 - AT_END and start < AT_END:
+            return True
+    return False

@@ -14,13 +14,18 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Ring, level_box, signed_area
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
-from cubicsplat_cli.artwork.planar.borders import Borders, borders_of
-from cubicsplat_cli.artwork.planar.edges import Edges, edges_of_borders
+from cubicsplat_cli.artwork.geometry.stroke import offset_ring
+from cubicsplat_cli.artwork.planar.borders import Borders, Edges, borders_of, edges_of_borders
 from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces, connected, faces_of, visible_regions
-from cubicsplat_cli.artwork.planar.snapping import snapped_segments
-from cubicsplat_cli.artwork.planar.sources import Sources, canvas_ring, rings_of, sources_from, sources_of
+from cubicsplat_cli.artwork.planar.snapping import (
+    Sources,
+    canvas_ring,
+    rings_of,
+    snapped_segments,
+    sources_from,
+    sources_of,
+)
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.strokes.offset import offset_ring
 
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
 # themselves, whose numbers count along an edge of several, and the canvas.

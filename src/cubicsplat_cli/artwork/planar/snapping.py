@@ -1,19 +1,33 @@
-"""Segments on a grid that meet at grid points only: iterated snap rounding, in whole numbers throughout.
+"""The lines and cubics of a drawing, and as segments that meet at points of a grid only, in whole numbers throughout.
 
-Method: Halperin and Packer, "Iterated snap rounding", 2002. Every segment that crosses another is cut at the grid point
-nearest to the crossing, and every one that passes a vertex closely is led through it, until nothing changes.
+Method: iterated snap rounding, Halperin and Packer, "Iterated snap rounding", 2002. Every segment that crosses another
+is cut at the grid point nearest to the crossing, and every one that passes a vertex closely is led through it, until
+nothing changes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
-from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Outline,
+    Ring,
+    oriented,
+    pieces_of_rings,
+    places_within,
+    points_at,
+    polygon,
+    polygon_lengths,
+)
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
+EIGHTHS = 8  # of a circle, one cubic each, which are true to 5e-6 of a radius
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
 MOST_CHORDS = 4096  # of a piece
@@ -21,6 +35,63 @@ MOST_ROUNDS = 200
 # A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
 _NEAR = (9, 16)
 _SAME_SHARE = 1e-9
+
+
+@record
+class Sources:
+    """P pieces. cubics: (P, 4, 2) px; lines: (P,) bool; shape: (P,) int, whose they are, the number of shapes for those
+    of the canvas; after: (P,) int, the piece that follows in its ring; smooth: (P,) bool, whether it goes on smoothly;
+    outline: (P,) int, numbered through; outlines: those as they stand, the canvas' last.
+    """
+
+    cubics: np.ndarray
+    lines: np.ndarray
+    shape: np.ndarray
+    after: np.ndarray
+    smooth: np.ndarray
+    outline: np.ndarray
+    outlines: tuple[Outline, ...]
+
+    def at(self, piece: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """(n, 2) points of pieces (n,) at parameters (n,)."""
+        return points_at(self.cubics[piece], np.asarray(t)[:, None])[:, 0]
+
+
+def sources_of(drawing: Drawing) -> Sources:
+    """The pieces of a drawing, outer rings clockwise as seen and holes the other way; arcs in eighths of a turn."""
+    shapes = drawing.shapes
+    rings = [ring for shape in shapes for ring in rings_of(shape)]
+    owners = [number for number, shape in enumerate(shapes) for _ in shape.outlines]
+    outlines = [outline for shape in shapes for outline in shape.outlines]
+    return sources_from(rings, owners, outlines, canvas_ring(drawing), len(shapes))
+
+
+def rings_of(shape: Shape) -> list[Ring]:
+    """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
+    return list(oriented([fine_ring(outline, EIGHTHS) for outline in shape.outlines]))
+
+
+def canvas_ring(drawing: Drawing) -> Ring:
+    """The edge of a drawing's canvas."""
+    return polygon(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [drawing.width, drawing.height])
+
+
+def sources_from(
+    rings: Sequence[Ring], owners: Sequence[int], outlines: Sequence[Outline], canvas: Ring, count: int
+) -> Sources:
+    """The pieces of rings, whose windings count, each of one of so many shapes and of an outline, and of a canvas."""
+    rings, owners, outlines = [*rings, canvas], [*owners, count], [*outlines, canvas]
+    sizes = np.array([ring.pieces for ring in rings])
+    starts = np.cumsum(sizes) - sizes
+    after = np.concatenate([start + (np.arange(size) + 1) % size for start, size in zip(starts, sizes, strict=True)])
+    return Sources(
+        *pieces_of_rings(rings),
+        np.repeat(np.array(owners), sizes),
+        after,
+        np.concatenate([np.roll(ring.smooth, -1) for ring in rings]),
+        np.repeat(np.arange(len(rings)), sizes),
+        tuple(outlines),
+    )
 
 
 @record
@@ -59,8 +130,7 @@ def _chords(sources: Sources, live: np.ndarray) -> Segments:
     length = polygon_lengths(cubics)
     counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
     counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64) * live
-    piece = np.repeat(np.arange(len(cubics)), counts)
-    local = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
+    piece, local = places_within(counts)
     t = np.stack([local / counts[piece], (local + 1) / counts[piece]], axis=1)
     ends = []
     for k, border in ((0, 0), (1, 3)):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import joined_fills, part_fills, spread
 
@@ -20,7 +21,8 @@ BAND = 12.0
 LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
 # Squares of 2 x 2 px that span at most so many levels show a fill, if enough have its colour; so many such fills.
 SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
-MOST_FILLS = 256
+MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills
+ALIKE = 0.5  # levels by which numbers of one fill may differ
 PURE = 2.5  # levels: a pixel within so many of a fill is that fill
 # Levels of opacity below which nothing is drawn, and from which a fill hides what is beneath it.
 CLEAR, OPAQUE = 2.0, 254.0
@@ -77,8 +79,8 @@ def _small_fills(levels: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.n
 def _limited(fills: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Near fills joined to the commoner one; then the commonest."""
     order = np.argsort(-weights, kind="stable")
-    kept, sizes = joined_fills(fills[order], weights[order], SAME, 2 * MOST_FILLS)
-    return kept[np.argsort(-sizes, kind="stable")[:MOST_FILLS]]
+    kept, sizes = joined_fills(fills[order], weights[order], SAME, 2 * MOST_COLORS)
+    return kept[np.argsort(-sizes, kind="stable")[:MOST_COLORS]]
 
 
 def eight_bit(fill: np.ndarray) -> tuple[int, int, int, int]:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import OPAQUE
+from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import off_palette
 from cubicsplat_cli.raster.unmix import (
     REACH,
     STRANGE,
@@ -18,23 +17,23 @@ from cubicsplat_cli.raster.unmix import (
     blend_with,
     fills_of_lines,
     near_fills,
+    off_palette,
     residual_of_three,
 )
 
 # Residual, in levels, of a blend that the fill of a line must explain; lines are sought with so many commonest fills.
 CLOSE, MOST_FILLS = 10.0, 32
 WINDOW = 7  # px around a pixel in which a line keeps its fill
-# A pixel is a line's by this share, or by LESS where its neighbours to either side have less of it.
+# A pixel is a line's by half of it, or by LESS where its neighbours to either side have less of it.
 # Where two shapes share a pixel up to a quarter of what is beneath shows through, which is no line.
-SHARE, LESS = 0.5, 0.3
+LESS = 0.3
 # A fill that no flat pixel has is that of LEAST_PIXELS pixels and more, of such fills at most MOST_NEW are taken.
 LEAST_PIXELS, MOST_NEW = 24, 8
 # Levels beyond which a pixel that a fill does not explain counts no more against it, and by which each fill must
 # explain a line better than commoner ones.
 MOST_RESIDUAL, LATER = 40.0, 0.1
 LENGTH = 8  # px along which pixels hang together that the labels do not explain, for a line to be there
-# No fill; levels by which numbers of one fill may differ, and one that no colour has.
-NONE, SAME, NOWHERE = np.zeros((0, 4)), 0.5, -1e4
+NONE, NOWHERE = np.zeros((0, 4)), -1e4  # no fill, and a level that no colour has
 FAINT = 8.0  # levels by which a fill must explain a line better, of which it would have hardly anything
 
 
@@ -94,7 +93,7 @@ def nearest_line_fills(
     fill = np.where(gap <= close, fill, -1)
     shares = np.zeros(size)
     shares[place] = np.where(fill >= 0, share, 0.0)
-    return fill, (fill >= 0) & ((share >= SHARE) | ((share >= less) & _ridge(shares, place)))
+    return fill, (fill >= 0) & ((share >= 0.5) | ((share >= less) & _ridge(shares, place)))
 
 
 def _ridge(shares: np.ndarray, place: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -111,7 +110,7 @@ def _ridge(shares: np.ndarray, place: tuple[np.ndarray, np.ndarray]) -> np.ndarr
 
 def without(palette: np.ndarray, standing: np.ndarray) -> np.ndarray:
     """A palette (P, 4) with those of its fills that stand for gradients, (G, 4), far from all colours."""
-    stands = (np.abs(palette[:, None] - standing) < SAME).all(axis=2).any(axis=1)
+    stands = (np.abs(palette[:, None] - standing) < ALIKE).all(axis=2).any(axis=1)
     return np.where(stands[:, None], NOWHERE, palette)
 
 

@@ -119,7 +119,7 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
             by_ground = beside[ground][own]
             if by_ground.mean() < BESIDE_GROUND:
                 continue
-            shares, rest = blend_of(levels, palette[ground], palette[line], within=False)
+            shares, rest = blend_of(levels, palette[ground], palette[line], most=None)
             more = ndimage.maximum_filter((shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE), 2 * NEAR + 1)
             out[k] = (by_ground & more[own]).mean() >= BESIDE_BOTH
     return out

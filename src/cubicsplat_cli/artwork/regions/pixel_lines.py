@@ -1,7 +1,11 @@
-"""Rules: level and upright lines exactly one px wide, as the frames and dividers of pages and programs have them.
+"""Lines of a pixel or so: level and upright ones exactly one px wide, and slanting ones kept in one piece.
 
-A pale one has a colour that a thinner line of a dark fill would leave as well, so that its fill counts as a blend. But
-thinner lines hardly lie within one row of pixels each, and none of the drawings looked at has any that does.
+The former are the frames and dividers of pages and programs. A pale one has a colour that a thinner line of a dark fill
+would leave as well, so that its fill counts as a blend. But thinner lines hardly lie within one row of pixels each, and
+none of the drawings looked at has any that does.
+
+Regions connect along the sides of pixels, so that slanting lines fall apart wherever their pixels meet at corners only.
+They are joined by the one of the two pixels beside the corner that has the more of the line's fill in it.
 """
 
 from __future__ import annotations
@@ -9,22 +13,26 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import OPAQUE, PURE
+from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, PURE, has_square
+from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.observed import steps
-from cubicsplat_cli.raster.unmix import components, nearest_fills, seam_shares
+from cubicsplat_cli.raster.unmix import components, nearest_fills, seam_shares, steps
 from cubicsplat_cli.record import record
 
-# Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
-ALIKE, APART = 0.5, 8.0
+APART = 8.0  # levels by which a pixel line must differ from what is on either side of it
 # Px from which a pixel line tells its fill, and from which it is one where others have told it; fill of the most pixel
 # lines.
 LONG, SHORT, MOST_RULES = 24, 5, 16
 # Where it may be something else, so many long ones in both directions tell it.
 FRAMES = 3
-# Px of a frame's corner, between its sides, and the share of the pixel line's fill from which a pixel there is its;
-# grounds of one fill's pixel lines that are looked at.
-CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
+# Px of a frame's corner, between its sides; grounds of one fill's pixel lines that are looked at.
+CORNER, MOST_GROUNDS = 24, 4
+# Share of the line's fill in the pixel that joins, over those in the two that meet: a line of one px across has a
+# quarter at the corners, one half as wide a quarter of that.
+LEAST_SHARE = 0.15
+WHOLE = 0.98  # share from which a pixel is the line's alone
+REACH = 3  # px to each side of the pixel, in which a line has at most half of the pixels, and less than what it cuts
+PASSES = 3
 
 
 @record
@@ -61,7 +69,7 @@ def with_pixel_lines(
     for colour in _colours(found, _doubtful(found, palette, pure)):
         gaps = largest(np.abs(fills - colour))
         if gaps.min() > ALIKE:
-            if len(fills) >= min(most or 256, 256):
+            if len(fills) >= min(most or MOST_COLORS, MOST_COLORS):
                 continue
             fills, gaps = np.vstack([fills, colour]), np.append(gaps, 0.0)
         own = found.where(largest(np.abs(found.colour - colour)) <= ALIKE)
@@ -81,7 +89,7 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRun
     grounds, counts = np.unique(np.rint(np.concatenate([own.before, own.behind])), axis=0, return_counts=True)
     for ground in grounds[np.argsort(-counts, kind="stable")[:MOST_GROUNDS]]:
         share, rest = blend_of(levels[y, x], ground, own.colour[0])
-        blends[y, x] |= (share >= SHARE) & (largest(np.abs(rest)) <= PURE)
+        blends[y, x] |= (share >= 0.5) & (largest(np.abs(rest)) <= PURE)
     return ndimage.binary_dilation(on, ndimage.SQUARE, CORNER, mask=blends | on)
 
 
@@ -155,3 +163,54 @@ def _rows(solid: np.ndarray, down: np.ndarray, along: np.ndarray) -> tuple[np.nd
     length = np.diff(np.append(first, solid.size))
     keep = length >= SHORT
     return *divmod(first[keep], solid.shape[1]), length[keep]
+
+
+def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray, *, whole: bool = False) -> np.ndarray:
+    """(H, W) the fills of the pixels of a picture (H, W, 4), levels, with the diagonals of thin lines joined.
+
+    fills: (H, W) indices into the palette (P, 4), levels. whole: of lines a px across with anti-aliasing
+    alone, not of what may be a seam between shapes.
+    """
+    fills = fills.copy()
+    for _ in range(PASSES):
+        y, x, own = _touching(fills)
+        ends = palette[fills[y, x]], palette[own][:, None]
+        share, _ = blend_of(levels[y, x], *ends, most=None)
+        meeting = [blend_of(levels[y[:, k], x[:, 1 - k]][:, None], *ends, most=None)[0] for k in (0, 1)]
+        at, best = np.arange(len(y)), share.argmax(axis=1)
+        both = np.ones(share.shape) if whole else np.clip(meeting[0] * meeting[1], 0.0, 1.0)
+        good = (share >= LEAST_SHARE * both)[at, best]
+        if not whole:
+            # Lines without anti-aliasing, a px across: two pixels have all, and the others nothing, of the line.
+            thick = has_square(fills)
+            thin = ~thick[y[:, 0], x[:, 1]] & ~thick[y[:, 1], x[:, 0]]
+            good |= (both.min(axis=1) >= WHOLE) & (np.abs(share) <= 1.0 - WHOLE).all(axis=1) & thin
+        y, x = y[at, best], x[at, best]
+        good[good] = _thin(fills, own[good], y[good], x[good])
+        if not good.any():
+            break
+        fills[y[good], x[good]] = own[good]
+    return fills
+
+
+def _touching(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners at which alone two pixels of one fill meet: rows (n, 2) and columns (n, 2) of the two others there, and
+    the fill (n,).
+    """
+    a, b, c, d = fills[:-1, :-1], fills[:-1, 1:], fills[1:, :-1], fills[1:, 1:]
+    falling = np.argwhere((a == d) & (a != b) & (a != c))
+    rising = np.argwhere((b == c) & (b != a) & (b != d))
+    y = np.concatenate([falling[:, :1] + [0, 1], rising[:, :1] + [0, 1]])
+    x = np.concatenate([falling[:, 1:] + [1, 0], rising[:, 1:] + [0, 1]])
+    return y, x, np.concatenate([a[tuple(falling.T)], b[tuple(rising.T)]])
+
+
+def _thin(fills: np.ndarray, own: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n,) bool: around the pixels y, x a fill is thin, and thinner than theirs."""
+    padded, side, theirs = np.pad(fills, REACH, constant_values=-1), 2 * REACH + 1, fills[y, x]
+    mine, others = np.zeros((2, len(y)), dtype=int)
+    for dy, dx in np.ndindex(side, side):  # a pass for each, since dither has as many corners as pixels
+        found = padded[y + dy, x + dx]
+        mine += found == own
+        others += found == theirs
+    return (2 * mine <= side * side) & (mine < others)

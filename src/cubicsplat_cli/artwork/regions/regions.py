@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.fills import CLEAR, PURE, SAME, flat_pixels, has_square
+from cubicsplat_cli.artwork.regions.fills import CLEAR, MOST_PALETTE, PURE, SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
     NONE,
@@ -21,13 +20,11 @@ from cubicsplat_cli.artwork.regions.hairlines import (
     without,
 )
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
-from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
+from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners, with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
-from cubicsplat_cli.raster.observed import off_palette
-from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills
+from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills, off_palette
 from cubicsplat_cli.record import record
 
-MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills
 # Fills beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
 # others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
 MOST_SEEN, STRANGE_FILL, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0.002
@@ -247,7 +244,7 @@ def _sure(
     y, x = np.nonzero(lacking[labels])
     own = labels[y, x]
     ground, fill = palette[fill_of[beside[own]]], palette[fills[y, x]]
-    share, _ = blend_of(levels[y, x], ground, fill, within=False)
+    share, _ = blend_of(levels[y, x], ground, fill, most=None)
     amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) & dots
     if amid.sum() <= MANY_DOTS:
         plain = sure[y, x] & (largest(np.abs(fill - ground)) > ONE_COLOUR)

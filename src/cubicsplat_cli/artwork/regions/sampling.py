@@ -1,15 +1,21 @@
-"""The anti-aliasing of the program that drew a picture, measured from the blends on its edges.
+"""What the blends on edges tell: the anti-aliasing of the program that drew a picture, and where its borders lie.
 
-Some take 4 x 4 samples a pixel (tiny-skia, and with it resvg): then level and upright edges are known to a quarter of a
-pixel only, and their places within that are anybody's guess. Others come close to the exact area.
+Some programs take 4 x 4 samples a pixel (tiny-skia, and with it resvg): then level and upright edges are known to a
+quarter of a pixel only, and their places within that are anybody's guess. Others come close to the exact area.
+
+A crack is the unit edge between two neighbouring pixels. Summed along a column across a border that runs rather level
+(or along a row across a steep one) the shares of the fills give the border's mean height over that column exactly,
+whatever its slope, because a pixel's share is an area. That is taken as a point at the column's middle.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.channels import FULL, blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.raster.borders import border_positions
+from cubicsplat_cli.raster.outlines import EdgePositions
 
 # Standard deviations of the share of a pixel that a shape is drawn to cover: from 4 x 4 samples, which areas in 8 bits
 # are hardly better than where other shapes are near; and from one, all or nothing of it.
@@ -23,6 +29,9 @@ SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
 # pixel higher or lower in the next column. So many times as many steps as blends, and so many of them, in rows and
 # columns of so many px.
 EDGE, BETWEEN, MORE_STEPS, FEWEST_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 24, 2**18
+ROUNDING = 0.8  # levels by which a clean picture's pixels are off
+RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
+COVERS = np.array([np.zeros(4), np.full(4, FULL)])  # levels of nothing and of all, for shares as a picture
 
 
 def aliased(levels: np.ndarray) -> bool:
@@ -68,3 +77,22 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
     if len(found) < FEWEST:
         return 0
     return 4 if (np.abs(found - np.rint(found)) < NEAR).mean() > SAMPLED else 0
+
+
+def edge_positions(
+    levels: np.ndarray, regions: Regions, error: float = ROUNDING, share_error: float = FEW_SAMPLES
+) -> EdgePositions:
+    """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error.
+
+    share_error: of the shares of pixels that shapes cover.
+    """
+    found = border_positions(levels, regions.labels, regions.fills, error, ROUNDING, share_error)
+    return EdgePositions(*found, RIM if error > ROUNDING else 0.0)
+
+
+def share_positions(share: np.ndarray, cover: np.ndarray, error: float) -> EdgePositions:
+    """Positions around what covers a share (H, W) in 0..1 of each pixel, and has those of cover (H, W) bool; error in
+    levels of 255 for all.
+    """
+    regions = Regions(cover.astype(np.int32), COVERS, np.arange(2))
+    return edge_positions(np.repeat((255.0 * share)[..., None], 4, axis=2), regions, max(ROUNDING, error))

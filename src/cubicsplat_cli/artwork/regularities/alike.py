@@ -9,12 +9,13 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples_along
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
 from cubicsplat_cli.artwork.regularities.mirrored import Axis
+from cubicsplat_cli.artwork.regularities.ties import LEAST
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
+FEWEST = 8  # points that show
 STEP = 0.5  # px between the points of an outline
 MOST = 400  # points of a piece
-ON_IT = 1e-9  # px
 TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
 FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean
@@ -47,7 +48,7 @@ class Track:
 
     def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
-        return self.tree.off_line(points, ON_IT)
+        return self.tree.off_line(points, LEAST)
 
 
 @record
@@ -63,7 +64,7 @@ class Symmetry:
 
 def symmetry_of(track: Track, across: int) -> Symmetry | None:
     """The symmetry of an outline about an axis across a coordinate; None where hardly anything of it tells."""
-    if len(track.seen) < 8:
+    if len(track.seen) < FEWEST:
         return None
     low, high = track.points[:, across].min(), track.points[:, across].max()
     axis = Axis(across, 0.5 * float(low + high))

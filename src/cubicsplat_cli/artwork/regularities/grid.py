@@ -1,22 +1,25 @@
-"""Coordinates on a grid: most artists draw on one, of whole units of a canvas or of simple fractions of it.
+"""Coordinates on a grid, and lines in common directions, as most artists draw them.
 
 The level and upright edges, middles and radii of a drawing are compared with grids of so many cells to the canvas. A
 grid that explains them by far better than chance is the artist's, and what lies near its lines, or halfway, is on them.
-That matters most where the picture itself knows level edges to a quarter of a pixel only (`sampling`).
+That matters most where the picture itself knows level edges to a quarter of a pixel only (`sampling`). Sloping lines
+are likewise compared with 45 degrees, and with 30 and 60.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
-from cubicsplat_cli.artwork.regularities.alike import CLEAR
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, SIGMAS
+from cubicsplat_cli.artwork.regularities.ties import EXACT, LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.record import record
 
@@ -27,11 +30,19 @@ CELLS = (
 )
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
-EXACT = 0.03  # px, the error of coordinates where edges show their true areas
+EDGE = 0.03  # px, the error of coordinates where edges show their true areas
 ROUND = 0.06  # px, that of middles and radii
 CORNER = 0.25  # px, that of the radius of a rectangle's corners
-LEVEL = 1e-6  # px by which the ends of a level line differ
 SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, and pixels, from which an edge is seen
+# Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.
+FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
+SHORTEST = 4.0  # px of a line that tells its direction
+SHOWN = 0.8  # share of a line that must show
+SYSTEMATIC = 0.01  # px that one end of a line is off in its direction besides what its points tell
+POINT = 0.5 * SEEN_SIGMA  # px, the standard error of a point of a straight line
+OFTEN = 0.1  # share of a drawing's sloping lines that have the directions of a family, where the artist used it
+
+Slope = tuple[int, float]  # the number of a line of a ring, and its direction, radians
 
 
 @record
@@ -49,7 +60,7 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
     state: the drawing against its picture. cell: px between the places of level edges that the picture can tell apart,
     0 if it tells them exactly.
     """
-    edge = 0.5 * cell + EXACT
+    edge = 0.5 * cell + EDGE
     size = (float(drawing.width), float(drawing.height))
     outlines = [_on_border(outline, size) for shape in drawing.shapes for outline in shape.outlines]
     seen = _seen_edges(state)
@@ -79,7 +90,7 @@ def _seen_edges(state: State) -> list[list[np.ndarray]]:
     found = []
     for outline, first in zip(state.outlines, state.pieces, strict=False):
         good = outline.lines & (shown[first : first + len(outline.lines)] >= FEWEST_SEEN)
-        level = np.ptp(outline.cubics, axis=1) < LEVEL
+        level = np.ptp(outline.cubics, axis=1) < EXACT
         found.append([outline.cubics[good & level[:, axis], 0, axis] for axis in (0, 1)])
     return found
 
@@ -99,7 +110,7 @@ def _marks(outline: Outline, edge: float, seen: list[np.ndarray]) -> Iterator[Ma
 def _level(ring: Ring, axis: int) -> list[float]:
     """The coordinates of a ring's lines across an axis: y of the level ones for axis 1, x of the upright for 0."""
     values = ring.anchors[:, axis]
-    along = ring.lines & (np.abs(np.roll(values, -1) - values) < LEVEL)
+    along = ring.lines & (np.abs(np.roll(values, -1) - values) < EXACT)
     return np.unique(values[along]).tolist()
 
 
@@ -187,10 +198,87 @@ def _moved(ring: Ring, axis: int, value: float, to: float) -> Ring:
     if to == value:
         return ring
     values = ring.anchors[:, axis]
-    along = ring.lines & (np.abs(np.roll(values, -1) - values) < LEVEL) & (np.abs(values - value) < LEVEL)
+    along = ring.lines & (np.abs(np.roll(values, -1) - values) < EXACT) & (np.abs(values - value) < EXACT)
     moving = along | np.roll(along, 1)
     anchors, controls = ring.anchors.copy(), ring.controls.copy()
     anchors[moving, axis] += to - value
     controls[moving, 0, axis] += to - value
     controls[np.roll(moving, -1), 1, axis] += to - value
     return with_thirds(Ring(anchors, controls, ring.lines, ring.smooth))
+
+
+def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list[Slope]]:
+    """The lines of rings by number that are in the directions of a family, where the drawing has clearly more of these
+    than chance would put there."""
+    lines = [(k, *line) for k, (ring, visibility) in rings.items() for line in _sloping(ring, visibility)]
+    found: dict[int, list[Slope]] = {}
+    for family in FAMILIES:
+        score, hits = 0.0, []
+        for k, piece, length, angle in lines:
+            allowed = SIGMAS * math.hypot(SYSTEMATIC, POINT * math.sqrt(12.0 / length))
+            nearest = min(family, key=lambda degrees: _between(angle, math.radians(degrees)))
+            hit = length * math.sin(_between(angle, math.radians(nearest))) <= allowed
+            chance = min(len(family) * 2.0 * allowed / (math.pi * length), 1.0)
+            score += math.log((OFTEN / chance if hit else 0.0) + 1.0 - OFTEN)
+            hits += [(k, (piece, math.radians(nearest)))] if hit else []
+        if score > CLEAR:
+            for k, slope in hits:
+                found.setdefault(k, []).append(slope)
+    return found
+
+
+def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, float]]:
+    """Number, length, px, and direction, radians, of the lines of a ring that show and slope."""
+    ways = np.roll(ring.anchors, -1, axis=0) - ring.anchors
+    for i in np.flatnonzero(ring.lines & (np.abs(ways) > EXACT).all(axis=1)).tolist():
+        length = float(np.hypot(*ways[i]))
+        if length >= SHORTEST:
+            weights = visibility.weights(i, (np.arange(math.ceil(length)) + 0.5) / math.ceil(length))
+            if (weights > 0.5 * visibility.sigma**-2).mean() >= SHOWN:
+                yield i, length, math.atan2(ways[i, 1], ways[i, 0])
+
+
+def _between(one: float, other: float) -> float:
+    """The angle between two lines, whichever way these run, 0 to pi / 2."""
+    off = (one - other) % math.pi
+    return min(off, math.pi - off)
+
+
+def directed(ring: TiedRing, slopes: Iterable[Slope]) -> TiedRing | None:
+    """A ring with some lines brought into their directions and kept there; None where other ties do not let them."""
+    p = ring.pieces
+    rows = []
+    for i, angle in slopes:
+        j, across = (i + 1) % len(p.anchors), _across(angle)
+        row = np.zeros(p.joints.variables + 1)
+        # The last entry stands for all that is fixed.
+        for c in (0, 1):
+            row[p.tied[j, c]] += across[c]
+            row[p.tied[i, c]] -= across[c]
+        rows.append(row[:-1])
+    matrix = np.array(rows) @ ring.ties.toarray()
+    off = _off(p.anchors, slopes)
+    step = np.linalg.lstsq(matrix, -off, rcond=None)[0]
+    brought = ring.moved(step)
+    if np.abs(_off(brought.pieces.anchors, slopes)).max() > LEAST:
+        return None
+    equations = [{int(k): float(row[k]) for k in np.flatnonzero(row)} for row in matrix]
+    return TiedRing(brought.pieces, ring.ties.after(null_basis(ring.ties.shape[1], equations)))
+
+
+def _across(angle: float) -> tuple[float, float]:
+    """(2,) square to a direction, in whole numbers for 45 degrees."""
+    x, y = -math.sin(angle), math.cos(angle)
+    return (x, y) if abs(abs(x) - abs(y)) > LEAST else (math.copysign(1.0, x), math.copysign(1.0, y))
+
+
+def _off(anchors: np.ndarray, slopes: Iterable[Slope]) -> np.ndarray:
+    """(lines,) by how much, about px, lines between anchors (A, 2) miss their directions."""
+    ways = np.roll(anchors, -1, axis=0) - anchors
+    return np.array([ways[i] @ _across(angle) for i, angle in slopes])
+
+
+def has_diagonal(ring: Ring) -> bool:
+    """Whether a line of a ring runs at 45 degrees exactly."""
+    ways = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
+    return bool((ring.lines & (np.abs(ways[:, 0] - ways[:, 1]) < LEAST) & (ways[:, 0] > EXACT)).any())

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.edits import divided
+from cubicsplat_cli.artwork.finish.moves import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
 from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at, thirds, with_thirds
+from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
-from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.record import record
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it

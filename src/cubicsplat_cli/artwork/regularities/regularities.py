@@ -26,25 +26,22 @@ from cubicsplat_cli.artwork.finish.parameters import (
     parametrised,
     ring_pieces,
 )
-from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import State, begin, drawn, layer_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, MEAN, SIGMAS, SYSTEMATIC, Symmetry, Track, symmetry_of
-from cubicsplat_cli.artwork.regularities.copies import found_copies
-from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
-from cubicsplat_cli.artwork.regularities.grid import on_grid
+from cubicsplat_cli.artwork.regularities.grid import directed, found_slopes, has_diagonal, on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_parameters, mirrored_rings
-from cubicsplat_cli.artwork.regularities.rotational import EXACT, rotated
-from cubicsplat_cli.artwork.regularities.ties import TiedRing, tied_ring
+from cubicsplat_cli.artwork.regularities.rotational import rotated
+from cubicsplat_cli.artwork.regularities.ties import EXACT, LEAST, TiedRing, tied_ring
+from cubicsplat_cli.artwork.regularities.turned import found_copies
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
-LEVEL = 1e-9  # px, of a line along an axis
-ROUNDS, AFTER_REFUSALS = 6, 2
 TINY = 1e-12
 MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
 
@@ -61,7 +58,7 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
     done, pins = on_grid(drawing, state, 1.0 / grid if grid else 0.0)
     if pins != NO_PINS:
         goal = replace(goal, grid=grid)
-        state = settle(begin(done, goal, pins), ROUNDS)
+        state = settle(begin(done, goal, pins), TRIAL_ROUNDS)
     constraints = Constraints(drawing.width, drawing.height, pins)
     state = with_circles(state, constraints, detail)
     state = with_symmetries(state, constraints, detail)
@@ -161,7 +158,7 @@ def _tied(state: State, tied: Mapping[int, Parameters], detail: float) -> State:
     if not tied:
         return state
     # The others rest where they are settled already, until the picture beneath them changes.
-    trial = settle(_with(state, tied), ROUNDS, trim=False, changed=np.isin(range(len(state.outlines)), [*tied]))
+    trial = settle(_with(state, tied), TRIAL_ROUNDS, trim=False, changed=np.isin(range(len(state.outlines)), [*tied]))
     # What has been a copy before stays one of whatever its model becomes.
     new = [isinstance(tied.get(k), CopyParameters) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
     copies = np.array(new)
@@ -249,7 +246,7 @@ def _found_axes(rings: dict[int, tuple[Ring, Visibility]], size: tuple[int, int]
 def _is_box(ring: Ring) -> bool:
     """Whether a ring has nothing but level and upright lines that a box has too, which are mirror images anyway."""
     steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
-    return ring.pieces <= 4 and bool(ring.lines.all() and (steps < LEVEL).any(axis=1).all())
+    return ring.pieces <= 4 and bool(ring.lines.all() and (steps < LEAST).any(axis=1).all())
 
 
 def _shared(found: dict[int, Symmetry], middle: float) -> dict[int, float]:

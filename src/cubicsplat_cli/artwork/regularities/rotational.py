@@ -14,17 +14,16 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import RingParameters
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
-from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
-from cubicsplat_cli.artwork.regularities.turned import FEWEST, MOST_PARTS, NEAR, STEPS, Walk
-from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.artwork.geometry.variables import Pieces
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, FEWEST, LARGEST, TRIES, Track
+from cubicsplat_cli.artwork.regularities.ties import EXACT, LEAST, TiedRing, null_basis
+from cubicsplat_cli.artwork.regularities.turned import MOST_PARTS, NEAR, STEPS, Walk
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
 # Px that a ring may be off itself in the root mean square: level edges are often known to a quarter of a pixel only,
 # and come to lie on sloping ones.
 ROUGHLY = 0.1
-EXACT = 1e-6  # px
 
 
 @record

@@ -9,11 +9,11 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import Parameters, RingParameters
 from cubicsplat_cli.artwork.geometry.outlines import Outline
-from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 
-ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one
-LEAST = 1e-9  # a coefficient below this is of the arithmetic
+EXACT = 1e-6  # px, or steps, by which what is tied may be off
+LEAST = 1e-9  # px, and coefficients, below this are of the arithmetic
 
 
 # One variable's number, another's, and the sign, 1 or -1, times which that is the first; below 0 for what is fixed.
@@ -108,7 +108,7 @@ class TiedRing:
                 free[columns[0]] = round(place / step) * step - place
         moved = self.moved(free)
         steps = moved.pieces.anchors / step
-        return moved if bool((np.abs(steps - np.rint(steps)) < ON_STEP).all()) else self
+        return moved if bool((np.abs(steps - np.rint(steps)) < EXACT).all()) else self
 
 
 def tied_ring(parameters: Parameters) -> TiedRing | None:

@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, Patch, part_of, plateau
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import part_spreads
+from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.record import record
 
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans

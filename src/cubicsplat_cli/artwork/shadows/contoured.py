@@ -9,8 +9,8 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents_of
+from cubicsplat_cli.artwork.regions.sampling import share_positions
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.artwork.tracing.contours import share_positions
 
 # Levels of each step, of which half is the most by which a shadow is off. Renderers round after each translucent shape,
 # so more of them are no nearer; but steps that are farther apart than so many px are seen, if they are not small.

@@ -27,7 +27,7 @@ from cubicsplat_cli.artwork.shadows.casters import (
 )
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import nearest_paints, part_spreads
+from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
 from cubicsplat_cli.record import record
 
 MOST_TRIED = 40  # grounds, the largest, looked at

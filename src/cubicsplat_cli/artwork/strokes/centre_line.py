@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import parameter_price
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
-from cubicsplat_cli.artwork.tracing.fitting import parameter_price
-from cubicsplat_cli.artwork.tracing.variables import Pieces, feet_of, refine
+from cubicsplat_cli.artwork.geometry.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
@@ -18,7 +18,7 @@ SIGMA = 0.05  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
 FLANK = 8  # points on either side of a gap that tell its direction
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
-END_ERRORS = (0.05, 0.05)  # px and radians
+END_ERRORS = (SIGMA, 0.05)  # px and radians
 FEWEST = 6  # points
 LEAST_LENGTH = 1e-6  # px, of a run of points that has a direction
 HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits

@@ -25,14 +25,14 @@ from cubicsplat_cli.artwork.geometry.stroke import (
     ROUND,
     Stroke,
     line_chain,
+    outlines_of_stroke,
     pieces_of,
 )
+from cubicsplat_cli.artwork.regularities.alike import MEAN
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.strokes import evenly_wide
 
-LONGEST_MEAN = 0.06  # px that the outline of strokes is off a shape's in the mean
 MOST_OFF = 0.75  # of a pixel's coverage
 # px by which an outline is off for each of the error, of full scale, of its pixels, up to a most; and widths squared
 # that ends and corners of each stroke may then be off, in place of MOST_OFF.
@@ -141,7 +141,7 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     low, high = low - margin, high + margin
     off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))
     length = sum(float(np.hypot(*np.diff(flattened(ring), axis=0).T).sum()) for ring in rings)
-    most = (LONGEST_MEAN + slack) * length
+    most = (MEAN + slack) * length
     if not slack:
         return bool(off.sum() <= most and off.max() <= MOST_OFF)
     ends = sum(ENDS_OFF * stroke.width**2 for stroke in strokes)

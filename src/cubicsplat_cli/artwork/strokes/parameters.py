@@ -13,14 +13,13 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
-from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, pieces_of
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, outlines_of_stroke, pieces_of, plan_of
+from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import length_of
-from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of
-from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cubics import tied_coordinates
 from cubicsplat_cli.raster.sparse import SparseRows
@@ -28,7 +27,7 @@ from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.strokes import STEP
 
 LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
-FIRST_ROUNDS, LAST_ROUNDS = 24, 6
+FIRST_ROUNDS = 24
 MOST_PIECES = 6000  # of centre lines
 
 
@@ -191,4 +190,4 @@ def _fitted(state: State, drawing: Drawing) -> State:
         k: StrokeParameters.of(replace(stroke, width=float(widths[group])), constraints, fixed=True)
         for k, stroke, group in zip(before, fitted, alike.tolist(), strict=True)
     }
-    return settle(state.with_outlines(tied), LAST_ROUNDS, changed=free)
+    return settle(state.with_outlines(tied), TRIAL_ROUNDS, changed=free)

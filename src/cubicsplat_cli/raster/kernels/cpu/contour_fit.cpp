@@ -1,5 +1,5 @@
 // Contours fitted whole, from their points to primitives or rings of lines and cubics. How the choices are made is said in
-// artwork/tracing/fitting.py.
+// artwork/geometry/fitting.py.
 #include <algorithm>
 #include <array>
 #include <cmath>

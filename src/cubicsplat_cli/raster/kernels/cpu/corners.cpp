@@ -1,5 +1,5 @@
 // Corners of a loop of boundary points: where two flanks meet at an angle, and exactly where. How they are told is said in
-// artwork/tracing/fitting.py.
+// artwork/geometry/fitting.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -1,5 +1,5 @@
 // Where the borders between regions run within the pixels beside them. What is computed is said in
-// artwork/tracing/contours.py; raster/borders.py says what the function means.
+// artwork/regions/sampling.py; raster/borders.py says what the function means.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -1,5 +1,5 @@
 // Minimum-link paths: the fewest straight lines between places that stay within masks. Which places and masks these are is
-// said in artwork/layers/min_link.py.
+// said in artwork/layers/ways.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

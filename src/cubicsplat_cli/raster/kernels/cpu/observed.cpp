@@ -1,5 +1,5 @@
 // What a picture tells of how it came to be: its colours, how wide its edges are, how its colours change. What is computed is
-// said in raster/observed.py.
+// said in raster/unmix.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Whole loops that are circles, ellipses or boxes. How they are told is said in artwork/tracing/fitting.py.
+// Whole loops that are circles, ellipses or boxes. How they are told is said in artwork/geometry/fitting.py.
 #include <array>
 #include <cmath>
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Circles, ellipses and boxes, and the ones nearest to points. What is minimised is said in artwork/tracing/fitting.py.
+// Circles, ellipses and boxes, and the ones nearest to points. What is minimised is said in artwork/geometry/fitting.py.
 #pragma once
 
 #include <algorithm>

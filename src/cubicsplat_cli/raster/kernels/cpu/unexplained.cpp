@@ -1,4 +1,4 @@
-// The pixels of a picture that nothing explains which is drawn near them. What is computed is said in raster/observed.py.
+// The pixels of a picture that nothing explains which is drawn near them. What is computed is said in raster/unmix.py.
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -12,13 +12,21 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
+from cubicsplat_cli.artwork.finish.proposals import (
+    MARGIN,
+    Area,
+    Canvas,
+    ErrorModel,
+    Placed,
+    TargetPicture,
+    areas,
+    proposals,
+)
 from cubicsplat_cli.artwork.finish.settle import settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
 from cubicsplat_cli.artwork.finish.state import WHITE, Layer, State, layer_of, layers_of, premultiplied
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.residual.areas import MARGIN, Area, ErrorModel, TargetPicture, areas
-from cubicsplat_cli.artwork.residual.proposals import Canvas, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage

@@ -12,7 +12,7 @@ from itertools import permutations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import widened
+from cubicsplat_cli.artwork.channels import FULL, widened
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.sparse import linked_groups
@@ -22,7 +22,6 @@ from cubicsplat_cli.scene.paint import Rgba
 MOST_BESIDE = 5  # overlays beside a region that several of them may make
 # Levels that colours are off by what drawing programs round; by which the grounds, and what is seen of them, differ.
 ROUNDED, LEAST_APART, LEAST_SEEN = 1.6, 24.0, 8.0
-FULL = 255.0
 _OPACITIES = np.arange(5, 251)  # of 8 bits: 0.02 to 0.98
 
 

@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.layers.ends import Heading, heading
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
+from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
 from cubicsplat_cli.artwork.layers.stacking import Stack, stack
+from cubicsplat_cli.artwork.layers.ways import Heading, heading
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.translucent.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record

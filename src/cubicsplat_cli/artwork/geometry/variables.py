@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring, places_within
 from cubicsplat_cli.raster.cubics import (
     Joints,
     moved_outline,
@@ -98,8 +98,7 @@ Feet = tuple[np.ndarray, np.ndarray]  # places of n points: piece (n,) int and p
 
 def feet_of(sizes: np.ndarray) -> Feet:
     """Places evenly along pieces, so many on each (S,)."""
-    piece = np.repeat(np.arange(len(sizes)), sizes)
-    place = np.arange(len(piece)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    piece, place = places_within(sizes)
     return piece, (place + 0.5) / sizes[piece]
 
 

@@ -1,9 +1,9 @@
 """From boundary points to the outline an artist would have drawn: the fewest pieces that the points support.
 
-Every choice is made by description length: half of chi^2 plus a price for each parameter (parameter_price). A
-primitive is taken where it is no dearer than a ring. A ring is laid out between its corners (`laid_out`), fitted to the
-points as a whole (refine.py), and made more regular where that costs less than the parameters it saves: joints smooth
-that bend by 12, 4 or 1.5 degrees at most, and lines exactly level or upright that are so within two standard errors.
+Every choice is made by description length: half of chi^2 plus a price for each parameter (parameter_price). A primitive
+is taken where it is no dearer than a ring. A ring is laid out between its corners (`laid_out`), fitted to the points as
+a whole, and made more regular where that costs less than the parameters it saves: joints smooth that bend by 12, 4 or
+1.5 degrees at most, and lines exactly level or upright that are so within two standard errors.
 
 Corners are found where two flanks meet at an angle: the tangent is extrapolated to each place from its left and from
 its right, by the widest run of neighbours that one line or parabola explains. On an arc both agree, however tight it

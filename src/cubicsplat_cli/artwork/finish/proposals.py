@@ -1,4 +1,9 @@
-"""The shapes that an area of a picture asks for where its drawing does not explain it: their colours and outlines."""
+"""The shapes that an area of a picture asks for where its drawing does not explain it: their colours and outlines.
+
+A pixel is unexplained by as much as it lies outside of all colours that are drawn within a px or so of it: edges that
+are a little off are none. What is left is averaged over squares and along short lines, so that noise goes and lines of
+one px stay.
+"""
 
 from __future__ import annotations
 
@@ -8,28 +13,114 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
-from cubicsplat_cli.artwork.input.palette import modes
-from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import SAME, UNLIKE, modes, ringing
+from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
-from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
-from cubicsplat_cli.artwork.residual.areas import Area, TargetPicture
+from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
+from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners
+from cubicsplat_cli.artwork.regions.sampling import COVERS, share_positions
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name
-from cubicsplat_cli.artwork.tracing.contours import COVERS, share_positions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import DrawnStack
-from cubicsplat_cli.raster.unmix import blend_with
+from cubicsplat_cli.raster.unmix import blend_with, unexplained
 from cubicsplat_cli.record import record
 
-DOT, LINE = 4, 3  # px of a shape, up to which it becomes a circle, and from which it is a line where they are in a row
+SIDE = 5  # px, of the lines along which residuals are averaged
+OWN = 0.5  # of the mean around it that a pixel is off itself
+NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
+SEAM = 8.0  # levels that edges of a clean picture may be off: half of one of 4 x 4 samples a pixel
+MARGIN = 5  # px around an area that are looked at with it
+# Px times levels of an area that people see, and px of a shape, in a clean picture: a dot of a px; and in one with
+# noise: 60 px of what is just unlike, or a short line.
+LEAST_CLEAN, SMALLEST_CLEAN = 160.0, 1
+LEAST, SMALLEST = 60.0 * UNLIKE, 6
+LINE = 3  # px of a shape from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
-SAME = 8.0  # levels of one colour
-HALF, LESS = 0.5, 0.2  # shares from which a pixel is the new shape's, and from which one on the middle of a line is
-CLOSE = 12.0  # levels by which pixels of a line may be off its blends with what is drawn
+LESS = 0.2  # share from which a pixel on the middle of a line is the new shape's, as others are by half of them
 SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
 CROSSED = 0.05  # share of a new shape that a shape shows in which it lies beneath the new one
+
+
+@record
+class Area:
+    """rows, columns: its window on the canvas. where: (h, w) bool, its pixels. weight: what it adds to the error."""
+
+    rows: slice
+    columns: slice
+    where: np.ndarray
+    weight: float
+
+
+@record
+class ErrorModel:
+    """The errors that a picture may have beside its drawing.
+
+    noise: standard deviation in levels; error: that of pixels on edges. jpeg: whether edges ring. blur: standard
+    deviation, px. least: px times levels of an area. smallest: px of a shape. seam: levels by which what lies beneath
+    shows through on edges.
+    """
+
+    noise: float
+    error: float
+    jpeg: bool
+    blur: float
+    least: float
+    smallest: float
+    seam: float
+
+    @property
+    def clean(self) -> bool:
+        """Whether every difference is one of the drawing."""
+        return self.seam > 0.0
+
+    @classmethod
+    def of(cls, condition: Condition, min_area: float) -> ErrorModel:
+        sharp, seam = condition.clean and not condition.aliased, SEAM if condition.clean else 0.0
+        least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if sharp else (LEAST, SMALLEST)
+        errors = condition.noise, condition.edge_error, condition.jpeg, condition.blur
+        return cls(*errors, least, max(smallest, min_area), seam)
+
+
+@record
+class TargetPicture:
+    """The picture that drawings are compared with. levels: (H, W, 4); model: of its errors; ringing: (H, W, 4) levels
+    by which a JPEG's edges are off in luma and chroma, else 0.
+    """
+
+    levels: np.ndarray
+    model: ErrorModel
+    ringing: np.ndarray
+
+    @classmethod
+    def of(cls, levels: np.ndarray, model: ErrorModel) -> TargetPicture:
+        """A picture with such errors."""
+        seen = levels @ LUMA_CHROMA
+        return cls(levels, model, ringing(seen) if model.jpeg else np.zeros(seen.shape, np.float32))
+
+
+def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
+    """The areas in which a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
+    model = picture.model
+    allowed = UNLIKE + NOISY * model.noise / SIDE**0.5
+    judged = 1 + math.ceil(model.blur), model.seam, UNLIKE, OWN, allowed
+    gap, where = unexplained(picture.levels, painted, LUMA_CHROMA, picture.ringing, *judged)
+    if gap[where].sum() < model.least:
+        return []
+    reach = MARGIN + math.ceil(2.0 * model.blur)
+    parts, _ = ndimage.label(ndimage.binary_dilation(where, ndimage.SQUARE), ndimage.SQUARE)
+    found = []
+    for number, box in enumerate(ndimage.find_objects(parts), start=1):
+        rows, columns = widened(box, reach, gap.shape)
+        own = where[rows, columns] & (parts[rows, columns] == number)
+        off = gap[rows, columns][own]
+        if off.sum() >= model.least:
+            found.append(Area(rows, columns, own, float((off**2).sum())))
+    return sorted(found, key=lambda area: -area.weight)
 
 
 @record
@@ -63,7 +154,7 @@ def proposals(
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
     near = ndimage.binary_dilation(area.where, ndimage.SQUARE, 2)
     # The uppermost shapes that cover half or more of each pixel, and that show in it; -1 for none.
-    owners, touching = (canvas.stack.uppermost(*window, share) for share in (HALF, SHOWS))
+    owners, touching = (canvas.stack.uppermost(*window, share) for share in (0.5, SHOWS))
     for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=model.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
@@ -88,7 +179,7 @@ def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
     lines stay in one piece.
     """
     most = ndimage.maximum_filter(share, 3 + 2 * math.ceil(blur))
-    cover = (share >= HALF) | ((share >= np.maximum(LESS, HALF * most)) & where)
+    cover = (share >= 0.5) | ((share >= np.maximum(LESS, 0.5 * most)) & where)
     levels = np.repeat(share[..., None], 4, axis=2)
     return joined_at_corners(cover.astype(np.int32), levels, COVERS / 255.0, whole=True) > 0
 
@@ -151,7 +242,7 @@ def _beneath(owners: np.ndarray, touching: np.ndarray) -> int:
     uppermost to show (n,) in most of it, as hairlines do.
     """
     found = []
-    for numbers, share in ((owners, CROSSED), (touching, HALF)):
+    for numbers, share in ((owners, CROSSED), (touching, 0.5)):
         names, counts = np.unique(numbers, return_counts=True)
         found.append(int(names[counts > share * len(numbers)].max(initial=-1)))
     return max(found)
@@ -177,7 +268,7 @@ def _colours(
     if found:
         shares, rests = (np.array(each) for each in zip(*found, strict=True))
         costs = np.where(np.median(shares[:, strongest], axis=1) >= LESS, rests.mean(axis=1), np.inf)
-        if costs.min() < CLOSE:
+        if costs.min() < BLEND:
             yield palette[[costs.argmin()]]
         several = np.unique(np.where(shares >= LESS, rests, np.inf).argmin(axis=0))
         if len(several) > 1:

@@ -1,1 +1,0 @@
-"""The parts of a picture that its finished drawing leaves unexplained, and shapes that explain them."""

@@ -1,1 +1,0 @@
-"""Translucent shapes: several regions that one shape of even opacity makes of what lies beneath it."""
