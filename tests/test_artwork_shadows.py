@@ -371,3 +371,11 @@ def test_a_soft_area_that_explains_its_picture_worse_is_left_out():
     drawing = draw(picture)
     assert not shadows(drawing)
     assert ((drawn(drawing) - 255 * picture) ** 2).mean() <= 60.0  # 200 with it
+
+
+@pytest.mark.parametrize("fill", [(0, 0, 0), BLUE])
+def test_what_is_opaque_and_fades_to_nothing_is_no_shadow(fill):
+    alpha = np.clip(1.0 - blot() / 0.6, 0.0, 1.0)
+    picture = np.rint(255 * np.dstack([alpha[..., None] * np.array(fill) / 255, alpha])) / 255
+    assert not lifted((255 * picture).astype(np.float32))
+    assert draw(picture.astype(np.float32)).shapes

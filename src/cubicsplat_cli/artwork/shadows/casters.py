@@ -14,6 +14,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, Patch, part_of, plateau
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import part_spreads
@@ -91,7 +92,7 @@ def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | Non
     if even.mean() < LEAST_PLATEAU:
         return None
     fill = np.rint(fill)
-    direction = direction_from(part.pixels.values - fill)
+    direction = direction_from(part.pixels.values, fill)
     if direction is None:
         return None
     mask = np.zeros(shape, dtype=bool)
@@ -99,8 +100,11 @@ def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | Non
     return Ground(fill, mask), direction
 
 
-def direction_from(off: np.ndarray) -> np.ndarray | None:
-    """The direction (4,) in which colours leave a fill, off it by (n, 4) levels; None where that is not one line."""
+def direction_from(values: np.ndarray, fill: np.ndarray) -> np.ndarray | None:
+    """The direction (4,) in which colours (n, 4) leave a fill, all in levels; None where that is not one line, or leads
+    from what is opaque to what is not, as no shade does.
+    """
+    off = values - fill
     total = off.sum(axis=0)
     length = float(np.linalg.norm(total))
     if length == 0.0:
@@ -108,13 +112,14 @@ def direction_from(off: np.ndarray) -> np.ndarray | None:
     direction = total / length
     along = off @ direction
     beside = largest(np.abs(off - along[:, None] * direction))
-    one_line = (beside <= OFF_LINE).mean() >= ON_LINE and (along >= -OFF_LINE).mean() >= ON_LINE
+    clearing = fill[3] >= OPAQUE and direction[3] < -1e-6
+    one_line = not clearing and (beside <= OFF_LINE).mean() >= ON_LINE and (along >= -OFF_LINE).mean() >= ON_LINE
     return direction if one_line else None
 
 
 def end_of(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """The last colour (4,), opaque, in the direction from a fill."""
-    if fill[3] < 254.5:
+    if fill[3] < OPAQUE:
         lengths = [(255.0 - fill[3]) / max(float(direction[3]), 1e-9)]
     else:
         moving = np.flatnonzero(np.abs(direction[:3]) > 1e-6)

@@ -68,7 +68,7 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
     smooth = smooth_parts(levels)[0] > 0 if count else clear
     for part, fill, piece in _pieces(levels, parts, count):
         work().at()
-        direction = direction_from(piece.pixels.values - fill)
+        direction = direction_from(piece.pixels.values, fill)
         if direction is None or (fill[3] > CLEAR and _ends_at(clear, piece)) or _is_gradient(part, piece, smooth):
             continue
         colour = end_of(fill, direction)
@@ -83,7 +83,7 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
         others = [each.mask for each in areas if (each.ground.fill != ground.fill).any()]
         if not any((mask & ground.mask).sum() > 0.5 * ground.mask.sum() for mask in others):
             areas.append(_area(levels, parts, ground, colour))
-    return areas
+    return [area for area in areas if area.mask.any()]
 
 
 def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, Part]]:
@@ -131,6 +131,8 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     nothing = levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * seen)
     own = ground.mask & on_line
+    if not (own & (seen > OFF_LINE)).any():
+        return SoftArea(replace(ground, mask=np.zeros_like(own)), colour, np.zeros(own.shape))
     # What is see-through shows the ground; so does what is no darker than the area elsewhere, if it is not even.
     through = levels[..., 3] < OPAQUE
     possible = on_line & (through | (seen <= float(seen[own].max()) + CLOSE))
