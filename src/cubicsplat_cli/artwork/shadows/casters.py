@@ -50,7 +50,7 @@ class Shaded:
         out = np.zeros(levels.shape[:2])
         for ground in self.grounds:
             line, own = self.colour - ground.fill, ground.mask
-            out[own] = (levels[own] - ground.fill) @ line / float(line @ line)
+            out[own] = (levels[own] - ground.fill) @ line / max(float(line @ line), 1e-9)
         return out
 
     @cached_property

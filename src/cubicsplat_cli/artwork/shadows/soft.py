@@ -72,6 +72,8 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
         if direction is None or (fill[3] > CLEAR and _ends_at(clear, piece)) or _is_gradient(part, piece, smooth):
             continue
         colour = end_of(fill, direction)
+        if np.abs(colour - fill).max() <= LEAST_RANGE:
+            continue  # nothing is as far from the fill as what was seen
         own = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= ALIKE]
         if not own:
             own = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
