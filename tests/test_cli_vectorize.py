@@ -220,7 +220,7 @@ def test_progress_bar_on_a_terminal_and_its_colours(photo, monkeypatch):
     path = photo.with_name("[red]a[bold].png")
     photo.rename(path)
     arguments = ["vectorize", path, "--curves", 12, "--no-png", "--force", "--steps"]
-    code, text = on_terminal([*arguments, 1000], monkeypatch)
+    code, text = on_terminal([*arguments, 4000], monkeypatch)
     assert code == 0
     assert "[red]a[bold].png" in text
     assert re.search(r"\d+ %", text)
@@ -237,7 +237,7 @@ def test_progress_bar_on_a_terminal_and_its_colours(photo, monkeypatch):
 def test_one_display_for_many_pictures(tmp_path, monkeypatch):
     save_pictures(tmp_path / "in", ("a.png", "b.png", "c.png"))
     (tmp_path / "in" / "bad.png").write_text("no picture")
-    arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 1000]
+    arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 4000]
     code, text = on_terminal(arguments, monkeypatch, NO_COLOR="1")
     assert code == 1
     assert re.search(r"[0-4]/4 pictures", text), "the whole"
