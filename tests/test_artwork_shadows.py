@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, box_of, shaded
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.artwork.vectorize import draw, versions
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.scene.paint import RadialGradient
 from cubicsplat_cli.svg.drawing_writer import write_drawing
@@ -379,3 +379,15 @@ def test_what_is_opaque_and_fades_to_nothing_is_no_shadow(fill):
     picture = np.rint(255 * np.dstack([alpha[..., None] * np.array(fill) / 255, alpha])) / 255
     assert not lifted((255 * picture).astype(np.float32))
     assert draw(picture.astype(np.float32)).shapes
+
+
+def test_no_sketch_without_its_shadow_is_shown():
+    """It would be far from its picture, and end the drawing for a photo."""
+    plain = np.full((HEIGHT, WIDTH, 3), 255.0)
+    for soft in (False, True):
+        picture = over(plain, blot(), (60, 60, 60)) if soft else plain.copy()
+        for row, column in np.ndindex(9, 18):
+            picture[130 - 8 * row : 135 - 8 * row, 20 + 9 * column : 25 + 9 * column] = (200, 40 + 10 * row, 30)
+        sketches: list[Drawing] = []
+        next(versions(np.rint(picture).astype(np.float32) / np.float32(255), on_sketch=sketches.append))
+        assert len(sketches) == (0 if soft else 1)

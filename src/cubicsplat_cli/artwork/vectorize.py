@@ -82,15 +82,17 @@ def versions(
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
     drawn as it looks from farther away. prepared: `prepare(target)`, where that is known already. on_sketch: given
     the shapes with their outlines fitted, which have all their pieces yet and no details, in px of the picture, where
-    there are many; what it raises ends the drawing.
+    there are many and no soft shadow; what it raises ends the drawing.
 
     Where the work under way (`progress.work`) is stopped, the drawing is what there is by then: outlines not yet fitted
     are polygons, and where the regions were not known yet it is that of a smaller copy.
     """
     settings, prepared = settings or ArtworkSettings(), prepared or prepare(target)
-    none_yet, of_prepared = True, partial(_versions, settings=settings, on_sketch=on_sketch)
+    # Sketches without what shades them would not be like the picture.
+    none_yet, unseen = True, partial(_versions, settings=settings, on_sketch=nothing)
     with work().stoppable():
-        for each in _with_its_shadow(prepared, settings, of_prepared) or of_prepared(prepared):
+        shaded = _with_its_shadow(prepared, settings, unseen)
+        for each in shaded or _versions(prepared, settings, on_sketch):
             none_yet = False
             yield enlarged(each, prepared.scale, prepared.width, prepared.height)
     if none_yet:
