@@ -237,3 +237,14 @@ def test_stops_are_found_where_they_are():
     ends = [found.x1 + stop.offset * (found.x2 - found.x1) for stop in found.stops]
     assert len(ends) == 3 and sorted(ends)[1] == pytest.approx(48, abs=0.5)
     assert max(abs(a - b) for a, b in zip(found.stops[1].colour, (200, 100, 50, 255), strict=True)) <= 1
+
+
+def test_a_gradient_with_a_light_on_it_and_little_that_is_even_is_one():
+    """The even rim is too small a part of it for the rest to be looked at as something else."""
+    y, x = np.mgrid[:200, :200] + 0.5
+    far = np.clip(np.hypot(x - 120.0, y - 120.0) / 126.0, 0.0, 1.0)[..., None]
+    colours = np.array([220.0, 94.0, 0.0]) * (1.0 - far) + np.array([228.0, 142.0, 23.0]) * far
+    light = 0.5 * np.clip(1.0 - np.hypot((x - 55.0) / 35.0, (y - 70.0) / 45.0), 0.0, 1.0)[..., None]
+    levels = np.rint(np.concatenate([colours + light * (255.0 - colours), np.full((200, 200, 1), 255.0)], axis=2))
+    areas = gradient_areas(levels.astype(np.float32), *smooth_parts(levels.astype(np.float32)))
+    assert max((area.patch.size for area in areas), default=0) > 20_000

@@ -407,3 +407,18 @@ def test_fills_of_a_jpeg_that_are_all_but_pure_are_pure():
     levels = as_levels(as_picture(recoded(Document(text.encode(), "x", 96).draw()[..., :3], quality=70)).target())
     assert 0.0 < np.median(levels[30:60, 25:55, 0]) < 5.0
     assert {tuple(fill) for fill in restored(levels, condition_of(levels)).palette[:, [0, 3]]} == {(0, 255), (255, 255)}
+
+
+def test_soft_shading_is_not_taken_for_ringing_which_goes_up_and_down():
+    """Both are rough near edges; of the JPEG, reduced by half, no blocks are left."""
+    relief = ndimage.gaussian_filter(np.random.default_rng(3).normal(size=(160, 160)), 2.0)
+    shaded = np.full((160, 160), 245.0)
+    shaded[20:140, 20:140] = 120.0 + 14.0 * (relief / relief.std())[20:140, 20:140]
+    shaded[60:100:8, 30:130] = 245.0
+    clean = np.repeat(np.clip(np.rint(shaded), 0, 255)[..., None], 3, axis=2).astype(np.uint8)
+    assert not condition_of(as_levels(as_picture(clean).target())).jpeg
+    flat = Image.new("RGB", (320, 240), "white")
+    for k in range(12):
+        ImageDraw.Draw(flat).ellipse([20 * k, 15 * k, 20 * k + 60, 15 * k + 50], fill=(20 * k, 90, 200 - 10 * k))
+    small = np.asarray(Image.fromarray(recoded(np.asarray(flat), "JPEG", quality=60)).resize((160, 120)))
+    assert condition_of(as_levels(as_picture(small).target())).jpeg
