@@ -128,12 +128,11 @@ def _with_its_shadow(
         return None
     drawings = versions(replace(prepared, levels=without.levels))
     drawing = next(drawings)
-    kept = placed(drawing, without.areas)
-    if kept and len(kept) < len(without.areas):
+    first = with_shadow(drawing, without)
+    if first is None and (kept := placed(drawing, without.areas)):
         without = lifted(prepared.levels, kept)
         drawings = versions(replace(prepared, levels=without.levels))
-        drawing = next(drawings)
-    first = with_shadow(drawing, without)
+        first = with_shadow(next(drawings), without)
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None
     if without.areas:

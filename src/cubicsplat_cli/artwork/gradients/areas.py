@@ -109,8 +109,10 @@ def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: 
         return
     known = shade.explains(wider.pixels)
     if known.mean() < EXPLAINED:
-        divided = len(piece) < 0.9 * len(whole)
-        (_explain if divided else _largest)(piece, search, depth + divided)
+        if len(piece) < 0.9 * len(whole):
+            _explain(piece, search, depth + 1)
+        else:
+            _largest(piece, search, depth)
         return
     fading = _faded(shade, fill)
     if fading is None:
@@ -148,18 +150,18 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
         shade = search.shade(part.pixels.some(near))
         if shade is None:
             break
-        known = shade.explains(part.pixels)
-        if known.sum() > most:
-            best, most = (shade, known), float(known.sum())
+        off = shade.off(part.pixels)
+        if (explained := (off <= CLOSE).sum()) > most:
+            best, most = (shade, off), float(explained)
     if best is None:
         return
-    shade, known = best
-    again = search.shade(part.pixels.some(known))
+    shade, off = best
+    again = search.shade(part.pixels.some(off <= CLOSE))
     if again is None:
         return
     # That of all these pixels may have found another geometry, which explains fewer.
-    if (explained := again.explains(part.pixels)).sum() >= most:
-        shade, known = again, explained
-    search.found.append(ShadedArea(shade, _with_rests(part, shade.off(part.pixels))))
-    for piece in part.pieces(~known):
+    if ((other := again.off(part.pixels)) <= CLOSE).sum() >= most:
+        shade, off = again, other
+    search.found.append(ShadedArea(shade, _with_rests(part, off)))
+    for piece in part.pieces(off > CLOSE):
         _explain(piece, search, depth + 1)

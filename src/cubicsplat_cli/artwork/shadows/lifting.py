@@ -70,7 +70,8 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     that are taken off, where they are known.
     """
     parts, count = smooth_parts(levels, SHARP_BEND)
-    shadow, shaded = shadow_of(levels, parts, count) if areas is None else None, None
+    shadow = shadow_of(levels, parts, count) if areas is None else None
+    shaded: np.ndarray | None = None
     above, taken = np.zeros(parts.shape, dtype=bool), np.zeros(parts.shape, dtype=bool)
     if shadow is not None:
         grounds = _shaded_grounds(levels, shadow)

@@ -150,26 +150,30 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
     """The drawing of a picture without its shadows, with them; None where they cannot be drawn in gradients, or would
     shade what they do not."""
     owners, count = _owners(drawing), len(drawing.shapes)
-    layers: list[tuple[int | None, list[Shape] | None]] = []
+    layers: list[tuple[int, list[Shape]]] = []
     for area in lifted.areas:
+        place = _place(owners, count, area.share > SHADE, area.mask)
+        if place is None:
+            return None
         fill = area.ground.fill
         opaque = fill[:3] if fill[3] == 255.0 else None
-        shapes = contoured(area.share, area.mask, area.colour[:3], opaque, NAME)
-        layers.append((_place(owners, count, area.share > SHADE, area.mask), list(shapes)))
+        layers.append((place, list(contoured(area.share, area.mask, area.colour[:3], opaque, NAME))))
     if lifted.shadow is not None and lifted.shaded is not None:
         for cast in lifted.shadow.casts:
             shown = lifted.shaded & ~cast.mask
             rows, columns, share = cast.darkening(shown.shape)
-            if share.size:
-                window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
-                dark[window] = share > SHADE
-                cut = Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window)
-                layers.append((_place(owners, count, dark & ~cast.mask, shown), sliced(cut)))
-    if any(place is None or shapes is None for place, shapes in layers):
-        return None
+            if share.size == 0:
+                continue
+            window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
+            dark[window] = share > SHADE
+            place = _place(owners, count, dark & ~cast.mask, shown)
+            shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
+            if place is None or shapes is None:
+                return None
+            layers.append((place, shapes))
     out: list[Shape] = []
     for k, shape in enumerate([*lifted.meant(drawing).shapes, None]):
-        out += [one for place, shapes in layers if place == k for one in shapes or ()]
+        out += [one for place, shapes in layers if place == k for one in shapes]
         out += [shape] if shape is not None else []
     return replace(drawing, shapes=tuple(out))
 

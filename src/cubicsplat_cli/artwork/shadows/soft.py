@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -65,11 +66,11 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
     """The soft areas of a picture (H, W, 4), premultiplied levels, other than gradients. parts, count: as of
     `smooth_parts`."""
     found, clear = list[tuple[Ground, np.ndarray]](), levels[..., 3] <= CLEAR
-    smooth = smooth_parts(levels)[0] > 0 if count else clear
+    smooth = cache(lambda: smooth_parts(levels)[0] > 0)  # which few pictures come to
     for part, fill, piece in _pieces(levels, parts, count):
         work().at()
         direction = direction_from(piece.pixels.values, fill)
-        if direction is None or (fill[3] > CLEAR and _ends_at(clear, piece)) or _is_gradient(part, piece, smooth):
+        if direction is None or (fill[3] > CLEAR and _ends_at(clear, piece)) or _is_gradient(part, piece, smooth()):
             continue
         colour = end_of(fill, direction)
         if np.abs(colour - fill).max() <= LEAST_RANGE:

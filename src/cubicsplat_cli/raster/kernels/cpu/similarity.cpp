@@ -1,4 +1,4 @@
-// SSIM of one channel of two pictures and more, as sums over its windows. evaluate/similarity.py says what it is.
+// SSIM of one channel of two pictures and more, as sums over its windows. evaluate/metrics.py says what it is.
 #include <array>
 #include <cmath>
 #include <cstdint>

@@ -1,5 +1,5 @@
 // The gradient of a penalty on slivers: places where two sides of an outline run closely against each other, with the
-// shape between them. The formula is that of photo/slivers.py, which does the same with arrays.
+// shape between them. The formula is that of photo/geometric.py, which does the same with arrays.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
