@@ -105,6 +105,24 @@ def test_a_radial_gradient_has_its_middle_and_radius():
     assert (found.cx, found.cy) == pytest.approx((120, 80), abs=0.3) and found.rx == pytest.approx(found.ry, rel=0.01)
 
 
+FOCUS = (
+    '<radialGradient id="a" cx="120" cy="90" r="100" fx="{}" fy="{}" gradientUnits="userSpaceOnUse">{}</radialGradient>'
+)
+FOCAL_OVAL = (
+    '<radialGradient id="a" cx="0" cy="0" r="1" fx="{}" fy="{}" gradientTransform="matrix(110 30 -15 60 120 90)" '
+    'gradientUnits="userSpaceOnUse">{}</radialGradient>'
+)
+
+
+@pytest.mark.parametrize(("markup", "focus", "px"), [(FOCUS, (80, 60), (80, 60)), (FOCAL_OVAL, (0.5, -0.4), (181, 81))])
+def test_a_radial_gradient_has_its_focus(markup, focus, px):
+    body = markup.format(*focus, TWO) + BLOB
+    drawing = draw(picture(body))
+    (shape,) = drawing.shapes
+    assert isinstance(shape.gradient, RadialGradient) and shape.gradient.focus == pytest.approx(px, abs=1.0)
+    assert np.percentile(difference(drawing, body), 99) <= 2 and difference(drawing, body).mean() < 0.4
+
+
 def test_the_tip_of_a_sphere_is_the_middle_of_its_gradient():
     stops = '<stop stop-color="#fff"/><stop offset=".4" stop-color="#60a0f0"/><stop offset="1" stop-color="#103070"/>'
     body = '<rect width="256" height="192" fill="#fff"/><circle cx="128" cy="96" r="70" fill="url(#a)"/>'

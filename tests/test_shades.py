@@ -28,8 +28,9 @@ from cubicsplat_cli.raster.shades import (
 
 KNOTS = np.array([0.2, 0.5, 1.1])
 COLOURS = np.array([[20.0, 30.0, 200.0, 255.0], [220.0, 90.0, 10.0, 255.0], [60.0, 60.0, 60.0, 128.0]])
-ROUND = np.array([[0.02, 0.004, -0.8], [-0.003, 0.03, -0.6]])
-LINE = np.array([[0.015, 0.01, -0.3], [0.0, 0.0, 0.0]])
+ROUND = np.array([[0.02, 0.004, -0.8, 0.0], [-0.003, 0.03, -0.6, 0.0]])
+FOCAL = np.array([[0.02, 0.004, -0.8, 0.3], [-0.003, 0.03, -0.6, -0.5]])
+LINE = np.array([[0.015, 0.01, -0.3, 0.0], [0.0, 0.0, 0.0, 0.0]])
 
 
 def places(width: int = 40, height: int = 30) -> tuple[np.ndarray, np.ndarray]:
@@ -39,12 +40,12 @@ def places(width: int = 40, height: int = 30) -> tuple[np.ndarray, np.ndarray]:
 
 def defined(frame: np.ndarray, radial: bool, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(n, 4) by interpolation along t."""
-    first, second = frame @ np.stack([x, y, np.ones_like(x)])
-    t = np.hypot(first, second) if radial else first
+    first, second = frame[:, :3] @ np.stack([x, y, np.ones_like(x)])
+    t = np.hypot(first, second) + frame[0, 3] * first + frame[1, 3] * second if radial else first
     return np.stack([np.interp(t, KNOTS, COLOURS[:, k]) for k in range(4)], axis=1)
 
 
-@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True)])
+@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True), (FOCAL, True)])
 def test_colours_follow_straight_lines_between_stops(frame, radial):
     x, y = places()
     truth = defined(frame, radial, x, y)
@@ -52,7 +53,7 @@ def test_colours_follow_straight_lines_between_stops(frame, radial):
     assert colours_off(frame, radial, KNOTS, COLOURS, Pixels(x, y, truth + 3.0)) == pytest.approx(-3.0)
 
 
-@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True)])
+@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True), (FOCAL, True)])
 def test_stops_are_found_again_in_rounded_pixels(frame, radial):
     x, y = places(80, 60)
     pixels = Pixels(x, y, np.rint(defined(frame, radial, x, y)))
@@ -61,25 +62,30 @@ def test_stops_are_found_again_in_rounded_pixels(frame, radial):
     inner = np.abs(knots - KNOTS[1]).argmin()
     assert knots[inner] == pytest.approx(KNOTS[1], abs=0.05)
     assert np.abs(colours[inner] - COLOURS[1]).max() < 20.0
-    assert scatter(frame, radial, pixels) < 10.0 < scatter(frame[:, [1, 0, 2]], radial, pixels)
+    assert scatter(frame, radial, pixels) < 10.0 < scatter(frame[:, [1, 0, 2, 3]], radial, pixels)
 
 
-def test_a_fit_goes_back_to_an_ellipse_that_was_moved():
+@pytest.mark.parametrize(("truth", "parameters"), [(ROUND, 5), (FOCAL, 7)])
+def test_a_fit_goes_back_to_an_ellipse_that_was_moved(truth, parameters):
     x, y = places(80, 60)
-    pixels = Pixels(x, y, defined(ROUND, True, x, y))
-    began = ROUND + np.array([[0.0001, -0.0001, 0.006], [0.0001, 0.0001, -0.004]])
-    frame, knots, colours = fitted(began, 5, KNOTS + np.array([0.0, 0.005, 0.0]), COLOURS, pixels)
+    pixels = Pixels(x, y, defined(truth, True, x, y))
+    lean = 0.02 if parameters == 7 else 0.0
+    began = truth + np.array([[0.0001, -0.0001, 0.006, lean], [0.0001, 0.0001, -0.004, lean]])
+    frame, knots, colours = fitted(began, parameters, KNOTS + np.array([0.0, 0.005, 0.0]), COLOURS, pixels)
     assert np.abs(colours_off(frame, True, knots, colours, pixels)).max() < 0.5
     middle = np.linalg.solve(frame[:, :2], -frame[:, 2])
-    assert middle == pytest.approx(np.linalg.solve(ROUND[:, :2], -ROUND[:, 2]), abs=0.1)
+    assert middle == pytest.approx(np.linalg.solve(truth[:, :2], -truth[:, 2]), abs=0.1)
+    assert frame[:, 3] == pytest.approx(truth[:, 3], abs=0.01)
 
 
 def test_slopes_of_blocks_are_those_of_planes():
     x, y = places(20, 15)
     plane = np.stack([2.0 * x, 3.0 * y, x - y, np.full_like(x, 255.0)], axis=1)
-    middles, changes = slopes(Pixels(x, y, plane), 5, 5)
+    middles, changes, means, weights = slopes(Pixels(x, y, plane), 5, 5)
     assert middles == pytest.approx(np.stack([x, y], axis=1).reshape(3, 5, 4, 5, 2).mean(axis=(1, 3)).reshape(-1, 2))
     weight = 5.0 * np.sqrt(2.0)  # the root of 25 px, and of the spread 2 of five neighbouring places
+    assert weights == pytest.approx(weight) and means[:, 3] == pytest.approx(255.0)
+    assert means[:, 2] == pytest.approx(middles[:, 0] - middles[:, 1])
     assert changes / weight == pytest.approx(np.repeat([[[2, 0], [0, 3], [1, -1], [0, 0]]], 12, axis=0), abs=1e-9)
 
 

@@ -22,6 +22,11 @@ FADING = (Stop(0.0, (10, 20, 30, 255)), Stop(1.0, (10, 20, 30, 0)))
 SLANTED = LinearGradient(8.0, 4.0, 50.0, 40.0, STOPS)
 ROUND = RadialGradient(30.0, 20.0, 25.0, 25.0, 0.0, STOPS)
 OVAL = RadialGradient(30.0, 20.0, 40.0, 15.0, 0.5, STOPS)
+FOCAL = RadialGradient(30.0, 20.0, 25.0, 25.0, 0.0, STOPS, (41.0, 8.0))
+FOCAL_OVAL = RadialGradient(30.0, 20.0, 40.0, 15.0, 0.5, STOPS, (44.0, 21.0))
+
+
+AT = np.mgrid[1:47, 1:63][::-1] + 0.5
 
 
 def written(*shapes: Shape) -> str:
@@ -41,7 +46,7 @@ def drawn(svg: str) -> np.ndarray:
     return rerender(svg.encode(), *SIZE).pixels
 
 
-@pytest.mark.parametrize("gradient", [SLANTED, ROUND, OVAL, LinearGradient(0, 0, 64, 0, FADING)])
+@pytest.mark.parametrize("gradient", [SLANTED, ROUND, OVAL, FOCAL, FOCAL_OVAL, LinearGradient(0, 0, 64, 0, FADING)])
 def test_the_file_draws_what_the_formulas_say(gradient):
     found = np.asarray(drawn(written(filled(gradient))), dtype=float) / 255.0
     alpha = found[..., 3:] if found.shape[2] == 4 else 1.0
@@ -62,7 +67,7 @@ def test_equal_gradients_are_written_once_and_the_text_is_short():
     assert written(filled(LinearGradient(0, 0, 1, 0, FADING))).count("stop-opacity") == 1
 
 
-@pytest.mark.parametrize("gradient", [SLANTED, ROUND, OVAL])
+@pytest.mark.parametrize("gradient", [SLANTED, ROUND, OVAL, FOCAL, FOCAL_OVAL])
 def test_gradients_come_back(gradient):
     shape = filled(gradient, polygon(np.array([[1.0, 1.0], [50.0, 3.0], [20.0, 40.0]])))
     text = written(Shape((0, 0, 0, 255), (Rectangle(0, 0, 9, 9),), "flat"), shape)
@@ -70,11 +75,12 @@ def test_gradients_come_back(gradient):
     flat, found = read_drawing(text).shapes
     assert flat.gradient is None and found.fill == shape.fill and found.gradient.stops == gradient.stops
     assert np.allclose(found.gradient.frame(), gradient.frame(), atol=2e-3)
+    assert np.abs(painted(found.gradient, *AT) - painted(gradient, *AT)).max() < 0.02
     assert write_drawing(read_drawing(text), precision=2, title="t", comment="c") == text
 
 
 def test_scaling_a_drawing_scales_its_gradients():
-    for gradient in (SLANTED, OVAL):
+    for gradient in (SLANTED, OVAL, FOCAL_OVAL):
         (shape,) = scaled_drawing(Drawing(*SIZE, (filled(gradient),)), 128, 48).shapes
         y, x = np.mgrid[:48, :128] + 0.5
         assert np.allclose(painted(shape.gradient, x, y), painted(gradient, x / 2.0, y), atol=1e-9)
@@ -98,6 +104,9 @@ def foreign(defs: str, shape: str = BOX) -> str:
         f'<linearGradient id="b" gradientUnits="userSpaceOnUse" x1="10" y1="5" x2="30" y2="9" '
         f'gradientTransform="rotate(20 9 5)scale(1 .5),translate(3)">{TWO}</linearGradient>',
         f'<radialGradient id="b">{TWO}</radialGradient>',
+        f'<radialGradient id="b" fx=".2" cy=".4">{TWO}</radialGradient>',
+        f'<radialGradient id="b" gradientUnits="userSpaceOnUse" cx="20" cy="20" r="19" fx="28" fy="30" '
+        f'gradientTransform="matrix(1 .5 -.3 .8 2 -9)">{TWO}</radialGradient>',
         f'<radialGradient id="b" gradientUnits="userSpaceOnUse" cx="20" cy="30" r="9" '
         f'gradientTransform="matrix(1 .5 -.3 .8 2 -9) skewX(10)">{TWO}</radialGradient>',
     ],
@@ -118,9 +127,9 @@ def test_gradients_inherit_and_may_stand_behind_their_shapes():
 
 
 def test_what_is_left_out_is_said_once(caplog):
-    first = f'<radialGradient id="b" fx=".2" spreadMethod="reflect">{TWO}</radialGradient>'
+    first = f'<radialGradient id="b" fr=".2" spreadMethod="reflect">{TWO}</radialGradient>'
     read_drawing(foreign(first, BOX + BOX))
-    assert [r.getMessage() for r in caplog.records] == ["left out of the SVG's gradients: fx, spreadMethod='reflect'"]
+    assert [r.getMessage() for r in caplog.records] == ["left out of the SVG's gradients: fr, spreadMethod='reflect'"]
 
 
 @pytest.mark.parametrize(

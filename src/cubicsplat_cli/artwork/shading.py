@@ -210,7 +210,7 @@ def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, 
 
 def _along(angle: float, stops: int, pixels: Pixels) -> Shade:
     """The gradient in one direction with so many stops, evenly between the pixels' ends."""
-    frame = np.array([[math.cos(angle), math.sin(angle), 0.0], [0.0, 0.0, 0.0]])
+    frame = np.array([[math.cos(angle), math.sin(angle), 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
     t = frame[0, 0] * pixels.x + frame[0, 1] * pixels.y
     knots = np.linspace(float(t.min()), float(t.max()) + 1e-3, stops)
     colours = np.clip(best_colours(frame, False, knots, pixels), 0.0, 255.0)

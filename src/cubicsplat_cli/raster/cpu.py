@@ -21,7 +21,7 @@ from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
 
-ABI_VERSION = 10
+ABI_VERSION = 11
 
 
 def members(kind: Any, names: str) -> list[tuple[str, Any]]:

@@ -1,7 +1,10 @@
 """Areas of evenly changing colours, gradients fitted to them, and the paints that edges blend, by the native library.
 
-A gradient is given by its frame (2, 3), an affine map of px whose first coordinate is the parameter t, or whose length
-is where it is radial, and by the knots (K,), ascending t, and colours (K, 4) of its stops, premultiplied levels.
+A gradient is given by its frame (2, 4), and by the knots (K,), ascending t, and colours (K, 4) of its stops,
+premultiplied levels. The frame's first three columns are an affine map of px to u, its last is the lean m. A linear
+gradient has t = u[0], a radial one t = |u| + m . u: ellipses around the middle where m is 0, and otherwise those of an
+SVG gradient whose focus is where u is 0 (conics with a common focus; |m| < 1 is how far the focus is on its way from
+the middle to the rim).
 Pictures are (H, W, 4), premultiplied levels. Functions raise EngineError where the library or the memory is missing.
 """
 
@@ -34,7 +37,7 @@ def colours_at(
     frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
     """(n, 4) what a gradient has at places x, y (n,)."""
-    given = len(x), doubles(x), doubles(y), None, doubles(frame), radial, len(knots), doubles(knots), doubles(colours)
+    given = len(x), doubles(x), doubles(y), None, _map(frame), radial, len(knots), doubles(knots), doubles(colours)
     out = np.empty((len(x), 4))
     _native("cs_shaded", *given, out, result=None)
     return out
@@ -44,14 +47,14 @@ def colours_off(frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.
     """(n, 4) what a gradient has at pixels less what these have."""
     out = np.empty((len(pixels.x), 4))
     stops = len(knots), doubles(knots), doubles(colours)
-    _native("cs_shaded", *_given(pixels), doubles(frame), radial, *stops, out, result=None)
+    _native("cs_shaded", *_given(pixels), _map(frame), radial, *stops, out, result=None)
     return out
 
 
 def best_colours(frame: np.ndarray, radial: bool, knots: np.ndarray, pixels: Pixels) -> np.ndarray:
     """(K, 4) the colours of stops with which a gradient comes nearest to pixels, by least squares."""
     out = np.empty((len(knots), 4))
-    _native("cs_shade_colours", *_given(pixels), doubles(frame), radial, len(knots), doubles(knots), out)
+    _native("cs_shade_colours", *_given(pixels), _map(frame), radial, len(knots), doubles(knots), out)
     return out
 
 
@@ -61,14 +64,14 @@ def best_stops(
     """Knots (K,) and colours (K, 4) of the stops, 2 to `most`, with which a gradient comes nearest to pixels, each more
     than two for `price` levels^2 or more."""
     knots, colours = np.empty(most), np.empty((most, 4))
-    given = doubles(frame), radial, most, float(price), knots, colours
+    given = _map(frame), radial, most, float(price), knots, colours
     count = _native("cs_ramp", *_given(pixels), *given, result=c_int64)
     return knots[:count].copy(), colours[:count].copy()
 
 
 def scatter(frame: np.ndarray, radial: bool, pixels: Pixels) -> float:
     """The mean square, levels^2, by which pixels differ from those that have about the same t."""
-    return float(_native("cs_scatter", *_given(pixels), doubles(frame), radial, result=c_double))
+    return float(_native("cs_scatter", *_given(pixels), _map(frame), radial, result=c_double))
 
 
 def fitted(
@@ -78,20 +81,28 @@ def fitted(
     Levenberg's and Marquardt's method.
 
     parameters: of its geometry, 2 of a line, whose direction is free, 3 of a circle and 5 of an ellipse, of which the
-    middle is, and of this one the shape.
+    middle is, and of this one the shape, and 7 of an ellipse with a focus, of which the lean is too.
     """
-    frame, knots, colours = (np.array(a, dtype=np.float64, order="C") for a in (frame, knots, colours))
+    frame, knots, colours = (np.array(a, dtype=np.float64, order="C") for a in (_map(frame), knots, colours))
     _native("cs_fit_shade", *_given(pixels), frame, parameters, len(knots), knots, colours)
     return frame, knots, colours
 
 
-def slopes(pixels: Pixels, size: int, fewest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (b, 2), px, of blocks of size x size px, at least `fewest` of them in the pixels, and how colours change
-    there (b, 4, 2), levels per px times the root of the pixels, so that each block counts as its errors allow."""
+def slopes(pixels: Pixels, size: int, fewest: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of blocks of size x size px, at least `fewest` of them in the pixels: middles (b, 2), px; how colours change
+    there (b, 4, 2), levels per px times the block's weight, so that it counts as its errors allow; mean values (b, 4);
+    and the weights (b,), roots of the pixels times their spread in px^2."""
     room = len(pixels.x) // fewest
-    middles, found = np.empty((room, 2)), np.empty((room, 4, 2))
-    count = _native("cs_slopes", *_given(pixels), size, fewest, room, middles, found, result=c_int64)
-    return middles[:count], found[:count]
+    out = np.empty((room, 2)), np.empty((room, 4, 2)), np.empty((room, 4)), np.empty(room)
+    count = _native("cs_slopes", *_given(pixels), size, fewest, room, *out, result=c_int64)
+    middles, changes, means, weights = (array[:count] for array in out)
+    return middles, changes, means, weights
+
+
+def _map(frame: np.ndarray) -> np.ndarray:
+    if frame.shape != (2, 4):
+        raise ValueError(f"frame must have shape (2, 4), not {frame.shape}")
+    return doubles(frame)
 
 
 def _given(pixels: Pixels) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:

@@ -1,8 +1,9 @@
 """Gradients: paints that change along a line or outwards from a middle, as SVG defines them.
 
-A gradient gives every place a parameter t, 0 at the start of a line or in the middle of an ellipse and 1 at its end or
-on its rim. Its stops say the colour at some t; between two stops colour and opacity are interpolated linearly in sRGB,
-not premultiplied, and before the first and beyond the last they stay (SVG 1.1, section 13.2, spread method "pad").
+A gradient gives every place a parameter t, 0 at the start of a line or at the focus of an ellipse, which most often is
+its middle, and 1 at its end or on its rim. Its stops say the colour at some t; between two stops colour and opacity are
+interpolated linearly in sRGB, not premultiplied, and before the first and beyond the last they stay (SVG 1.1, section
+13.2, spread method "pad").
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ class LinearGradient:
 
 @dataclass(frozen=True)
 class RadialGradient:
-    """From the middle (cx, cy), t = 0, to an ellipse with semi-axes rx and ry, t = 1, in px; angle: of the first axis
-    in radians, clockwise as seen. stops: one or more, their offsets ascending."""
+    """From the focus, t = 0, to an ellipse with the middle (cx, cy) and semi-axes rx and ry, t = 1, in px; angle: of
+    the first axis in radians, clockwise as seen. stops: one or more, their offsets ascending. focus: (x, y) in px
+    within the ellipse; None for its middle."""
 
     cx: float
     cy: float
@@ -58,9 +60,11 @@ class RadialGradient:
     ry: float
     angle: float
     stops: tuple[Stop, ...]
+    focus: tuple[float, float] | None = None
 
     def frame(self) -> np.ndarray:
-        """(2, 3) affine map of px; t is the length of what it gives."""
+        """(2, 3) affine map of px that takes the ellipse to the unit circle; without a focus t is the length of what it
+        gives."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         turn = np.array([[cos / self.rx, sin / self.rx], [-sin / self.ry, cos / self.ry]])
         return np.column_stack([turn, -turn @ (self.cx, self.cy)])
@@ -72,28 +76,40 @@ class RadialGradient:
 
     def scaled(self, across: float, down: float) -> RadialGradient:
         """The gradient of a picture with its x times `across` and its y times `down`."""
-        return radial_from(np.array([[across], [down]]) * self.matrix(), self.stops)
+        focus = None if self.focus is None else (self.focus[0] * across, self.focus[1] * down)
+        return radial_from(np.array([[across], [down]]) * self.matrix(), self.stops, focus)
 
 
 Gradient = LinearGradient | RadialGradient
 
 
-def radial_from(matrix: np.ndarray, stops: tuple[Stop, ...]) -> RadialGradient:
-    """The gradient whose t = 1 is the image of the unit circle under an affine map (2, 3)."""
+def radial_from(
+    matrix: np.ndarray, stops: tuple[Stop, ...], focus: tuple[float, float] | None = None
+) -> RadialGradient:
+    """The gradient whose t = 1 is the image of the unit circle under an affine map (2, 3). focus: in px."""
     axes, lengths, _ = np.linalg.svd(matrix[:, :2])
     angle = math.atan2(axes[1, 0], axes[0, 0])
     if lengths[0] - lengths[1] < 1e-9 * lengths[0]:
         angle = 0.0
     angle = (angle + math.pi / 2.0) % math.pi - math.pi / 2.0
     cx, cy = matrix[:, 2].tolist()
-    return RadialGradient(cx, cy, float(lengths[0]), float(lengths[1]), angle, stops)
+    return RadialGradient(cx, cy, float(lengths[0]), float(lengths[1]), angle, stops, focus)
 
 
 def parameter(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """t at places x, y in px, not clipped."""
     (a, b, c), (d, e, f) = gradient.frame()
     first = a * x + b * y + c
-    return np.hypot(first, d * x + e * y + f) if isinstance(gradient, RadialGradient) else first
+    if not isinstance(gradient, RadialGradient):
+        return first
+    second = d * x + e * y + f
+    if gradient.focus is None:
+        return np.hypot(first, second)
+    # The circle around (1 - t) focus with radius t holds the place (SVG 1.1, section 13.2.3).
+    fx, fy = gradient.frame() @ (*gradient.focus, 1.0)
+    first, second, rest = first - fx, second - fy, 1.0 - fx * fx - fy * fy
+    along = first * fx + second * fy
+    return (along + np.sqrt(along * along + rest * (first * first + second * second))) / rest
 
 
 def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -8,6 +8,8 @@ from functools import lru_cache
 from urllib.parse import quote
 from xml.etree import ElementTree
 
+import numpy as np
+
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba
 
 OPAQUE = 255
@@ -174,11 +176,17 @@ def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
         element = ElementTree.Element("linearGradient", {name: number(value) for name, value in ends.items()})
     elif number(gradient.rx) == number(gradient.ry):
         round_one = {"cx": gradient.cx, "cy": gradient.cy, "r": gradient.rx}
+        if gradient.focus is not None:
+            round_one |= dict(zip(("fx", "fy"), gradient.focus, strict=True))
         element = ElementTree.Element("radialGradient", {name: number(value) for name, value in round_one.items()})
     else:
         # The unit circle, brought to the ellipse.
         matrix = " ".join(number(value) for value in gradient.matrix().T.ravel())
-        unit = {"cx": "0", "cy": "0", "r": "1", "gradientTransform": f"matrix({matrix})"}
+        unit = {"cx": "0", "cy": "0", "r": "1"}
+        if gradient.focus is not None:
+            focus = np.rint(10**_DECIMALS * gradient.frame() @ (*gradient.focus, 1.0)).astype(int).tolist()
+            unit |= {name: format_number(place, _DECIMALS) for name, place in zip(("fx", "fy"), focus, strict=True)}
+        unit["gradientTransform"] = f"matrix({matrix})"
         element = ElementTree.Element("radialGradient", unit)
     element.set("gradientUnits", "userSpaceOnUse")
     for stop in gradient.stops:

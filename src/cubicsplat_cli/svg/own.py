@@ -59,6 +59,7 @@ for _parent in ("svg", "svg/defs", "svg/g"):
     for _name in ("linearGradient", "radialGradient"):
         _OWN[f"{_parent}/{_name}/stop"] = {"offset", "stop-color", "stop-opacity"}
 
+_RIM = 0.999  # of the way to the rim, the farthest focus
 LINEAR, RADIAL = "linearGradient", "radialGradient"
 _HREF = ("href", "xlink:href")
 _PLACES = {LINEAR: ("x1", "y1", "x2", "y2"), RADIAL: ("cx", "cy", "r")}
@@ -234,7 +235,10 @@ class GradientReader:
             matrix = to_px @ matrix
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
             raise ValueError(f"has the gradient #{identifier} flattened to nothing")
-        return _linear(places, matrix, stops) if name == LINEAR else _radial(places, matrix, stops)
+        if name == LINEAR:
+            return _linear(places, matrix, stops)
+        focus = [_place(inherited(n, inherited(own, "50%")), n, relative) for n, own in (("fx", "cx"), ("fy", "cy"))]
+        return _radial(places, focus, matrix, stops)
 
     def _chain_of(self, definition: _Definition) -> list[_Definition]:
         """The gradient and those that it inherits from, one after the other."""
@@ -252,8 +256,6 @@ class GradientReader:
 
     def _note_left_out(self, inherited: Callable[[str, str], str]) -> None:
         names = {f"spreadMethod={inherited('spreadMethod', 'pad')!r}"} - {"spreadMethod='pad'"}
-        places = {"fx": "cx", "fy": "cy"}
-        names |= {n for n, own in places.items() if inherited(n, "") not in ("", inherited(own, _DEFAULTS[own]))}
         names |= {"fr"} if inherited("fr", "0") not in ("0", "0%") else set()
         if names - self._left_out:
             log.warning("left out of the SVG's gradients: %s", ", ".join(sorted(names - self._left_out)))
@@ -290,8 +292,14 @@ def _linear(places: list[float], matrix: np.ndarray, stops: tuple[Stop, ...]) ->
     return LinearGradient(float(start[0]), float(start[1]), float(end[0]), float(end[1]), stops)
 
 
-def _radial(places: list[float], matrix: np.ndarray, stops: tuple[Stop, ...]) -> Gradient:
+def _radial(places: list[float], focus: list[float], matrix: np.ndarray, stops: tuple[Stop, ...]) -> Gradient:
     cx, cy, r = places
     if r <= 0.0:
         return LinearGradient(0.0, 0.0, 1.0, 0.0, (stops[-1],))
-    return radial_from(matrix[:2] @ np.array([[r, 0.0, cx], [0.0, r, cy], [0.0, 0.0, 1.0]]), stops)
+    circle = matrix[:2] @ np.array([[r, 0.0, cx], [0.0, r, cy], [0.0, 0.0, 1.0]])
+    off = np.array(focus) - (cx, cy)
+    if not off.any():
+        return radial_from(circle, stops)
+    # One beyond the circle is moved to its rim (SVG 1.1, section 13.2.3), where t would have no bound.
+    x, y = (matrix[:2] @ (*((cx, cy) + off * min(1.0, _RIM * r / float(np.hypot(*off)))), 1.0)).tolist()
+    return radial_from(circle, stops, (x, y))

@@ -23,7 +23,7 @@ from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient,
 from cubicsplat_cli.settings import PRECISION, Mode
 from cubicsplat_cli.svg.values import levels_of, unit_colour
 
-OPACITY_DECIMALS = 3
+OPACITY_DECIMALS = 3  # and of a gradient's focus in the unit circle
 # Whole pixels would make most strokes 0 or 1 px wide, so widths keep two decimals at least.
 MIN_WIDTH_DECIMALS = 2
 # Renderers store coordinates as 24.8 fixed point (cairo) or float32; nothing near this is on any canvas.
@@ -289,7 +289,11 @@ def as_written(gradient: Gradient, precision: int) -> Gradient:
         return round(value * steps) / steps
 
     if isinstance(gradient, RadialGradient) and rounded(gradient.rx) != rounded(gradient.ry):
-        return without_noise(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
+        matrix, focus = np.rint(gradient.matrix() * steps) / steps, gradient.focus
+        if focus is not None:
+            x, y = (matrix @ (*np.round(gradient.frame() @ (*focus, 1.0), OPACITY_DECIMALS), 1.0)).tolist()
+            focus = x, y
+        return without_noise(radial_from(matrix, gradient.stops, focus))
     return without_noise(_with_lengths(gradient, rounded))
 
 
@@ -302,4 +306,6 @@ def without_noise(gradient: Gradient) -> Gradient:
 def _with_lengths(gradient: Gradient, change: Callable[[float], float]) -> Gradient:
     names = ("x1", "y1", "x2", "y2") if isinstance(gradient, LinearGradient) else ("cx", "cy", "rx", "ry")
     lengths: dict[str, Any] = {name: change(getattr(gradient, name)) for name in names}
+    if isinstance(gradient, RadialGradient) and gradient.focus is not None:
+        lengths["focus"] = change(gradient.focus[0]), change(gradient.focus[1])
     return replace(gradient, **lengths)

@@ -129,11 +129,7 @@ def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarra
     what stands for the gradient."""
     y, x = area.patch.grown(2, levels.shape).places()
     t = area.shade.t(x + 0.5, y + 0.5)
-    turn = area.shade.frame[:, :2]
-    first = area.shade.frame @ np.stack([x + 0.5, y + 0.5, np.ones(len(x))])
-    # The slope of t: of a length by the chain rule.
-    slope = turn[0][:, None] if not area.shade.radial else (turn.T @ first) / np.maximum(t, 1e-9)
-    distance = (t - area.rim) / np.maximum(np.hypot(slope[0], slope[1]), 1e-9)
+    distance = (t - area.rim) / np.maximum(np.hypot(*area.shade.slope(x + 0.5, y + 0.5)), 1e-9)
     share = np.clip(0.5 + (-distance if area.inwards else distance), 0.0, 1.0)
     # Pixels of the ground beside the rim, and of the area itself on it.
     ground = largest(np.abs(levels[y, x] - area.ground)) <= 1.5

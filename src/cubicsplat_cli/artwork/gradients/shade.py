@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -57,7 +58,7 @@ def alike(first: Ramp, second: Ramp) -> float:
 
 @record
 class Shade:
-    """A gradient before it is one: frame (2, 3) as `Gradient.frame`, and the ramp over its t. radial: t is a length;
+    """A gradient before it is one: frame (2, 4) as of `raster.shades`, and the ramp over its t. radial: t is a length;
     parameters: how many numbers the geometry takes. open: whether the ramp goes on, for all that is seen, before its
     first and beyond its last stop."""
 
@@ -71,7 +72,16 @@ class Shade:
         first = self.frame[0, 0] * x + self.frame[0, 1] * y + self.frame[0, 2]
         if not self.radial:
             return first
-        return np.hypot(first, self.frame[1, 0] * x + self.frame[1, 1] * y + self.frame[1, 2])
+        second = self.frame[1, 0] * x + self.frame[1, 1] * y + self.frame[1, 2]
+        return np.hypot(first, second) + self.frame[0, 3] * first + self.frame[1, 3] * second
+
+    def slope(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(2, n) how t changes per px at places in px."""
+        turn, lean = self.frame[:, :2], self.frame[:, 3:]
+        if not self.radial:
+            return turn[:1].T + np.zeros(len(x))
+        u = self.frame[:, :3] @ np.stack([x, y, np.ones(len(x))])
+        return turn.T @ (u / np.maximum(np.hypot(*u), 1e-9) + lean)
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(n, 4) premultiplied levels at places in px."""
@@ -142,8 +152,16 @@ def gradient_of(shade: Shade) -> Gradient:
         start = slope * (first - shade.frame[0, 2]) / square
         end = start + slope * span / square
         return LinearGradient(float(start[0]), float(start[1]), float(end[0]), float(end[1]), stops)
-    turn = np.linalg.inv(shade.frame[:, :2])
-    return radial_from(np.column_stack([turn * span, -turn @ shade.frame[:, 2]]), stops)
+    turn, lean = np.linalg.inv(shade.frame[:, :2]), shade.frame[:, 3]
+    origin, square = -turn @ shade.frame[:, 2], float(lean @ lean)
+    if square == 0.0:
+        return radial_from(np.column_stack([turn * span, origin]), stops)
+    # t = span is an ellipse with the focus 0 and the eccentricity |lean|, longer by its root along that.
+    rest = 1.0 - square
+    along = np.outer(lean, lean) / square
+    axes = span / rest * (along + math.sqrt(rest) * (np.eye(2) - along))
+    focus = float(origin[0]), float(origin[1])
+    return radial_from(np.column_stack([turn @ axes, origin - turn @ lean * (span / rest)]), stops, focus)
 
 
 def _fills(colours: np.ndarray) -> list[tuple[int, int, int, int]]:

@@ -2,7 +2,9 @@
 
 First geometries follow from the directions in which colours change. A linear gradient changes in one direction. The
 direction in which a radial one changes points away from its middle; if it spreads as an ellipse |A (p - c)| = t, it is
-that of A^T A (p - c). Either is a linear condition on the unknowns.
+that of A^T A (p - c). Either is a linear condition on the unknowns. One with a focus f other than its middle is alike
+at all sizes around that: as long as its colours C follow a straight line, (p - f) . grad C = C - C(f), which is linear
+in f and C(f); and with s along that line, s^2 = 2 s (l . v) + v^T P v of v = p - f, which is linear in l and P.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5
 LONGEST, FARTHEST = 12.0, 8.0  # of an ellipse's axes; of its middle from the area, in lengths of that
 FEW_PIXELS, MOST_PIXELS = 1000, 4000  # looked at to choose and to settle
 MOST_STOPS = 8
+STEADY = 0.1  # share of the steepest slope, below which a block lies where the ramp has ended
+# Of the way from the middle to the rim: a focus that can be told from the middle, and the farthest to begin with.
+LEAST_LEAN, MOST_LEAN = 0.05, 0.9
 PEAK = 6.0  # px around a middle, where a ramp that rises to it has a tip that looks like an edge
 UNLIKELY = 4.0  # times as far off those of the same t as along the best geometry: as rough are those to begin with
 SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean of pixels that are twice as far off as what a gradient explains
@@ -43,7 +48,7 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
     count = len(pixels.x)
     order = np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False)
     few = pixels.some(order[:FEW_PIXELS])
-    frames = _first_frames(pixels) + [(hint.frame, True, 5) for hint in hints if hint.radial]
+    frames = _first_frames(pixels) + [(hint.frame, True, max(hint.parameters, 5)) for hint in hints if hint.radial]
     spread = np.array([scatter(frame, radial, few) for frame, radial, _ in frames])
     if spread.min() > most:
         return None
@@ -101,7 +106,7 @@ def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
     axis = int(np.abs(slope).argmax())
     if shade.radial or abs(slope[1 - axis]) > NEAR_AXIS * abs(slope[axis]):
         return shade
-    frame = np.zeros((2, 3))
+    frame = np.zeros((2, 4))
     frame[0, axis] = slope[axis]
     frame[0, 2] = shade.frame[0, 2] + slope[1 - axis] * float((pixels.x if axis else pixels.y).mean())
     level = Shade(frame, False, shade.ramp, 1).stopped(shade.ramp.knots, pixels)
@@ -133,12 +138,12 @@ def _reaching(shade: Shade, pixels: Pixels) -> Shade:
 
 
 def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
-    """Geometries for pixels: frame (2, 3), whether radial, and how many numbers it takes; the first is linear."""
+    """Geometries for pixels: frame (2, 4), whether radial, and how many numbers it takes; the first is linear."""
     size = max(LEAST_BLOCK, math.ceil(math.sqrt(len(pixels.x) / BLOCKS)))
-    places, changes = slopes(pixels, size, FULL)
+    places, changes, means, weights = slopes(pixels, size, FULL)
     tensor = np.einsum("bki,bkj->ij", changes, changes)
     direction = np.linalg.eigh(tensor)[1][:, 1] if len(places) else np.array([1.0, 0.0])
-    frames: list[tuple[np.ndarray, bool, int]] = [(np.array([[*direction, 0.0], [0.0, 0.0, 0.0]]), False, 2)]
+    frames: list[tuple[np.ndarray, bool, int]] = [(np.array([[*direction, 0.0, 0.0], [0.0] * 4]), False, 2)]
     if len(places) < 6:
         return frames
     middle = places.mean(axis=0)
@@ -160,9 +165,49 @@ def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
         centre = np.linalg.solve(np.array([[solution[0], solution[1]], [solution[1], solution[2]]]), solution[3:])
         if np.abs(centre).max() < FARTHEST:
             frames.append((_frame((axes * np.sqrt(values / values[1])).T, centre, middle, reach), True, 5))
+    focal = _focal_frame(at, changes * reach, means, weights)
+    if focal is not None:
+        frames.append((_frame(*focal[:2], middle, reach, focal[2]), True, 7))
     return frames
 
 
-def _frame(turn: np.ndarray, centre: np.ndarray, middle: np.ndarray, reach: float) -> np.ndarray:
+def _focal_frame(
+    at: np.ndarray, changes: np.ndarray, values: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """The turn (2, 2), focus (2,) and lean (2,) of a gradient with a focus; None where these blocks have none.
+
+    at: (b, 2) their middles, in any unit; the others as of `slopes`, changes in levels per that unit.
+    """
+    steep = np.sqrt(np.einsum("bki,bki->b", changes, changes)) / weights
+    own = steep >= STEADY * steep.max()
+    if own.sum() < 6:
+        return None
+    at, changes, values, weights = at[own], changes[own], values[own], weights[own]
+    rows = np.zeros((len(at), 4, 6))
+    rows[..., :2] = changes
+    rows[:, range(4), range(2, 6)] = -weights[:, None]
+    right = np.einsum("bki,bi->bk", changes, at) - weights[:, None] * values
+    found = np.linalg.lstsq(rows.reshape(-1, 6), right.ravel(), rcond=None)[0]
+    focus, off = found[:2], values - found[2:]
+    line = off.mean(axis=0)
+    if np.abs(focus).max() >= FARTHEST or not line.any():
+        return None
+    s, (vx, vy) = off @ line / np.linalg.norm(line), (at - focus).T
+    rows = np.stack([2.0 * s * vx, 2.0 * s * vy, vx * vx, 2.0 * vx * vy, vy * vy], axis=1) * weights[:, None]
+    a, b, xx, xy, yy = np.linalg.lstsq(rows, weights * s * s, rcond=None)[0]
+    lengths, axes = np.linalg.eigh(np.array([[xx + a * a, xy + a * b], [xy + a * b, yy + b * b]]))
+    if lengths[0] <= lengths[1] / LONGEST**2:
+        return None
+    turn = (axes * np.sqrt(lengths)).T
+    lean = np.linalg.solve(turn.T, np.array([a, b]))
+    size = float(np.hypot(*lean))
+    if size < LEAST_LEAN:
+        return None
+    return turn / math.sqrt(lengths[1]), focus, lean * min(1.0, MOST_LEAN / size)
+
+
+def _frame(
+    turn: np.ndarray, centre: np.ndarray, middle: np.ndarray, reach: float, lean: Sequence[float] | np.ndarray = (0, 0)
+) -> np.ndarray:
     place = middle + centre * reach
-    return np.column_stack([turn, -turn @ place])
+    return np.column_stack([turn, -turn @ place, lean])

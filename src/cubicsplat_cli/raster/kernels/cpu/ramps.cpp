@@ -104,8 +104,7 @@ extern "C" {
 CS_EXPORT int64_t cs_ramp(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                           int64_t radial, int64_t most, double price, double* knots, double* colours) {
   try {
-    cs::Geometry own{{}, radial != 0};
-    std::copy(frame, frame + 6, own.map);
+    const cs::Geometry own{frame, radial != 0};
     const cs::Bins bins({n, x, y, values}, own);
     double first = bins.middles.front(), last = bins.middles.back();
     if (last - first < cs::kSame) last = first + 1.0;
@@ -129,8 +128,7 @@ CS_EXPORT int64_t cs_ramp(int64_t n, const double* x, const double* y, const dou
 CS_EXPORT double cs_scatter(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                             int64_t radial) {
   try {
-    cs::Geometry own{{}, radial != 0};
-    std::copy(frame, frame + 6, own.map);
+    const cs::Geometry own{frame, radial != 0};
     const cs::Bins bins({n, x, y, values}, own);
     cs::Ramp means{bins.middles, bins.means};
     if (means.count() == 1) {

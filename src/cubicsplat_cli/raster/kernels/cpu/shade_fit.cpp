@@ -21,17 +21,18 @@ constexpr double kTurn = 1e-3;    // radians or shares, of the differences that 
 constexpr double kShift = 1e-4;   // of the pixels' extent, the same
 constexpr double kKnot = 1e-3;    // of the ramp's length, the same
 constexpr double kApart = 1e-6;   // of the ramp's length, between knots
+constexpr double kLean = 0.95;    // of the way from the middle to the rim, the farthest focus
 
 struct Shade {
   Geometry frame;
-  int parameters;  // of the geometry: 2 of a line, 3 of a circle, 5 of an ellipse
+  int parameters;  // of the geometry: 2 of a line, 3 of a circle, 5 of an ellipse, 7 of one with a focus
   Ramp ramp;
 
-  int steps() const { return (parameters == 2 ? 1 : parameters == 3 ? 2 : 4); }
+  int steps() const { return parameters == 2 ? 1 : parameters - 1; }
 };
 
 // A direction turned about the pixels' middle; an ellipse moved, and stretched along x and at 45 degrees, since its scale
-// is the ramp's.
+// is the ramp's; its lean moved.
 Geometry stepped(const Shade& shade, const double* step, double x, double y) {
   Geometry out = shade.frame;
   const double* m = shade.frame.map;
@@ -41,16 +42,21 @@ Geometry stepped(const Shade& shade, const double* step, double x, double y) {
     out.map[2] = m[2] + (m[0] - out.map[0]) * x + (m[1] - out.map[1]) * y;
     return out;
   }
-  const double det = m[0] * m[4] - m[1] * m[3];
-  const double cx = (m[1] * m[5] - m[4] * m[2]) / det + step[0], cy = (m[3] * m[2] - m[0] * m[5]) / det + step[1];
-  if (shade.parameters == 5) {
+  const double det = m[0] * m[5] - m[1] * m[4];
+  const double cx = (m[1] * m[6] - m[5] * m[2]) / det + step[0], cy = (m[4] * m[2] - m[0] * m[6]) / det + step[1];
+  if (shade.parameters >= 5) {
     const double along = step[2], across = step[3];
-    for (int row = 0; row < 6; row += 3) {
+    for (int row = 0; row < 8; row += 4) {
       out.map[row] = m[row] * (1.0 + along) + m[row + 1] * across;
       out.map[row + 1] = m[row] * across + m[row + 1] * (1.0 - along);
     }
   }
-  for (int row = 0; row < 6; row += 3) out.map[row + 2] = -(out.map[row] * cx + out.map[row + 1] * cy);
+  for (int row = 0; row < 8; row += 4) out.map[row + 2] = -(out.map[row] * cx + out.map[row + 1] * cy);
+  if (shade.parameters == 7) {
+    const double along = m[3] + step[4], across = m[7] + step[5];
+    const double less = std::min(1.0, kLean / std::max(std::hypot(along, across), 1e-9));
+    out.map[3] = less * along, out.map[7] = less * across;
+  }
   return out;
 }
 
@@ -121,7 +127,7 @@ class Fit {
 
  private:
   Pixels pixels_;
-  Shade now_, next_;
+  Shade now_, next_ = now_;
   std::vector<double> at_, t_, next_at_, next_t_, weights_;
   double middle_[2] = {}, extent_;
 
@@ -160,7 +166,7 @@ class Fit {
     std::vector<double> out;
     if (now_.parameters == 2) out = {kTurn};
     if (now_.parameters != 2) out = {kShift * extent_, kShift * extent_};
-    if (now_.parameters == 5) out.insert(out.end(), {kTurn, kTurn});
+    if (now_.parameters >= 5) out.insert(out.end(), now_.parameters - 3, kTurn);
     out.insert(out.end(), knots.size(), kKnot * std::max(knots.back() - knots.front(), 1e-9));
     return out;
   }
@@ -182,17 +188,17 @@ class Fit {
 
 extern "C" {
 
-// Brings a shade nearer to pixels: frame (2, 3), stops knots and colours (x 4) are changed in place. parameters: of the
-// geometry, 2, 3 or 5. Returns 0, or 1 without memory.
+// Brings a shade nearer to pixels: frame (2, 4), stops knots and colours (x 4) are changed in place. parameters: of the
+// geometry, 2, 3, 5 or 7. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_fit_shade(int64_t n, const double* x, const double* y, const double* values, double* frame,
                                int64_t parameters, int64_t stops, double* knots, double* colours) {
   try {
-    cs::Shade shade{{{}, parameters != 2}, int(parameters), {{knots, knots + stops}, {colours, colours + 4 * stops}}};
-    std::copy(frame, frame + 6, shade.frame.map);
+    cs::Shade shade{
+        {frame, parameters != 2}, int(parameters), {{knots, knots + stops}, {colours, colours + 4 * stops}}};
     cs::Fit fit({n, x, y, values}, std::move(shade));
     cs::minimise(fit, fit.begin(), cs::kRounds, cs::kEnough);
     const cs::Shade& found = fit.shade();
-    std::copy(found.frame.map, found.frame.map + 6, frame);
+    std::copy(found.frame.map, found.frame.map + 8, frame);
     std::copy(found.ramp.knots.begin(), found.ramp.knots.end(), knots);
     std::copy(found.ramp.colours.begin(), found.ramp.colours.end(), colours);
   } catch (const std::exception&) {
@@ -206,8 +212,7 @@ CS_EXPORT int32_t cs_shade_colours(int64_t n, const double* x, const double* y, 
                                    const double* frame, int64_t radial, int64_t stops, const double* knots,
                                    double* colours) {
   try {
-    cs::Geometry own{{}, radial != 0};
-    std::copy(frame, frame + 6, own.map);
+    const cs::Geometry own{frame, radial != 0};
     cs::RampEquations equations{int(stops)};
     for (int64_t i = 0; i < n; i++) equations.add(cs::Hat(knots, int(stops), own.t(x[i], y[i])), 1.0, values + 4 * i);
     const std::vector<double> found = equations.colours();
@@ -221,8 +226,7 @@ CS_EXPORT int32_t cs_shade_colours(int64_t n, const double* x, const double* y, 
 // What a shade has at places (n x 4), levels; where values are given, off them instead.
 CS_EXPORT void cs_shaded(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                          int64_t radial, int64_t stops, const double* knots, const double* colours, double* out) {
-  cs::Geometry own{{}, radial != 0};
-  std::copy(frame, frame + 6, own.map);
+  const cs::Geometry own{frame, radial != 0};
   for (int64_t i = 0; i < n; i++) {
     const cs::Hat hat(knots, int(stops), own.t(x[i], y[i]));
     const double *before = colours + 4 * (hat.after - 1), *after = before + 4;
@@ -234,10 +238,11 @@ CS_EXPORT void cs_shaded(int64_t n, const double* x, const double* y, const doub
 }
 
 // How the colours of pixels change, in blocks of size x size px from their first row and column on: of blocks (room) that
-// have `fewest` px or more, not in a line, the middle (x 2) and slopes (4 x 2), levels per px times the root of the
-// pixels, so that each counts as its errors allow. Returns how many; below 0 without memory.
+// have `fewest` px or more, not in a line, the middle (x 2), slopes (4 x 2), levels per px times the weight, by which each
+// counts as its errors allow, mean values (x 4), and that weight. Returns how many; below 0 without memory.
 CS_EXPORT int64_t cs_slopes(int64_t n, const double* x, const double* y, const double* values, int64_t size,
-                            int64_t fewest, int64_t room, double* middles, double* slopes) {
+                            int64_t fewest, int64_t room, double* middles, double* slopes, double* means,
+                            double* weights) {
   try {
     const double left = *std::min_element(x, x + n), top = *std::min_element(y, y + n);
     const double right = *std::max_element(x, x + n), bottom = *std::max_element(y, y + n);
@@ -264,9 +269,11 @@ CS_EXPORT int64_t cs_slopes(int64_t n, const double* x, const double* y, const d
       if (det <= 0.02 || count == room) continue;
       middles[2 * count] = left + double(block % columns * size) + mx;
       middles[2 * count + 1] = top + double(block / columns * size) + my;
-      const double root = std::sqrt(own * std::min(xx, yy)) / det;
+      weights[count] = std::sqrt(own * std::min(xx, yy));
+      const double root = weights[count] / det;
       for (int k = 0; k < 4; k++) {
         const double* v = &sum[6 + 3 * k];
+        means[4 * count + k] = v[0] / own;
         const double vx = (v[1] - mx * v[0]) / own, vy = (v[2] - my * v[0]) / own;
         slopes[8 * count + 2 * k] = root * (vx * yy - vy * xy);
         slopes[8 * count + 2 * k + 1] = root * (vy * xx - vx * xy);

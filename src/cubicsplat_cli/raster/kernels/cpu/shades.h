@@ -17,15 +17,19 @@ struct Pixels {
   const double *x, *y, *values;
 };
 
+// (2, 4): an affine map of px, and the lean of a radial gradient whose focus is not its middle. t is the first coordinate
+// of what the map gives; or the length, and that along the lean times its length, so that the map takes the focus to 0.
 struct Geometry {
-  double map[6];  // (2, 3); t is the first coordinate of what it gives, or the length
+  double map[8];
   bool radial;
+
+  Geometry(const double* frame, bool is_radial) : radial(is_radial) { std::copy(frame, frame + 8, map); }
 
   double t(double x, double y) const {
     const double first = map[0] * x + map[1] * y + map[2];
     if (!radial) return first;
-    const double second = map[3] * x + map[4] * y + map[5];
-    return std::sqrt(first * first + second * second);
+    const double second = map[4] * x + map[5] * y + map[6];
+    return std::sqrt(first * first + second * second) + map[3] * first + map[7] * second;
   }
 };
 
