@@ -24,6 +24,7 @@ from cubicsplat_cli.raster.sparse import linked_groups
 # Px on either side of a border across which two fills have a step, and places that show it; share of the step between
 # the fills that the picture has at the most where they are bands, and of their squared error that a gradient leaves.
 BESIDE, FEWEST, STEP = 3, 8, 0.5
+RIM = 2  # px beside other fills, which blend with these
 
 
 def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, condition: Condition) -> list[ShadedArea]:
@@ -35,7 +36,7 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
     drawn, found = flat.painted(palette, labels), list[ShadedArea]()
     groups, group_of = linked_groups(len(palette), *_without_step(levels, drawn, labels, len(palette)))
     for group in np.flatnonzero(np.bincount(group_of, minlength=groups) > 1):
-        own, _ = ndimage.label(ndimage.binary_erosion((group_of == group)[labels], ndimage.SQUARE, border_value=1))
+        own, _ = ndimage.label(ndimage.binary_erosion((group_of == group)[labels], ndimage.SQUARE, RIM, border_value=1))
         boxes = enumerate(ndimage.find_objects(own), start=1)
         patches = [Patch(rows.start, columns.start, own[rows, columns] == k) for k, (rows, columns) in boxes]
         bands = [_Bands(levels, drawn, patch, condition) for patch in patches]
@@ -68,11 +69,10 @@ def _without_step(
 
 
 class _Bands:
-    """Connected pixels of fills that may be bands of a gradient. patch: they; pixels: those not beside others."""
+    """Connected pixels of fills that may be bands of a gradient. patch: they, away from others."""
 
     def __init__(self, levels: np.ndarray, drawn: np.ndarray, patch: Patch, condition: Condition) -> None:
-        wide = patch.padded(1, levels.shape)
-        part = Part(levels, Patch(wide.top, wide.left, ndimage.binary_erosion(wide.mask, ndimage.SQUARE)))
+        part = Part(levels, patch)
         self.patch, self._space, rough = patch, seen_as(condition), roughness(condition)
         self.pixels = Pixels(part.pixels.x, part.pixels.y, part.pixels.values / rough)
         self.error = self._off(drawn[part.rows, part.columns] / rough)
