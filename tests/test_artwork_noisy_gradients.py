@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from image_files import recoded
 
+from cubicsplat_cli.artwork.gradients.bands import banded_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
-from cubicsplat_cli.artwork.input.condition import condition_of
+from cubicsplat_cli.artwork.input.condition import Condition, condition_of
+from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient
+from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, painted
 
 SIDE, FINE = 192, 4
 RED, GOLD, PALE, BLUE = (230.0, 60.0, 40.0), (250.0, 210.0, 60.0), (240.0, 240.0, 255.0), (60.0, 120.0, 200.0)
@@ -91,3 +94,32 @@ def test_the_tips_of_a_gradient_are_its_own():
     assert len(found.gradients) == 1
     own = (found.levels == found.fills[0]).all(axis=-1)
     assert own[share == 1.0].mean() > 0.9 and not own[share == 0.0].any()
+
+
+def restored_bars(*, shaded: bool) -> tuple[np.ndarray, FlatPicture, Condition]:
+    """The levels of six bars of 20 px as a JPEG, how they were restored, and their condition: from red to gold,
+    downwards, or half in either.
+    """
+    y, x = np.mgrid[:SIDE, :SIDE]
+    inside = (x % 31 >= 8) & (x % 31 < 28) & (y >= 8) & (y < 184)
+    share = (y - 8) / 176 if shaded else (y >= 96).astype(float)
+    levels = suffered(np.where(inside[..., None], ramp(share, RED, GOLD), 255.0), "jpeg")
+    condition = condition_of(levels, lossy=True)
+    assert without_noisy_gradients(levels, condition).gradients == ()
+    return levels, restored(levels, condition), condition
+
+
+def test_bands_in_narrow_bars_are_one_gradient():
+    levels, even, condition = restored_bars(shaded=True)
+    areas = banded_areas(levels, even, Flattened(levels), condition)
+    assert len(areas) == 6 and len({id(area.shade) for area in areas}) == 1
+    (gradient,) = without_noisy_gradients(levels, condition, areas).gradients
+    assert isinstance(gradient, LinearGradient)
+    y = np.linspace(20.0, 170.0, 16)
+    off = 255.0 * painted(gradient, np.full(16, 96.0), y)[:, :3] - ramp((y - 8.5) / 176, RED, GOLD)
+    assert np.abs(off).max() < 4.0
+
+
+def test_fills_with_a_step_between_them_are_no_bands():
+    levels, even, condition = restored_bars(shaded=False)
+    assert banded_areas(levels, even, Flattened(levels), condition) == []

@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.finish.moves import PRICE
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.finish.state import goal_of
+from cubicsplat_cli.artwork.gradients.bands import banded_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients
 from cubicsplat_cli.artwork.input.chroma import mixture_of
@@ -160,6 +161,10 @@ def _versions(
     flat = without_gradients(prepared, settings)
     work().at("finding colours", 0.1)
     even, seen, error = _even(flat, prepared, settings), flat.levels, condition.edge_error / 255.0
+    banded = banded_areas(prepared.levels, even, flat, condition) if condition.jpeg and settings.free_fills else []
+    if banded:
+        flat = without_noisy_gradients(prepared.levels, condition, banded, flat.areas)
+        even, seen = _even(flat, prepared, settings), flat.levels
     if prepared.compression is not None and prepared.compression.tables and settings.free_fills and not condition.blur:
         even, seen = before_compression(prepared.levels, flat, even, prepared.compression)
         error = EDGE_ERROR / 255.0

@@ -35,16 +35,27 @@ SHIFTS = (0.0, 24.0, -24.0, 48.0, -48.0, 80.0, -80.0, 120.0, -120.0)
 @record
 class Flattened:
     """levels: (H, W, 4) the picture in flat fills. fills: (G, 4) levels, whole numbers, those that stand for gradients;
-    gradients: what they stand for."""
+    gradients: what they stand for; areas: where these were found, which may overlap, of a picture with noise.
+    """
 
     levels: np.ndarray
     fills: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     gradients: tuple[Gradient, ...] = ()
+    areas: tuple[ShadedArea, ...] = ()
 
     def gradient(self, fill: np.ndarray) -> Gradient | None:
         """The gradient that a fill (4,) in levels stands for, or None."""
         own = np.flatnonzero((self.fills == np.rint(fill)).all(axis=1))
         return self.gradients[int(own[0])] if len(own) else None
+
+    def painted(self, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
+        """(H, W, 4) levels of labels (H, W) of a palette (P, 4), with the gradients that its fills stand for."""
+        out = palette[labels]
+        for fill, own in enumerate(palette):
+            if (gradient := self.gradient(own)) is not None:
+                y, x = np.nonzero(labels == fill)
+                out[y, x] = 255.0 * painted(gradient, x + 0.5, y + 0.5)
+        return out
 
 
 def flattened(levels: np.ndarray) -> Flattened:

@@ -7,6 +7,7 @@ followed up to the edges.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,28 +47,42 @@ EDGE = 6.0  # standard deviations of a blur, which an edge is wide
 MORE = 1.5  # times the pixels that windows must show gradients in
 
 
-def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flattened:
-    """A picture (H, W, 4), premultiplied levels, of a condition, without its gradients."""
+def without_noisy_gradients(
+    levels: np.ndarray,
+    condition: Condition,
+    found: Sequence[ShadedArea] | None = None,
+    known: Sequence[ShadedArea] = (),
+) -> Flattened:
+    """A picture (H, W, 4), premultiplied levels, of a condition, without its gradients. found: those that it is known
+    to have beside those known, which are as a result has them, or in place of what of these they cover; by default
+    those that windows show.
+    """
     calm, _ = calm_pixels(levels, condition.noise)
-    areas, even = plane_areas(levels, condition), ndimage.large_parts(calm, LEAST_EVEN)[0]
-    if areas:
-        areas = _to_the_nearest(levels, [_grown(levels, area, condition, even) for area in areas], condition)
-    return without_areas(levels, even, areas, STRANGE)
+    even, covered = ndimage.large_parts(calm, LEAST_EVEN)[0], np.zeros(levels.shape[:2], dtype=bool)
+    new = plane_areas(levels, condition) if found is None else found
+    for area in new:
+        covered[area.patch.window] |= area.patch.mask
+    areas = [area for area in known if 2 * covered[area.patch.window][area.patch.mask].sum() < area.patch.size]
+    areas += [_grown(levels, area, condition, even) for area in new]
+    flat = without_areas(levels, even, _to_the_nearest(levels, areas, condition), STRANGE)
+    return replace(flat, areas=tuple(areas))
 
 
 def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     """The gradients of a picture (H, W, 4), premultiplied levels, and the windows that show them."""
     means, smooth = _planes(levels.astype(np.float64), condition)
     parts, count = _ramps(means, smooth)
-    rough = JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
+    rough = roughness(condition)
     found = gradient_areas(means / np.float32(rough), parts, count)
-    shades = {
-        id(shade): replace(shade, ramp=replace(shade.ramp, colours=shade.ramp.colours * rough))
-        for shade in (area.shade for area in found)
-    }
+    shades = {id(shade): shade.times(rough) for shade in (area.shade for area in found)}
     areas = [replace(area, shade=shades[id(area.shade)]) for area in found if area.patch.size >= LEAST_AREA]
     # Where a ramp fades into its ground noise hides the end, so such areas end where their windows do.
     return [replace(area, ground=None) for area in areas if not is_step(area.shade)]
+
+
+def roughness(condition: Condition) -> float:
+    """Times as far as in a clean picture that pixels are off their gradient."""
+    return JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
 
 
 def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.ndarray]:

@@ -118,6 +118,10 @@ class Shade:
                 knots[end] += step
         return Shade(self.frame, self.radial, Ramp(knots, colours), self.parameters, self.open)
 
+    def times(self, factor: float) -> Shade:
+        """The shade of pixels whose colours are so many times as much."""
+        return replace(self, ramp=Ramp(self.ramp.knots, self.ramp.colours * factor))
+
     @property
     def price(self) -> float:
         """Nats."""

@@ -66,6 +66,13 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
     return _reaching(_level(best, few, count), pixels)
 
 
+def refitted(shade: Shade, pixels: Pixels) -> Shade:
+    """The best gradient for pixels among those near another one."""
+    count = len(pixels.x)
+    some = pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
+    return _reaching(_level(_pruned(_fitted(shade.extended(), some), some, count), some, count), pixels)
+
+
 def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -> Shade:
     """The shade along a frame with as many stops as the pixels support."""
     ramp = Ramp(*best_stops(frame, radial, pixels, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * SIGMA**2 / SHARE))
