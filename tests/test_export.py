@@ -296,3 +296,12 @@ def test_without_libcairo_pages_say_how_to_get_it(package):
     with pytest.raises(EngineError, match=r"the renderer cairosvg is not available: .*cairo"):
         made(RECTANGLE, "pdf")
     assert made(RECTANGLE, "xml").data
+
+
+def test_the_focus_of_a_gradient_is_left_out_of_a_drawable_and_said():
+    stops = '<stop stop-color="#f00"/><stop offset="1" stop-color="#00f"/>'
+    gradients = (
+        f'<radialGradient id="a" fx=".3">{stops}</radialGradient><radialGradient id="b">{stops}</radialGradient>'
+    )
+    body = f'{gradients}<path d="M1 1h9v9z" fill="url(#a)"/><path d="M20 1h9v9z" fill="url(#b)"/>'
+    assert made(body, "xml").notes == ["left out: 1 focus of a gradient"]

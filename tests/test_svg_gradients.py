@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from cubicsplat_cli import read_svg
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
@@ -124,6 +125,15 @@ def test_gradients_inherit_and_may_stand_behind_their_shapes():
     text = f"{HEAD.format(size=SIZED)}{BOX}{child}{parent}</svg>"
     (shape,) = read_drawing(text).shapes
     assert shape.gradient == LinearGradient(3, 4, 9, 6, (Stop(0.1, (255, 0, 0, 255)), Stop(1.0, (0, 0, 255, 255))))
+
+
+def test_a_scene_says_that_its_gradients_have_no_focus(caplog):
+    read_svg(written(filled(FOCAL), filled(ROUND)))
+    assert [r.getMessage() for r in caplog.records] == [
+        "left out of the SVG's gradients: their focus, which those of a scene do not have"
+    ]
+    read_svg(written(filled(ROUND)))
+    assert len(caplog.records) == 1
 
 
 def test_what_is_left_out_is_said_once(caplog):
