@@ -161,8 +161,9 @@ def _versions(
     flat = without_gradients(prepared, settings)
     work().at("finding colours", 0.1)
     even, seen, error = _even(flat, prepared, settings), flat.levels, condition.edge_error / 255.0
-    banded = banded_areas(prepared.levels, even, flat, condition) if condition.jpeg and settings.free_fills else []
-    if banded:
+    # A blur hides steps; fills that are given are no bands.
+    stepped = condition.jpeg and settings.free_fills and not condition.blur
+    if banded := banded_areas(prepared.levels, even, flat, condition) if stepped else []:
         flat = without_noisy_gradients(prepared.levels, condition, banded, flat.areas)
         even, seen = _even(flat, prepared, settings), flat.levels
     if prepared.compression is not None and prepared.compression.tables and settings.free_fills and not condition.blur:
