@@ -254,6 +254,11 @@ def test_a_vector_drawable_is_drawn_alike(name):
     assert psnr(expected, found) > 44.0
 
 
+def test_a_short_path_stays_one_though_its_parts_lie_apart():
+    drawable = made('<path d="M1 1h9v9h-9ZM70 50h9v9h-9Z"/>', "xml")
+    assert len(ElementTree.fromstring(drawable.data)) == 1
+
+
 def test_too_long_a_path_is_split_where_its_parts_lie_apart_and_else_left_out():
     teeth = "".join(f"L{i % 60}.{i % 97:02d} {(7 * i) % 40}.{(13 * i) % 89:02d}" for i in range(4000))
     square = "M70 50h9v9h-9Z"

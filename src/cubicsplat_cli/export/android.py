@@ -35,15 +35,10 @@ def vector_drawable(drawing: PaintedShapes, mark: str) -> bytes:
     precision = suggested_precision(math.ceil(drawing.width), math.ceil(drawing.height))
     for shape in (part for whole in drawing.shapes for part in _parts(whole)):
         drawing.left_out["ellipse of a stroke's gradient"] += _is_elliptical(shape.stroke)
-        drawing.left_out["focus of a gradient"] += sum(
-            isinstance(paint, RadialGradient) and paint.focus is not None for paint in (shape.fill, shape.stroke)
-        )
+        drawing.left_out["focus of a gradient"] += _has_focus(shape.fill) + _has_focus(shape.stroke)
         elements = [_element(shape, shape.lines, precision)]
         if elements[0] is None and len(shape.lines) <= _MOST_SPLIT:
-            drawing.left_out["focus of a gradient"] += sum(
-                isinstance(paint, RadialGradient) and paint.focus is not None for paint in (shape.fill, shape.stroke)
-            )
-        elements = [_element(shape, lines, precision) for lines in _apart(shape.lines)]
+            elements = [_element(shape, lines, precision) for lines in _apart(shape.lines)]
         root.extend(element for element in elements if element is not None)
         drawing.left_out[f"path of more than {MOST_CHARACTERS} characters"] += elements.count(None)
     ElementTree.indent(root, " ")
@@ -53,6 +48,10 @@ def vector_drawable(drawing: PaintedShapes, mark: str) -> bytes:
 
 def _is_elliptical(paint: Paint | None) -> bool:
     return isinstance(paint, RadialGradient) and abs(paint.rx - paint.ry) > 1e-3 * paint.rx
+
+
+def _has_focus(paint: Paint | None) -> bool:
+    return isinstance(paint, RadialGradient) and paint.focus is not None
 
 
 def _parts(shape: PaintedShape) -> list[PaintedShape]:

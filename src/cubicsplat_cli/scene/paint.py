@@ -69,6 +69,10 @@ class RadialGradient:
         turn = np.array([[cos / self.rx, sin / self.rx], [-sin / self.ry, cos / self.ry]])
         return np.column_stack([turn, -turn @ (self.cx, self.cy)])
 
+    def unit_focus(self) -> np.ndarray:
+        """(2,) the focus in the unit circle, as `frame` maps it."""
+        return np.zeros(2) if self.focus is None else self.frame() @ (*self.focus, 1.0)
+
     def matrix(self) -> np.ndarray:
         """(2, 3) affine map that takes the unit circle to the ellipse, the inverse of the frame."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
@@ -106,7 +110,7 @@ def parameter(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     if gradient.focus is None:
         return np.hypot(first, second)
     # The circle around (1 - t) focus with radius t holds the place (SVG 1.1, section 13.2.3).
-    fx, fy = gradient.frame() @ (*gradient.focus, 1.0)
+    fx, fy = gradient.unit_focus()
     first, second, rest = first - fx, second - fy, 1.0 - fx * fx - fy * fy
     along = first * fx + second * fy
     return (along + np.sqrt(along * along + rest * (first * first + second * second))) / rest

@@ -8,8 +8,6 @@ from functools import lru_cache
 from urllib.parse import quote
 from xml.etree import ElementTree
 
-import numpy as np
-
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba
 
 OPAQUE = 255
@@ -184,7 +182,7 @@ def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
         matrix = " ".join(number(value) for value in gradient.matrix().T.ravel())
         unit = {"cx": "0", "cy": "0", "r": "1"}
         if gradient.focus is not None:
-            focus = np.rint(10**_DECIMALS * gradient.frame() @ (*gradient.focus, 1.0)).astype(int).tolist()
+            focus = (round(10**_DECIMALS * place) for place in gradient.unit_focus().tolist())
             unit |= {name: format_number(place, _DECIMALS) for name, place in zip(("fx", "fy"), focus, strict=True)}
         unit["gradientTransform"] = f"matrix({matrix})"
         element = ElementTree.Element("radialGradient", unit)

@@ -237,7 +237,9 @@ class GradientReader:
             raise ValueError(f"has the gradient #{identifier} flattened to nothing")
         if name == LINEAR:
             return _linear(places, matrix, stops)
-        focus = [_place(inherited(n, inherited(own, "50%")), n, relative) for n, own in (("fx", "cx"), ("fy", "cy"))]
+        focus = [
+            _place(inherited(n, inherited(own, _DEFAULTS[own])), n, relative) for n, own in (("fx", "cx"), ("fy", "cy"))
+        ]
         return _radial(places, focus, matrix, stops)
 
     def _chain_of(self, definition: _Definition) -> list[_Definition]:

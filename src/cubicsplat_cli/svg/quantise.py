@@ -291,7 +291,7 @@ def as_written(gradient: Gradient, precision: int) -> Gradient:
     if isinstance(gradient, RadialGradient) and rounded(gradient.rx) != rounded(gradient.ry):
         matrix, focus = np.rint(gradient.matrix() * steps) / steps, gradient.focus
         if focus is not None:
-            x, y = (matrix @ (*np.round(gradient.frame() @ (*focus, 1.0), OPACITY_DECIMALS), 1.0)).tolist()
+            x, y = (matrix @ (*np.round(gradient.unit_focus(), OPACITY_DECIMALS), 1.0)).tolist()
             focus = x, y
         return without_noise(radial_from(matrix, gradient.stops, focus))
     return without_noise(_with_lengths(gradient, rounded))

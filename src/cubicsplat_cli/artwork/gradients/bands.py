@@ -43,7 +43,7 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
         left = sorted(
             (each for each in bands if len(each.pixels.x) >= LEAST_AREA), key=lambda each: -len(each.pixels.x)
         )
-        for seed in [left, *([each] for each in left)]:
+        for seed in [left, *([each] for each in left)]:  # all together, then each that no gradient has yet
             if left and all(each in left for each in seed):
                 shade, members = _shared(seed, left, roughness(condition))
                 found += [ShadedArea(shade, each.patch) for each in members]
