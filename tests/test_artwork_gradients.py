@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,16 +13,21 @@ from conftest import rest_slow
 from scipy import ndimage
 from skimage.data import astronaut
 
+from cubicsplat_cli.artwork.finish.colours import recoloured
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.gradients.areas import _largest, gradient_areas
+from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.parts import Part, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.prepare import as_levels
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, painted
 from cubicsplat_cli.svg.drawing_writer import write_drawing
@@ -266,3 +272,43 @@ def test_a_gradient_with_a_light_on_it_and_little_that_is_even_is_one():
     levels = np.rint(np.concatenate([colours + light * (255.0 - colours), np.full((200, 200, 1), 255.0)], axis=2))
     areas = gradient_areas(levels.astype(np.float32), *smooth_parts(levels.astype(np.float32)))
     assert max((area.patch.size for area in areas), default=0) > 20_000
+
+
+def test_a_small_light_on_a_ball_is_one_gradient():
+    """It changes by 14 levels a px, and its circles bend it by more than rounding does."""
+    stops = '<stop stop-color="#fff"/><stop offset="1" stop-color="#301800"/>'
+    body = f'<radialGradient id="a" cx="50" cy="40" r="15" gradientUnits="userSpaceOnUse">{stops}</radialGradient>'
+    body += '<circle cx="50" cy="42" r="24" fill="url(#a)" stroke="#000" stroke-width="3"/>'
+    drawing = draw(picture(body))
+    assert len(drawing.shapes) <= 3 and any(isinstance(each, RadialGradient) for each in drawing.gradients)
+    assert np.percentile(difference(drawing, body), 99) <= 4.0
+
+
+def leaking() -> tuple[Drawing, np.ndarray]:
+    """A gradient, and a bar of another fill on it than its picture (H, W, 4) has, premultiplied levels."""
+    ground = LinearGradient(0.0, 0.0, 64.0, 0.0, (Stop(0.0, (0, 0, 0, 255)), Stop(1.0, (0, 0, 200, 255))))
+    shapes = [
+        Shape((0, 0, 100, 255), (Rectangle(0.0, 0.0, 64.0, 48.0),), "", ground),
+        Shape((90, 40, 60, 255), (Rectangle(20.25, 10.0, 3.0, 30.0),), ""),
+    ]
+    right = Drawing(64, 48, (shapes[0], replace(shapes[1], fill=(40, 40, 60, 255))))
+    return Drawing(64, 48, tuple(shapes)), np.rint(255.0 * render_scene(scene_of(right)))
+
+
+def test_shapes_beside_a_gradient_have_nothing_of_what_stood_for_it():
+    drawing, levels = leaking()
+    assert recoloured(drawing, levels, None).shapes[1].fill == (40, 40, 60, 255)
+    right = recoloured(drawing, levels, None)
+    assert recoloured(right, levels, None) == right
+    flat = replace(drawing, shapes=(drawing.shapes[0].filled((0, 0, 100, 255), 64, 48), drawing.shapes[1]))
+    assert recoloured(flat, levels, None) is flat
+
+
+def test_a_damaged_picture_changes_fills_only_by_what_stood_for_its_gradients():
+    drawing, levels = leaking()
+    gradient = drawing.shapes[0].gradient
+    assert gradient is not None
+    for placeholder, fill in (((150, 0, 67, 255), (40, 40, 60, 255)), ((0, 150, 67, 255), (90, 40, 60, 255))):
+        flat = Flattened(levels, np.array([placeholder], float), (gradient,))
+        found = np.array(recoloured(drawing, levels, flat).shapes[1].fill)
+        assert np.abs(found - fill).max() <= 3

@@ -306,7 +306,7 @@ def test_what_a_shadow_of_any_outline_is_made_of():
 
 
 def test_a_glow_is_opaque_and_goes_through_holes():
-    ring = box(40, 25, 140, 125, 50.0) - box(66, 51, 114, 99, 24.0)
+    ring = box(40, 25, 140, 125, 20.0) - box(66, 51, 114, 99, 8.0)
     night, gold = (16, 20, 48), (255, 226, 122)
     dark = np.zeros((HEIGHT, WIDTH, 3)) + night
     picture = over(over(dark, shadow(ring, 0.0, 0.0, 6.0, 0.9), (255, 157, 0)), ring, gold)

@@ -48,7 +48,7 @@ def ball(spots: int = 2) -> np.ndarray:
     """(SIDE, SIDE, 4) a ball on nothing, of a shading that is no gradient, and on it a dark square; premultiplied."""
     y, x = np.mgrid[:SIDE, :SIDE] + 0.5
     light = np.zeros((SIDE, SIDE))
-    for cx, cy in ((26, 24), (50, 46))[:spots]:
+    for cx, cy in ((26, 24), (50, 46), (48, 22), (20, 44))[:spots]:
         light += np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 220.0)
     colour = np.stack([200 + 50 * light, 90 + 120 * light, 40 + 30 * light], axis=2) / 255.0
     colour[40:52, 24:36] = 0.1, 0.1, 0.3
@@ -56,9 +56,9 @@ def ball(spots: int = 2) -> np.ndarray:
     return np.concatenate([np.clip(colour, 0, 1) * alpha, alpha], axis=2).astype(np.float32)
 
 
-def image_of_ball() -> np.ndarray:
+def image_of_ball(spots: int = 2) -> np.ndarray:
     """(SIDE, SIDE, 4) uint8 the same, with straight colours."""
-    pixels = ball()
+    pixels = ball(spots)
     straight = pixels[..., :3] / np.maximum(pixels[..., 3:], 1e-6)
     return np.rint(255.0 * np.concatenate([straight, pixels[..., 3:]], axis=2)).astype(np.uint8)
 
@@ -296,7 +296,7 @@ def test_a_drawing_gives_way_to_a_shaded_one_that_its_sketch_cannot_reach(monkey
     for many, drawings in ((150, 2), (0, 1)):  # with and without a sketch; the objects of the shaded one have no fewer
         monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.MANY", many)
         finished.clear()
-        made = vectorize(image_of_ball(), style="artwork", shading="auto", steps=120, threads=1, measure=False)
+        made = vectorize(image_of_ball(4), style="artwork", shading="auto", steps=120, threads=1, measure=False)
         assert "clipPath" in made.svg
         assert len(finished) == drawings
 

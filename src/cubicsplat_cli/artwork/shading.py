@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
-from cubicsplat_cli.artwork.gradients.parts import STEEP
 from cubicsplat_cli.artwork.gradients.shade import Ramp, Shade, gradient_of
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -19,8 +18,9 @@ from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, colours_o
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
-# Px, before slopes are measured: about what smoothing has blurred an edge by. One of thirty levels is then STEEP.
-BLUR = 0.8
+BLUR = 0.8  # px, before slopes are measured: about what smoothing has blurred an edge by
+# Levels per px: steeper than shading is, and what an edge of thirty levels, so smoothed, has.
+STEEP = 12.0
 LEAST_AREA = 24  # px away from edges, of what is an object of its own
 # An edge changes as much within NEAR px to both sides as within FAR, a ramp NEAR / FAR of that. Levels that an edge
 # changes by beyond a ramp.

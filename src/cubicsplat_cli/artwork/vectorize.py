@@ -11,6 +11,7 @@ from itertools import chain
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.added import with_added
+from cubicsplat_cli.artwork.finish.colours import ROUNDED, recoloured
 from cubicsplat_cli.artwork.finish.moves import PRICE
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
@@ -49,7 +50,6 @@ MANY = 150  # parts, whose finish takes longer than to find out whether they are
 # Px of the longer side below which clean pictures are traced in as many times the detail as they are smaller, down to
 # SMALLEST: artists draw as many pieces at any size, and one too many is easier to take out than one too few to put in.
 TRACED, SMALLEST = 512, 128
-ROUNDED = 1.0 / 12.0  # levels^2 by which a picture's pixels are off at the least
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
 
@@ -206,7 +206,9 @@ def _versions(
             drawing = with_added(drawing, goal, condition, settings.detail, scaled.min_area, settings.curves)
     further = iter(()) if goal is None else simpler(drawing, goal, settings.detail)
     for each in chain([drawing], further):
-        yield _painted(_with_strokes(each, goal, settings, error))
+        painted = _painted(_with_strokes(each, goal, settings, error))
+        leaks = None if condition.clean else flat
+        yield recoloured(painted, prepared.levels, leaks) if settings.free_fills else painted
 
 
 def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings, error: float) -> Drawing:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
+from cubicsplat_cli.artwork.finish.moves import FILL_PARAMETERS, PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.finish.proposals import (
     MARGIN,
@@ -34,7 +34,6 @@ from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
 
-FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
 PASSES, CROWDED = 3, 2000  # one pass where there are more shapes, of which each takes five seconds and more
 MOST_TRIED = 4000  # areas

@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle,
 from cubicsplat_cli.record import record
 
 PRICE = 4.0  # nats a parameter
+FILL_PARAMETERS = 3.0  # of a new fill
 SHAPE_PARAMETERS = 3.0  # of a shape besides its outlines'
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
 WORTH, MOST_CHI = 12.0, 60.0

@@ -1,7 +1,7 @@
 """Connected parts of a picture in which colours change evenly.
 
-Within a gradient colours change by straight lines, so second differences are those of rounding; across an edge they are
-not.
+Within a gradient colours change by straight lines, so second differences are those of rounding, and of circles where it
+is radial; across an edge they are not.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, trimmed_range
 from cubicsplat_cli.record import record
 
-# Levels: a second difference that rounding makes, and the steepest change per px.
-BEND, STEEP = 2.6, 12.0
+BEND = 2.6  # levels of a second difference that rounding makes
+TIP = 6.0  # px from the middle of a radial gradient, beyond which its circles bend it by at most a share of its slope
 LEAST_AREA, FEW = 64, 16  # px, of a gradient, and in which one changes
 MOST_PIECES = 8  # that a part is divided into
 SAME_FILL, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and share of the area that has it
@@ -25,13 +25,14 @@ OUTER = 0.02  # share of a part's values at either end that do not count for its
 RING = 4  # px of its surroundings that a part is looked at with
 
 
-def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, int]:
+def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> tuple[np.ndarray, int]:
     """(H, W) int32 the number of the connected part in which colours change evenly, 0 for edges; and how many.
 
-    bend: levels of a second difference that is none of an edge; as much steeper may changes be.
+    bend: levels of a second difference that is none of an edge, beyond those of circles around a middle at least `tip`
+    px away: the slope divided by their radius.
     """
     bends, steps = bends_and_steps(levels)
-    smooth = (bends <= bend) & (steps <= 2.0 * STEEP * bend / BEND)
+    smooth = bends <= bend + steps / (2.0 * tip)
     # Opened with room around the canvas, so that its border takes nothing away.
     opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), ndimage.SQUARE)[2:-2, 2:-2]
     # Flat pictures, most drawings, need no more than this.

@@ -69,7 +69,7 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     """A picture (H, W, 4), premultiplied levels, without its shadows; the same array where it has none. areas: those
     that are taken off, where they are known.
     """
-    parts, count = smooth_parts(levels, SHARP_BEND)
+    parts, count = smooth_parts(levels, SHARP_BEND, np.inf)
     shadow = shadow_of(levels, parts, count) if areas is None else None
     shaded: np.ndarray | None = None
     above, taken = np.zeros(parts.shape, dtype=bool), np.zeros(parts.shape, dtype=bool)

@@ -66,7 +66,7 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
     """The soft areas of a picture (H, W, 4), premultiplied levels, other than gradients. parts, count: as of
     `smooth_parts`."""
     found, clear = list[tuple[Ground, np.ndarray]](), levels[..., 3] <= CLEAR
-    smooth = cache(lambda: smooth_parts(levels)[0] > 0)  # which few pictures come to
+    smooth = cache(lambda: smooth_parts(levels, tip=np.inf)[0] > 0)  # which few pictures come to; shadows bend
     for part, fill, piece in _pieces(levels, parts, count):
         work().at()
         direction = direction_from(piece.pixels.values, fill)
