@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import operator
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +21,9 @@ from cubicsplat_cli.photo.loop import FitLoop, fit
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.engines import render_scene
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -103,6 +107,8 @@ def test_the_best_state_is_kept_when_the_last_steps_spoil_it():
     target = picture()
 
     class WildAtTheEnd(CpuEngine):
+        at_once = 1
+
         def step(self, scene, settings, training):
             if fit_loop.step >= 57:
                 training.rates.points, training.rates.colours = 50.0, 5.0
@@ -111,6 +117,48 @@ def test_the_best_state_is_kept_when_the_last_steps_spoil_it():
     fit_loop = FitLoop(target, settings(), opened=lambda *_, **__: WildAtTheEnd(1))
     result = fit_loop.finish()
     assert result.history[-1]["psnr_db"] < 0.9 * psnr(loss_of(result.scene, target), target.size)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"mode": "open"}, {"shapes": "polygon", "shared_opacity": 0.6}, {"loss": "huber", "edges": "soft"},
+     {"shapes": "ellipse"}, {"fill": "linear"}, {"crossing_penalty": 0.01}],
+    ids=str,
+)  # fmt: skip
+def test_steps_in_a_row_are_those_one_by_one(changes):
+    """Whatever the number of threads; the best of the exact finish included."""
+
+    class Single(CpuEngine):
+        at_once = 1
+
+    calls = []
+
+    class Counting(CpuEngine):
+        def steps(self, *given):
+            calls.append(super().steps(*given))
+            return calls[-1]
+
+    target, given = picture(), settings(steps=150, **changes)
+    one = FitLoop(target, given, opened=lambda *_, **__: Single(1)).finish()
+    many = FitLoop(target, given, opened=lambda *_, **__: Counting(3)).finish()
+    assert one.steps == many.steps == 150
+    assert same(one, many)
+    drop = operator.itemgetter("step", "psnr_db", "replaced")
+    assert list(map(drop, one.history)) == list(map(drop, many.history))
+    by_hand = {"fill", "crossing_penalty"} & set(changes) or changes.get("shapes") == "ellipse"
+    assert max(map(len, calls), default=0) == 0 if by_hand else sum(map(len, calls)) > 75
+
+
+def test_steps_in_a_row_end_where_a_value_ceases_to_be_finite_or_the_time_is_up():
+    target = picture()
+    state = FitLoop(target, settings()).state
+    paces = np.tile(np.float32([1.0, 0.1, 0.1, 0.1, 0.1, 0.0]), (8, 1))
+    training = Training(target, state.optimiser, Rates(0.1, 0.1, 0.1, 0.1))
+    with closing(CpuEngine(1)) as engine:
+        assert len(engine.steps(state.curves, RasterSettings(), training, paces, 10.0)) == 8
+        assert len(engine.steps(state.curves, RasterSettings(), training, paces, 0.0)) == 1
+        paces[3, 1] = math.nan
+        assert len(engine.steps(state.curves, RasterSettings(), training, paces, 10.0)) == 4
 
 
 def test_transparent_pictures_become_transparent_outside():
@@ -309,6 +357,8 @@ def test_an_interrupt_returns_the_best_so_far(at):
     target = picture()
 
     class Interrupted(CpuEngine):
+        at_once = 1
+
         def step(self, scene, settings, training):
             if fit_loop.step == at:
                 raise KeyboardInterrupt

@@ -280,11 +280,11 @@ def test_an_interrupt_right_after_curves_were_added_returns_what_was_before():
     losses = []
 
     class Interrupted(FitLoop):
-        def advance(self) -> None:
+        def advance(self, until: float = 0.0) -> None:
             if self.settings.curves == 25:
                 losses.append(self.evaluator.loss(self.state.curves))
                 raise KeyboardInterrupt
-            super().advance()
+            super().advance(until)
             losses.append(self.evaluator.loss(self.state.curves))
 
     found = resized(picture, 25, kind=Interrupted)

@@ -125,7 +125,7 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
 
 @pytest.mark.parametrize("during", ["comparison", "photo"])
 def test_ctrl_c_keeps_the_drawing(during, monkeypatch):
-    def interrupted(_loop) -> None:
+    def interrupted(*_) -> None:
         raise KeyboardInterrupt
 
     def told(progress: Progress) -> None:

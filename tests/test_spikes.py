@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,14 +14,21 @@ from test_fit_pieces import crossing_penalty
 
 from benchmarks.spikes import spikes_of
 from cubicsplat_cli.photo.geometric import (
+    EDGES,
     HELD,
+    LEAST_ARM,
+    OPPOSITE,
+    SPIKE_TURN,
+    THINNEST,
     Regulariser,
     crossing_gradient,
-    gradient_by_arrays,
     sliver_gradient,
     spike_gradient,
 )
 from cubicsplat_cli.photo.loop import fit
+from cubicsplat_cli.raster.cpu import Blunting, CpuEngine, address_of
+from cubicsplat_cli.raster.engine import EngineScene, OptimiserState, Rates, Training
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
 
@@ -106,6 +115,27 @@ def joined(*corners: tuple[float, float]) -> np.ndarray:
     return np.stack([start, (2 * start + after) / 3, (start + 2 * after) / 3], axis=1).reshape(1, -1, 2)
 
 
+def blunted(
+    points: np.ndarray,
+    ends: np.ndarray | None = None,
+    mode: Mode = Mode.CLOSED,
+    turns: float = 1.0,
+    slivers: float = 1.0,
+) -> np.ndarray:
+    """The gradient of both penalties with these weights as the engine finds it, in a step that moves nothing."""
+    n, found = len(points), np.empty(points.shape, np.float32)
+    white, one = np.ones((SIZE[1], SIZE[0], 3), np.float32), np.ones(n, np.float32)
+    scene = EngineScene(mode, *SIZE, points.astype(np.float32), np.ones((n, 3), np.float32), one, one, (1, 1, 1), ends)
+    blunting = Blunting(
+        turns, slivers, 1.0, SPIKE_TURN, LEAST_ARM, THINNEST, OPPOSITE, EDGES, HELD, 0, address_of(found)
+    )
+    training = Training(white, OptimiserState.zeros_for(scene.points), Rates(0.0, 0.0, 0.0, 0.0), blunting=blunting)
+    with closing(CpuEngine(2)) as engine:
+        engine.step(scene, RasterSettings(), training)
+        assert blunting.left == HELD - 1
+    return found
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_gap_and_what_lies_within_the_shape_are_no_slivers(turned):
     """A U whose arms stand 0.2 px apart; and a square with a strip 0.2 px wide in it, as a hole or hidden."""
@@ -118,7 +148,7 @@ def test_a_gap_and_what_lies_within_the_shape_are_no_slivers(turned):
             rings = np.split(points, 1 if of_points is None else 2, axis=1)
             points = np.concatenate([backwards(ring) for ring in rings], axis=1)
         assert not sliver_gradient(points, 1.0, SIZE, of_points).any()
-        assert not gradient_by_arrays(points, SIZE, of_points).any()
+        assert not blunted(points, of_points, turns=0.0).any()
     shown = strip(0.2)
     assert sliver_gradient(shown, 1.0, SIZE).any()
     assert sliver_gradient(backwards(shown), 1.0, SIZE).any(), "whichever way it runs"
@@ -131,41 +161,45 @@ def backwards(ring: np.ndarray) -> np.ndarray:
 
 def test_what_lies_beside_the_canvas_does_not_count():
     inside, beside = strip(0.2), strip(0.2) + np.array([0, 20], np.float32)
-    assert gradient_by_arrays(inside, SIZE).any()
-    assert not gradient_by_arrays(beside, SIZE).any()
-    assert not sliver_gradient(beside, 1.0, SIZE).any()
+    for found in (partial(sliver_gradient, weight=1.0, size=SIZE), blunted):
+        assert found(inside).any()
+        assert not found(beside).any()
     tip = joined((3, 4), (15, 4.5), (3, 5))
     assert spike_gradient(tip, Mode.CLOSED, 1.0, SIZE).any()
     assert not spike_gradient(tip - np.array([16, 0], np.float32), Mode.CLOSED, 1.0, SIZE).any()
 
 
-@pytest.mark.parametrize("ragged", [False, True])
-def test_the_library_and_arrays_of_any_kind_agree_on_slivers(ragged):
+@pytest.mark.parametrize(("mode", "ragged"), [(Mode.CLOSED, False), (Mode.CLOSED, True), (Mode.OPEN, False)])
+def test_the_library_and_arrays_of_any_kind_agree(mode, ragged):
     generator = np.random.default_rng(7)
-    points = (generator.random((50, 12, 2)) * [5.0, 1.0]).astype(np.float32)
+    points = (generator.random((50, 12 + (mode is Mode.OPEN), 2)) * [5.0, 1.0]).astype(np.float32)
     ends = np.sort(generator.integers(1, 5, (50, 2)), axis=1).astype(np.int32) if ragged else None
-    found = sliver_gradient(points, 1.0, SIZE, ends)
+    parts = [blunted(points, ends, mode, 1.0, 0.0), blunted(points, ends, mode, 0.0, 1.0)]
     there, ends_there = torch.from_numpy(points), None if ends is None else torch.from_numpy(ends)
-    assert np.abs(found).max() > 1.0
-    assert np.allclose(found, gradient_by_arrays(points, SIZE, ends), atol=1e-4)
-    assert np.allclose(found, gradient_by_arrays(there, SIZE, ends_there).numpy(), atol=1e-4)
-    assert np.array_equal(found, sliver_gradient(there, 1.0, SIZE, ends_there).numpy())
+    for kind, places in ((points, ends), (there, ends_there)):
+        assert np.allclose(parts[0], spike_gradient(kind, mode, 1.0, SIZE, places), rtol=1e-3, atol=1e-4)
+        if mode is Mode.CLOSED:
+            assert np.allclose(parts[1], sliver_gradient(kind, 1.0, SIZE, places), atol=1e-4)
+    assert np.abs(parts[0]).max() > 1.0
+    assert np.allclose(blunted(points, ends, mode, 2.0, 0.5), 2.0 * parts[0] + 0.5 * parts[1], atol=1e-5)
+    assert parts[1].any() == (mode is Mode.CLOSED)
     if ragged:
-        assert not found[np.arange(12) >= 3 * ends[:, -1:]].any()
+        assert not sum(parts)[np.arange(12) >= 3 * ends[:, -1:]].any()
 
 
 def test_a_penalty_is_found_anew_now_and_then_and_where_the_curves_are_others():
     recipe = settings(spike_penalty=1.0).recipe
     regulariser = Regulariser(recipe, Mode.CLOSED, SIZE, 4)
     course = {"progress": 0.9, "loss": 2.0}
-    first = regulariser.gradient(strip(0.2), None, **course)
+    thin, wide = (torch.from_numpy(strip(thickness)) for thickness in (0.2, 0.6))
+    first = regulariser.gradient(thin, None, **course)
     assert first.any()
     for _ in range(HELD - 1):
-        assert regulariser.gradient(strip(0.6), None, **course) is first
-    assert not regulariser.gradient(strip(0.6), None, **course).any()
+        assert regulariser.gradient(wide, None, **course) is first
+    assert not regulariser.gradient(wide, None, **course).any()
     regulariser.forget()
-    assert regulariser.gradient(strip(0.2), None, **course).any()
-    assert Regulariser(recipe, Mode.CLOSED, SIZE, 4).gradient(strip(0.2), None, progress=0.0, loss=2.0) is None
+    assert regulariser.gradient(thin, None, **course).any()
+    assert Regulariser(recipe, Mode.CLOSED, SIZE, 4).gradient(thin, None, progress=0.0, loss=2.0) is None
 
 
 def test_a_fit_with_the_penalty_has_fewer_slivers():

@@ -132,6 +132,8 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided):
     drawn = []
 
     class Noting(CpuEngine):
+        at_once = 1
+
         def step(self, scene, settings, training):
             drawn.append(type(scene.points))
             return super().step(scene, settings, training)

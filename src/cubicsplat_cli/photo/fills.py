@@ -6,10 +6,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, like, namespace, sigmoid
 from cubicsplat_cli.scene.gradients import LINEAR, Gradients, linear_frames
-from cubicsplat_cli.scene.shapes import TEMPLATES, lengths, nearest_shape, shape_gradient, shape_points
+from cubicsplat_cli.scene.shapes import (
+    TEMPLATES,
+    lengths,
+    nearest_shape,
+    polygon_points,
+    shape_gradient,
+    shape_points,
+)
 
 LEAST_LENGTH = 1.0  # px, of the way from one colour to the other
 LOGIT_LIMIT = 9.0  # as in the engines
@@ -155,6 +164,11 @@ class Shapes(CurveArrays):
     def points(self) -> Array:
         """The control points (N, K, 2) px."""
         return shape_points(self.kind, self.values)
+
+    def map(self) -> np.ndarray:
+        """(K, V): of polygons, by which the control points follow from V vertices."""
+        eye = np.eye(self.values.shape[1] // 2, dtype=np.float32)
+        return contiguous(polygon_points(np.stack((eye, eye), axis=-1))[..., 0].T)
 
     def learn(self, of_points: Array, rates: Rates) -> None:
         """One Adan update by dL/d of the control points."""

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import native
+from cubicsplat_cli.raster.cpu import Blunting, address_of
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import segments_from_points
-from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace
+from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode, Recipe
 
 SPIKE_TURN = math.radians(147.0)  # a little less than what is called a spike, 150 degrees, so that those end below
@@ -37,32 +37,52 @@ class Regulariser:
         self.recipe, self.mode, self.size, self.joins = recipe, mode, size, joins
         self._held: Array | None = None
         self._left = 0  # steps for which that is good
+        self._blunting: tuple[Blunting, np.ndarray] | None = None  # and the gradient that it points to
 
     def forget(self) -> None:
         """The curves are others from now on."""
         self._left = 0
+        if self._blunting is not None:
+            self._blunting[0].left = 0
+
+    def due(self, progress: float) -> bool:
+        """Whether spikes and slivers count at this progress of the fit in [0, 1]."""
+        return self.recipe.spike_penalty > 0.0 and progress > SPIKES_FROM
+
+    def blunting(self, points: np.ndarray, loss: float) -> Blunting:
+        """The penalty on spikes and slivers as the CPU's engine takes it; loss: of the last step."""
+        if self._blunting is None:
+            found = np.empty_like(points)
+            constants = SPIKE_TURN, LEAST_ARM, THINNEST, OPPOSITE, EDGES, HELD
+            self._blunting = Blunting(*self._weights(), loss, *constants, 0, address_of(found)), found
+        self._blunting[0].loss = loss
+        return self._blunting[0]
+
+    def _weights(self) -> tuple[float, float]:
+        """Of turns and of slivers, times the loss."""
+        # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
+        weight = self.recipe.spike_penalty
+        return TURNS * weight / self.joins, SLIVERS * weight / (self.size[0] * self.size[1])
 
     def gradient(self, points: Array, ring_ends: Array | None, *, progress: float, loss: float | Array) -> Array | None:
-        """(N, K, 2), at this progress of the fit in [0, 1]; None where it is nothing. loss: of the last step."""
+        """(N, K, 2), at this progress of the fit in [0, 1]; None where it is nothing. loss: of the last step. Without
+        what `blunting` says of numpy's arrays.
+        """
+        crossing, found = self.recipe.crossing_penalty * self.size[0] * self.size[1], None
+        if crossing > 0.0:
+            found = crossing_gradient(points, self.mode, crossing, ring_ends)
+        if not self.due(progress) or isinstance(points, np.ndarray):
+            return found
         if self._left == 0:
-            self._held, self._left = self._gradient(points, ring_ends, progress, loss), HELD
-            if self.recipe.crossing_penalty > 0.0:
-                self._left = 1
+            self._held, self._left = self._of_spikes(points, ring_ends, loss), HELD
         self._left -= 1
-        return self._held
+        return self._held if found is None else found + self._held
 
-    def _gradient(self, points: Array, ring_ends: Array | None, progress: float, loss: float | Array) -> Array | None:
-        recipe, found = self.recipe, None
-        pixels = self.size[0] * self.size[1]
-        if recipe.crossing_penalty > 0.0:
-            found = crossing_gradient(points, self.mode, recipe.crossing_penalty * pixels, ring_ends)
-        if recipe.spike_penalty > 0.0 and progress > SPIKES_FROM:
-            # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
-            weight = recipe.spike_penalty * loss
-            blunting = spike_gradient(points, self.mode, TURNS * weight / self.joins, self.size, ring_ends)
-            if self.mode is Mode.CLOSED:
-                blunting = blunting + sliver_gradient(points, SLIVERS * weight / pixels, self.size, ring_ends)
-            found = blunting if found is None else found + blunting
+    def _of_spikes(self, points: Array, ring_ends: Array | None, loss: float | Array) -> Array:
+        turns, slivers = self._weights()
+        found = spike_gradient(points, self.mode, turns * loss, self.size, ring_ends)
+        if self.mode is Mode.CLOSED:
+            found = found + sliver_gradient(points, slivers * loss, self.size, ring_ends)
         return found
 
 
@@ -163,24 +183,6 @@ def sliver_gradient(
     that and the shape lies between them and not beyond either; D `THINNEST`. The lengths count as given. size: width
     and height of the canvas, px, beyond which nothing counts. ring_ends: as in `Scene`.
     """
-    if str(points.device) == "cpu":
-        return weight * like(points, _native_gradient(as_numpy(points), size, ring_ends))
-    return weight * gradient_by_arrays(points, size, ring_ends)
-
-
-def _native_gradient(points: np.ndarray, size: tuple[int, int], ring_ends: Array | None) -> np.ndarray:
-    """The same with weight 1, float32, by the native library. Raises EngineError where that is missing."""
-    points = np.ascontiguousarray(points, np.float32)
-    ends = None if ring_ends is None else np.ascontiguousarray(as_numpy(ring_ends), np.int32)
-    found = np.empty_like(points)
-    rings = 0 if ends is None else ends.shape[1]
-    given = points, len(points), points.shape[1] // 3, ends, rings, EDGES, THINNEST, OPPOSITE, *map(float, size)
-    native("fit", "cs_slivers", *given, found, result=None)
-    return found
-
-
-def gradient_by_arrays(points: Array, size: tuple[int, int], ring_ends: Array | None = None) -> Array:
-    """The same with weight 1, by whatever computes with such arrays: for a GPU."""
     xp, found = namespace(points), segments_of(points, Mode.CLOSED, ring_ends)
     edges = found.index.shape[1] * EDGES
     many = max(1, _PAIRS // edges**2)
@@ -189,7 +191,7 @@ def gradient_by_arrays(points: Array, size: tuple[int, int], ring_ends: Array | 
         chosen = slice(begin, begin + many)
         own = found if ring_ends is None else SegmentIndices(*(each[chosen] for each in vars(found).values()))
         parts.append(_gradient(points[chosen], own, found.real[chosen], size))
-    return xp.concat(parts, axis=0)
+    return weight * xp.concat(parts, axis=0)
 
 
 def _gradient(points: Array, found: SegmentIndices, real: Array, size: tuple[int, int]) -> Array:

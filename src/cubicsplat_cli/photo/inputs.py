@@ -82,6 +82,10 @@ class TrainingLog:
         """Seconds since the fit began."""
         return time.perf_counter() - self.started
 
+    def due(self, progress: float) -> bool:
+        """Whether the next entry is due at this progress."""
+        return progress * HISTORY_ENTRIES >= len(self.history) + 1 or progress >= 1.0
+
     def record(self, step: int, steps: int, progress: float, psnr_db: Callable[[], float]) -> bool:
         """After a step: adds an entry where the next is due, and tells whoever waits. Returns whether it did add one.
 
@@ -89,7 +93,7 @@ class TrainingLog:
         """
         now = time.perf_counter()
         elapsed = now - self.started
-        due = progress * HISTORY_ENTRIES >= len(self.history) + 1 or progress >= 1.0
+        due = self.due(progress)
         if due:
             entry = {
                 "step": step, "psnr_db": round(psnr_db(), 3), "seconds": round(elapsed, 3), "replaced": self.replaced,

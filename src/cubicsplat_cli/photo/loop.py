@@ -16,7 +16,7 @@ from cubicsplat_cli.photo.initial import choose_background, curves_to_fit, keep_
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped
-from cubicsplat_cli.photo.stepper import Schedule, Stepper, gini
+from cubicsplat_cli.photo.stepper import Phase, Schedule, Stepper, gini
 from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
@@ -25,6 +25,7 @@ from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, like, names
 from cubicsplat_cli.settings import FitSettings
 
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
+RUN_SECONDS = 0.05  # of steps in a row, after which Ctrl-C and time limits have their turn
 
 
 class FitLoop:
@@ -133,7 +134,7 @@ class FitLoop:
         try:
             with one_torch_thread(), self.engine.guarded():
                 while self.progress < progress:
-                    self.advance()
+                    self.advance(progress)
         except KeyboardInterrupt:
             self.log.interrupted = self.stopped = True
         except DeviceError as error:
@@ -237,12 +238,45 @@ class FitLoop:
             f"{error}; the result is what the fit had come to by step {step} of {self.settings.steps}{unfinished}"
         )
 
-    def advance(self) -> None:
-        """One step, with the reallocation that the schedule may ask for after it."""
+    def advance(self, until: float = 0.0) -> None:
+        """One step, with the reallocation that the schedule may ask for after it; or, before a progress, as many as
+        there is nothing to do between.
+        """
         if self._looks():
             self.stepper.check_finite(self.step)
         progress = self.progress
-        phase = self.schedule.phase(progress)
+        phases = self._phases(progress, until)
+        if len(phases) > 1:
+            self._run(phases, progress)
+        else:
+            self._advance(phases[0], progress)
+        if self.log.record(self.step, self.settings.steps, self.progress, self._psnr_db):
+            self._save()  # the engine has just been waited for
+
+    def _phases(self, progress: float, until: float) -> list[Phase]:
+        """Those of the next steps, up to one that is another's coverage or penalty, that reallocates, that comes after
+        an entry of the log, or that begins after `until`.
+        """
+        schedule, first = self.schedule, self.schedule.phase(progress)
+        found, elapsed, due = [first], self.log.elapsed, self.stepper.regulariser.due
+        single = not self.stepper.runs or self.recorder is not None or schedule.reallocation_due(progress)
+        single = single or (first.exact and self.best.empty)
+        while not single and len(found) < self.engine.at_once:
+            then = schedule.progress(self.step + len(found), elapsed)
+            single = then >= until or schedule.reallocation_due(then)
+            single = single or due(then) != due(progress) or self.log.due(then)
+            phase = schedule.phase(then)
+            if single or phase.exact != first.exact:
+                break
+            found.append(phase)
+        return found
+
+    def _run(self, phases: list[Phase], progress: float) -> None:
+        done = self.stepper.steps(phases, progress, RUN_SECONDS, self.best if phases[0].exact else None)
+        self.step += done
+        self.stepper.check_loss(self.step - 1)
+
+    def _advance(self, phase: Phase, progress: float) -> None:
         due = self.schedule.take_reallocation(progress)
         before = self.state.curves.copy() if phase.exact else None
         loss = self.stepper.step(phase, progress, measured=due)
@@ -255,8 +289,6 @@ class FitLoop:
         if self.recorder is not None and self._looks() and self.recorder.due(level := self._psnr_db()):
             self.recorder.keep(level, self._scene(self.state.curves))
         self.step += 1
-        if self.log.record(self.step, self.settings.steps, self.progress, self._psnr_db):
-            self._save()  # the engine has just been waited for
 
     def _psnr_db(self) -> float:
         """Of the picture before the last step."""

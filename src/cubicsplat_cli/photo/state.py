@@ -156,6 +156,10 @@ class BestCheckpoint:
     def loss(self) -> float:
         return float(self._loss)
 
+    @loss.setter
+    def loss(self, loss: float) -> None:
+        self._loss = loss
+
     @property
     def curves(self) -> FitCurves:
         """Raises ValueError before any were considered."""

@@ -14,7 +14,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo.evaluator import Evaluator
 from cubicsplat_cli.photo.fills import Shapes
 from cubicsplat_cli.photo.geometric import Regulariser
-from cubicsplat_cli.photo.state import FitState
+from cubicsplat_cli.photo.state import BestCheckpoint, FitState
 from cubicsplat_cli.raster.engine import RATED, Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
@@ -35,6 +35,10 @@ class Phase:
     rate: float
     edge_width: float
     exact: bool
+
+    def as_pace(self, rates: Rates) -> tuple[float, ...]:
+        """What `Engine.steps` asks of each step, where these are its rates."""
+        return self.edge_width, rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths
 
 
 class Schedule:
@@ -106,13 +110,16 @@ class Schedule:
             return recipe.prune_fraction * min(1.0, max(0.0, (inequality - recipe.gini_threshold) / 0.5))
         return max(idle, recipe.prune_fraction * (1.0 - progress / self.reallocations_end))
 
-    def take_reallocation(self, progress: float) -> bool:
-        """Whether the next of the evenly spaced reallocations is due; it then counts as done."""
+    def reallocation_due(self, progress: float) -> bool:
+        """Whether the next of the evenly spaced reallocations is due."""
         share = (self._done + 1) / (self.reallocations + 1)
-        if progress >= self.reallocations_end or progress < share * self.reallocations_end:
-            return False
-        self._done += 1
-        return True
+        return share * self.reallocations_end <= progress < self.reallocations_end
+
+    def take_reallocation(self, progress: float) -> bool:
+        """The same; it then counts as done."""
+        due = self.reallocation_due(progress)
+        self._done += due
+        return due
 
 
 def gini(importance: Array) -> float:
@@ -165,6 +172,14 @@ class Stepper:
             self.still = scale[:, 0] == 0.0
         joins = curves.curves * schedule.settings.segments
         self.regulariser = Regulariser(recipe, curves.mode, (curves.width, curves.height), joins)
+        shapes, self._by_engine = curves.restricted, isinstance(curves.points, np.ndarray)
+        if self._by_engine:
+            self.training.shared_opacity = recipe.shared_opacity > 0.0
+            if shapes is not None and not shapes.has_axes:
+                self.training.tied = shapes.values, shapes.moments, shapes.ages, shapes.map()
+        # Whether nothing is left to do between two steps.
+        self.runs = self._by_engine and self.objective.pixelwise and curves.fills is None
+        self.runs = self.runs and recipe.crossing_penalty == 0.0 and (shapes is None or self.training.tied is not None)
 
     def step(self, phase: Phase, progress: float, *, measured: bool) -> float | Array:
         """One step of this phase; returns the loss before it. measured: also fills image and importance.
@@ -172,15 +187,9 @@ class Stepper:
         The fills of gradients are updated by their derivatives of before the step.
         """
         curves, training = self.state.curves, self.training
-        training.rates = self.schedule.rates(phase, self.unit)
-        if curves.restricted is None or not curves.restricted.has_axes:  # those have no spikes and cannot cross
-            training.points_gradient = self.regulariser.gradient(
-                curves.points, curves.ring_ends, progress=progress, loss=self.loss
-            )
-        training.importance = self.importance if measured else None
-        training.image = self.image if measured or not self.objective.squared else None
+        self._prepare(phase, progress, measured=measured)
         raster = self.schedule.raster(phase)
-        if curves.restricted is not None:
+        if curves.restricted is not None and training.tied is None:
             self._step_shapes(curves.restricted, raster)
         elif curves.fills is None:
             self.loss = self._engine_step(raster)
@@ -192,9 +201,33 @@ class Stepper:
             curves.fills.learn(
                 middles, training.frames_gradient, training.stops_gradient, training.rates, self.still
             )  # fmt: skip
-        if self.schedule.recipe.shared_opacity > 0.0:
+        if self.schedule.recipe.shared_opacity > 0.0 and not self._by_engine:
             curves.opacities[...] = curves.opacities.mean()
         return self.loss
+
+    def steps(self, phases: list[Phase], progress: float, seconds: float, best: BestCheckpoint | None) -> int:
+        """Several in a row, where it `runs`: those of phases with the same coverage, from this progress on, before and
+        behind which the same penalties count. best: is kept up to date. Returns how many were done in so many seconds.
+        """
+        self._prepare(phases[0], progress, measured=False)
+        paces = [phase.as_pace(self.schedule.rates(phase, self.unit)) for phase in phases]
+        losses = self.engine.steps(
+            self.scene, self.schedule.raster(phases[0]), self.training, np.array(paces, np.float32), seconds, best
+        )
+        self.loss = float(losses[-1])
+        return len(losses)
+
+    def _prepare(self, phase: Phase, progress: float, *, measured: bool) -> None:
+        curves, training = self.state.curves, self.training
+        training.rates = self.schedule.rates(phase, self.unit)
+        if curves.restricted is None or not curves.restricted.has_axes:  # those have no spikes and cannot cross
+            training.points_gradient = self.regulariser.gradient(
+                curves.points, curves.ring_ends, progress=progress, loss=self.loss
+            )
+            if self._by_engine and self.regulariser.due(progress):
+                training.blunting = self.regulariser.blunting(curves.points, float(self.loss))
+        training.importance = self.importance if measured else None
+        training.image = self.image if measured or not self.objective.squared else None
 
     def _step_shapes(self, shapes: Shapes, raster: RasterSettings) -> None:
         """The same for restricted shapes: the engine moves all but the points, and says how these would move."""

@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import replace
 from threading import Event
+from typing import TypeVar
 
 import numpy as np
 
@@ -56,8 +57,9 @@ SURPLUS = 0.2  # of the bytes that are too many, left out before the next sweep,
 SAVING = 4.0  # bytes, the most that a step usually saves
 MOST = 9  # vertices
 ROUNDS = 2  # steps of a polygon in a sweep
-# Polygons that are fitted in all, in fits whose best search is taken: the fewer there are, the more fits differ.
-FITTED, STARTS = 60, 3
+# Polygons that are fitted in all, in fits of which the best are searched: the fewer there are, the more fits differ.
+FITTED, STARTS, SEARCHED = 120, 5, 2
+T = TypeVar("T")
 _EXACT = RasterSettings("exact", 1.0, 1)  # a side is one edge
 
 
@@ -69,44 +71,63 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
     units = min(MOST_UNITS, max(LEAST_UNITS, round(UNITS_PER_SPACING * spacings)))
     target = resize_picture(task.target, min(max(task.target.size), PIXELS_PER_UNIT * units))
     pixels, weights = target.target(), task.weights(target)
-    starts = min(STARTS, max(1, round(FITTED / count)))
-    threads = settings.threads or cpu_count()
+    starts, threads = min(STARTS, max(1, round(FITTED / count))), settings.threads or cpu_count()
     at_once = 1 if settings.device == "cuda" else min(starts, threads)  # a GPU's engine does one fit after the other
-    turns = math.ceil(starts / at_once)
-    limit = None if settings.time_limit is None else 0.5 * settings.time_limit / turns  # the search has the rest
+    limit = settings.time_limit
+    if limit is not None:
+        limit *= 0.5 / math.ceil(starts / at_once)  # the search has the rest
     # So small a fit is done before a GPU has started.
     device = "cpu" if settings.device == "auto" else settings.device
     settings = settings.with_(curves=count, time_limit=limit, threads=threads // at_once, device=device)
-    began, seconds, stop = time.perf_counter(), task.seconds_to_make(), Event()
-
-    def searched(start: int, on_progress: Callable[[Progress], None] | None) -> tuple[TinySearch, FitResult]:
-        recorder, seeded = None if start else task.recorder, settings.with_(seed=settings.seed + start)
-        fitted = fit(pixels, seeded, on_progress, recorder, FitInputs(weights))
-        if fitted.interrupted:
-            stop.set()
-        with closing(CpuEngine(settings.threads)) as engine:
-            search = TinySearch(
-                polygons_on_grid(fitted.scene, grid_size(width, height, units)), target, weights, engine, settings
-            )
-            if search.run(most, began + (start // at_once + 1) * seconds / turns, stop):
-                stop.set()
-        return search, fitted
+    deadline, stop = time.perf_counter() + task.seconds_to_make(), Event()
 
     def interrupted(_: Progress) -> None:
         if stop.is_set():
             raise KeyboardInterrupt
 
-    # This thread, which Ctrl-C comes to, does every so many of the starts, and others the rest.
+    def fitted(start: int, first: bool) -> tuple[float, FitResult]:
+        seeded, recorder = settings.with_(seed=settings.seed + start), None if start else task.recorder
+        found = fit(pixels, seeded, task.on_progress if first else interrupted, recorder, FitInputs(weights))
+        if found.interrupted:
+            stop.set()
+        with closing(CpuEngine(settings.threads)) as engine:
+            return _loss_of(found.scene, pixels, weights, engine), found
+
+    fits = [each for each in _side_by_side(fitted, starts, at_once, stop) if each is not None]
+    fits = sorted(fits, key=lambda one: one[0])[: 1 if stop.is_set() else SEARCHED]
+    at_once = min(len(fits), threads)
+    began, turns = time.perf_counter(), math.ceil(len(fits) / at_once)
+    settings = settings.with_(threads=threads // at_once)
+
+    def searched(place: int, _: bool) -> TinySearch:
+        with closing(CpuEngine(settings.threads)) as engine:
+            polygons = polygons_on_grid(fits[place][1].scene, grid_size(width, height, units))
+            search = TinySearch(polygons, target, weights, engine, settings)
+            if search.run(most, began + (place // at_once + 1) * (deadline - began) / turns, stop):
+                stop.set()
+        return search
+
+    results = [each for each in _side_by_side(searched, len(fits), at_once, stop) if each is not None]
+    best = min(range(len(results)), key=lambda place: results[place].loss)
+    return results[best].polygons, replace(fits[best][1], interrupted=stop.is_set())
+
+
+def _side_by_side(do: Callable[[int, bool], T], count: int, at_once: int, stop: Event) -> list[T | None]:
+    """do(number, whether in this thread) for every number below count, so many at once; but for the first, None where
+    `stop` was set before its turn. Ctrl-C comes to this thread, and sets it.
+    """
+
+    def turn(number: int, first: bool) -> T | None:
+        return do(number, first) if number == 0 or not stop.is_set() else None
+
     with ThreadPoolExecutor(max(1, at_once - 1)) as others:
-        found = [others.submit(searched, k, interrupted) for k in range(starts) if k % at_once]
-        own = [searched(k, task.on_progress) for k in range(0, starts, at_once) if k == 0 or not stop.is_set()]
+        found = {k: others.submit(turn, k, False) for k in range(count) if k % at_once}
+        own = {k: turn(k, True) for k in range(0, count, at_once)}
         try:
-            wait(found)
+            wait(found.values())
         except KeyboardInterrupt:
             stop.set()
-    results = own + [each.result() for each in found]
-    search, fitted = min(results, key=lambda one: one[0].loss)
-    return search.polygons, replace(fitted, interrupted=stop.is_set())
+    return [own[k] if k in own else found[k].result() for k in range(count)]
 
 
 def _loss_of(scene: Scene, goal: np.ndarray, weights: np.ndarray | None, engine: CpuEngine) -> float:

@@ -7,6 +7,7 @@ contiguous, of the right type, and must outlive the call; the methods here see t
 from __future__ import annotations
 
 import ctypes
+import math
 import sys
 from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
 from functools import cache, lru_cache, partial
@@ -16,12 +17,21 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import IMPORTANCE, Backward, Engine, EngineScene, Pointer, Training
+from cubicsplat_cli.raster.engine import (
+    IMPORTANCE,
+    OWN_ARRAYS,
+    Backward,
+    Checkpoint,
+    Engine,
+    EngineScene,
+    Pointer,
+    Training,
+)
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
 
-ABI_VERSION = 11
+ABI_VERSION = 12
 
 
 def members(kind: Any, names: str) -> list[tuple[str, Any]]:
@@ -53,13 +63,35 @@ class _Gradients(ctypes.Structure):
     _fields_ = members(c_void_p, "points colours opacities half_widths edge_widths importance background frames stops")
 
 
+class Blunting(ctypes.Structure):
+    """A penalty on spikes and slivers, for `Training`: see the fields in abi.h, and `photo.geometric.Regulariser`."""
+
+    _fields_ = [
+        *members(c_double, "turns slivers loss"), *members(c_float, "turn arm thinnest opposite"),
+        *members(c_int32, "edges every left"), ("gradient", c_void_p),
+    ]  # fmt: skip
+
+
+class _Tied(ctypes.Structure):
+    _fields_ = [*members(c_void_p, "values moments ages map"), ("count", c_int32)]
+
+
 class _Training(ctypes.Structure):
     _fields_ = [
         *members(c_void_p, "points colours opacities half_widths edge_widths moments edge_moments ages"),
         *members(c_void_p, "points_gradient rate_scale"),
         *members(c_float, "rate_points rate_colours rate_opacities rate_half_widths rate_edge_widths"),
         *members(c_float, "keep1 keep2 keep3 epsilon"),
+        *members(c_void_p, "blunting tied"),
+        ("shared_opacity", c_int32),
     ]
+
+
+class _Run(ctypes.Structure):
+    _fields_ = [
+        ("count", c_int32), ("paces", c_void_p), ("seconds", c_double), ("losses", c_void_p), ("done", c_int32),
+        ("least", c_double), *members(c_void_p, "points colours opacities half_widths edge_widths"),
+    ]  # fmt: skip
 
 
 @lru_cache(maxsize=1)
@@ -85,6 +117,7 @@ def library() -> ctypes.CDLL:
     lib.cs_render.argtypes = common
     lib.cs_gradients.argtypes = [*common, POINTER(_Gradients)]
     lib.cs_step.argtypes = [*common, POINTER(_Gradients), POINTER(_Training)]
+    lib.cs_run.argtypes = [*lib.cs_step.argtypes, POINTER(_Run)]
     lib.cs_timings.argtypes = [c_void_p, POINTER(c_double)]
     lib.cs_counts.argtypes = [c_void_p, POINTER(c_int64)]
     if lib.cs_abi_version() != ABI_VERSION:
@@ -183,6 +216,7 @@ class CpuEngine(Engine):
 
     name = "cpu"
     device = "cpu"
+    at_once = 32
 
     def __init__(self, threads: int | None = None, isa: str | None = None) -> None:
         self._library = library()
@@ -267,6 +301,30 @@ class CpuEngine(Engine):
         return loss.value
 
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float:
+        given, loss, _kept = self._for_steps(scene, settings, training)
+        self._check(self._library.cs_step(self._opened(), *given))
+        return loss.value
+
+    def steps(
+        self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
+        best: Checkpoint | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        given, _loss, _kept = self._for_steps(scene, settings, training)
+        losses = np.empty(len(paces))
+        kept = {} if best is None else {n: getattr(best.curves, n) for n in OWN_ARRAYS if n != "ring_ends"}
+        run = _Run(
+            len(paces), address_of(paces), seconds, address_of(losses), 0, math.inf if best is None else best.loss,
+            **scene.addresses(_pointer, kept, "best "),
+        )  # fmt: skip
+        try:
+            self._check(self._library.cs_run(self._opened(), *given, run))
+        finally:  # as far as Ctrl-C is concerned, too, which comes after it
+            if best is not None:
+                best.loss = run.least
+        return losses[: run.done]
+
+    def _for_steps(self, scene: EngineScene, settings: RasterSettings, training: Training) -> tuple[Any, Any, Any]:
+        """What the library takes for steps, where the loss of one will be, and what else must outlive the call."""
         images, loss = self._images(
             scene, target=training.target, weights=training.weights, gradient=training.image_gradient,
             image=training.image,
@@ -283,10 +341,15 @@ class CpuEngine(Engine):
             s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,
             *scene.addresses(_pointer, vars(state) | further).values(),
             rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
-            rates.epsilon,
+            rates.epsilon, shared_opacity=training.shared_opacity,
         )  # fmt: skip
-        self._check(self._library.cs_step(self._opened(), s, t, images, g, update))
-        return loss.value
+        tied = None
+        if training.tied is not None:
+            tied = _Tied(*map(address_of, training.tied), training.tied[-1].shape[1])
+            update.tied = ctypes.addressof(tied)
+        if training.blunting is not None:
+            update.blunting = ctypes.addressof(training.blunting)
+        return (s, t, images, g, update), loss, tied
 
     def timings(self) -> dict[str, float]:
         seconds = (c_double * 4)()

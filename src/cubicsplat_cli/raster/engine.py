@@ -8,7 +8,9 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings, image_loss
@@ -151,6 +153,11 @@ class Training:
     each curve's factors of the step sizes, in the order of `Rates`. of_points (N, K, 2): filled where given, with dL/d
     of the control points. Filled where the scene has gradients, whose frames and stops a step leaves to its caller:
     frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either.
+
+    Only the CPU's engine knows these. blunting: a penalty on spikes, whose gradient is added too (`raster.cpu`). tied:
+    arrays of numpy that the control points follow from, which are moved in their place: values (N, V, 2), Adan's
+    moments (N, 2 V, 4) and ages (N,) for them, and map (K, V), with points = map values. shared_opacity: after a step
+    all curves have the mean of their opacities.
     """
 
     target: Array
@@ -167,6 +174,9 @@ class Training:
     of_points: Array | None = None
     frames_gradient: Array | None = None
     stops_gradient: Array | None = None
+    blunting: Any = None
+    tied: tuple[Array, Array, Array, Array] | None = None
+    shared_opacity: bool = False
 
     @property
     def wanted_importance(self) -> str | None:
@@ -174,19 +184,29 @@ class Training:
         return None if self.importance is None else self.importance_kind
 
 
+class Checkpoint(Protocol):
+    """The best curves so far, and their loss."""
+
+    loss: float
+
+    @property
+    def curves(self) -> EngineScene: ...
+
+
 class Engine(ABC):
     """Draws scenes and fits them.
 
     The CPU's takes arrays of either kind and gives what it is given, a GPU's takes torch tensors on its device. device:
     where they are, in the terms of their kind. runs_ahead: calls return before all is done, so that a look at a value
-    waits. Only the CPU's knows these, or None: ground (H, W, C), what lies behind all curves in place of a scene's
-    background; and metric (2, H, W, 3), what the error e of a pixel costs in place of its penalty: e' M e, of M the
-    diagonal, then (0, 1), (0, 2) and (1, 2).
+    waits. at_once: how many `steps` it may do in a row, 1 where it has none. Only the CPU's knows these, or None:
+    ground (H, W, C), what lies behind all curves in place of a scene's background; and metric (2, H, W, 3), what the
+    error e of a pixel costs in place of its penalty: e' M e, of M the diagonal, then (0, 1), (0, 2) and (1, 2).
     """
 
     name: str
     device: Any
     runs_ahead: bool = False
+    at_once: int = 1
     ground: Array | None = None
     metric: Array | None = None
 
@@ -270,6 +290,16 @@ class Engine(ABC):
         Returns the loss (sum over the pixels) before the update. A parameter whose rate is 0 is not written. Raises
         EngineError.
         """
+
+    def steps(
+        self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
+        best: Checkpoint | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """Steps in a row, of which each has an edge width and rates of its own: paces (n, 6) float32, which go before
+        those of the settings and of the training. After so many seconds no other step begins, nor after a value that is
+        not finite. best: is kept up to date, in place. Returns the losses before those steps that were done.
+        """
+        raise EngineError(f"{self._failed}: it does one step at a time")
 
     def timings(self) -> dict[str, float]:
         """Seconds the last call spent in each stage; none where the engine does not measure them."""

@@ -67,6 +67,27 @@ struct CsGradients {
   float* stops;       // N x most_stops x 4
 };
 
+// A penalty on spikes and slivers, see photo/geometric.py, whose gradient is added to the picture's. That changes
+// slowly, so that it is good for a few steps.
+struct CsBlunting {
+  double turns, slivers;     // weights, times the loss
+  double loss;               // of the step before
+  float turn, arm;           // radians, beyond which a join is a spike; px, of the shortest handles
+  float thinnest, opposite;  // px, below which it is a sliver; cosine between two edges that are two sides
+  int32_t edges;             // of a segment's polyline
+  int32_t every, left;       // steps for which a gradient is good, and for how many more the present one is
+  float* gradient;           // N x K x 2
+};
+
+// What the control points follow from: points (K x 2) = map (K x count) values (count x 2) of each curve.
+struct CsTied {
+  float* values;   // N x count x 2, which the optimiser moves in place of the points
+  float* moments;  // N x 2 count x 4
+  int32_t* ages;   // N
+  const float* map;
+  int32_t count;
+};
+
 // State of the optimiser: parameters changed in place.
 struct CsTraining {
   float* points;
@@ -81,6 +102,20 @@ struct CsTraining {
   const float* rate_scale;  // N x 5, or null: each curve's factors of the five rates below; where 0, nothing is written
   float rate_points, rate_colours, rate_opacities, rate_half_widths, rate_edge_widths;
   float keep1, keep2, keep3, epsilon;
+  CsBlunting* blunting;    // or null
+  const CsTied* tied;      // or null
+  int32_t shared_opacity;  // 1: after a step all curves have the mean of their opacities
+};
+
+// Steps in a row, and the best curves that they meet.
+struct CsRun {
+  int32_t count;
+  const float* paces;  // count x 6: the edge width and the five rates of each step
+  double seconds;      // after which no other step begins
+  double* losses;      // count: before each step
+  int32_t done;        // set: less than `count` where the time is up, or a value ceases to be finite
+  double least;        // the best curves' loss, and the curves, where they are not null
+  float *points, *colours, *opacities, *half_widths, *edge_widths;
 };
 
 struct CsEngine;
@@ -97,6 +132,8 @@ CS_EXPORT int32_t cs_render(CsEngine*, const CsScene*, const CsSettings*, const 
 CS_EXPORT int32_t cs_gradients(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*);
 CS_EXPORT int32_t cs_step(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*,
                           const CsTraining*);
+CS_EXPORT int32_t cs_run(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*,
+                         const CsTraining*, CsRun*);
 // Seconds spent in flatten, bin, raster and update by the last call.
 CS_EXPORT void cs_timings(const CsEngine*, double* seconds);
 // Pairs of the last call: outside (skipped), inside, boundary, and edges in the boundary pairs.

@@ -159,6 +159,7 @@ struct CsEngine {
   std::vector<cs::Scratch> scratch;
   std::string error;
   double timings[4] = {0, 0, 0, 0};
+  CsRun* best = nullptr;  // where a step keeps the best curves
 
   void raster_tile(int index, int thread) {
     cs::Frame& f = frame;
@@ -200,19 +201,57 @@ struct CsEngine {
     marks[2] = Clock::now();
     pool.run((frame.tiles() + cs::kStrip - 1) / cs::kStrip, [this](int i, int thread) { raster_strip(i, thread); });
     marks[3] = Clock::now();
+    add_losses();
+    keep_best();
     if (backward) pool.run(frame.chunk_count(), [&](int i, int) { cs::update(frame, i, gradients, training); });
     marks[4] = Clock::now();
     for (int i = 0; i < 4; i++) timings[i] = std::chrono::duration<double>(marks[i + 1] - marks[i]).count();
     total(gradients);
   }
 
+  // Brings the penalty's gradient up to date, of which each is good for a few steps.
+  void blunt(const CsScene& scene, const CsSettings& settings, const CsImages& images, CsBlunting& blunting) {
+    if (blunting.left-- > 0) return;
+    blunting.left = blunting.every - 1;
+    cs::prepare(frame, scene, settings, images, true);
+    pool.run(frame.chunk_count(), [&](int i, int) { cs::blunt(frame, i, blunting); });
+  }
+
+  void step(const CsScene& scene, const CsSettings& settings, const CsImages& images, const CsGradients* gradients,
+            const CsTraining& training, CsRun* run_of) {
+    if (training.blunting) blunt(scene, settings, images, *training.blunting);
+    best = run_of;
+    frame.broken = false;
+    run(scene, settings, images, true, gradients, &training);
+    if (training.blunting && images.loss) training.blunting->loss = *images.loss;
+    if (!training.shared_opacity || scene.curves == 0) return;
+    double sum = 0.0;
+    for (int p = 0; p < scene.curves; p++) sum += training.opacities[p];
+    std::fill(training.opacities, training.opacities + scene.curves, float(sum / scene.curves));
+  }
+
+  // Keeps the curves if there were none as good before.
+  void keep_best() {
+    if (!best || !best->points || !(*frame.images.loss < best->least)) return;
+    const CsScene& s = frame.scene;
+    const size_t n = s.curves;
+    best->least = *frame.images.loss;
+    std::copy(s.points, s.points + n * frame.points_per_curve * 2, best->points);
+    std::copy(s.colours, s.colours + 3 * n, best->colours);
+    std::copy(s.opacities, s.opacities + n, best->opacities);
+    std::copy(s.half_widths, s.half_widths + n, best->half_widths);
+    if (s.edge_widths && best->edge_widths) std::copy(s.edge_widths, s.edge_widths + n, best->edge_widths);
+  }
+
+  void add_losses() {
+    if (!frame.images.loss || !frame.images.target) return;
+    double loss = 0.0;
+    for (double l : frame.tile_loss) loss += l;
+    *frame.images.loss = loss;
+  }
+
   // Sums over the tiles, in their order.
   void total(const CsGradients* gradients) {
-    if (frame.images.loss && frame.images.target) {
-      double loss = 0.0;
-      for (double l : frame.tile_loss) loss += l;
-      *frame.images.loss = loss;
-    }
     if (!frame.backward || !gradients || !gradients->background) return;
     for (int c = 0; c < frame.scene.channels; c++) {
       double g = 0.0;
@@ -263,15 +302,17 @@ const char* fault(const CsScene& s, const CsSettings& t, const CsImages& images,
   return nullptr;
 }
 
+template <class Body>
 int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images, bool backward,
-                const CsGradients* gradients, const CsTraining* training) {
+                const Body& body) {
   const char* wrong = fault(*scene, *settings, *images, backward);
   if (wrong) {
     e->error = wrong;
     return 1;
   }
   try {
-    e->run(*scene, *settings, *images, backward, gradients, training);
+    e->best = nullptr;
+    body();
     return 0;
   } catch (const std::bad_alloc&) {
     e->error = "out of memory";
@@ -283,7 +324,7 @@ int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, c
 
 }  // namespace
 
-int32_t cs_abi_version() { return 11; }
+int32_t cs_abi_version() { return 12; }
 
 const char* cs_isa_names() {
   static const std::string names = [] {
@@ -310,17 +351,41 @@ const char* cs_error(const CsEngine* e) { return e->error.c_str(); }
 const char* cs_isa(const CsEngine* e) { return e->isa.name; }
 
 int32_t cs_render(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images) {
-  return guarded(e, scene, settings, images, false, nullptr, nullptr);
+  return guarded(e, scene, settings, images, false,
+                 [&] { e->run(*scene, *settings, *images, false, nullptr, nullptr); });
 }
 
 int32_t cs_gradients(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
                      const CsGradients* gradients) {
-  return guarded(e, scene, settings, images, true, gradients, nullptr);
+  return guarded(e, scene, settings, images, true,
+                 [&] { e->run(*scene, *settings, *images, true, gradients, nullptr); });
 }
 
 int32_t cs_step(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
                 const CsGradients* gradients, const CsTraining* training) {
-  return guarded(e, scene, settings, images, true, gradients, training);
+  return guarded(e, scene, settings, images, true,
+                 [&] { e->step(*scene, *settings, *images, gradients, *training, nullptr); });
+}
+
+int32_t cs_run(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
+               const CsGradients* gradients, const CsTraining* training, CsRun* run) {
+  return guarded(e, scene, settings, images, true, [&] {
+    using Clock = std::chrono::steady_clock;
+    const auto begin = Clock::now();
+    CsSettings own = *settings;
+    CsImages seen = *images;
+    CsTraining rated = *training;
+    for (run->done = 0; run->done < run->count;) {
+      const float* pace = run->paces + 6 * size_t(run->done);
+      own.edge_width = pace[0];
+      rated.rate_points = pace[1], rated.rate_colours = pace[2], rated.rate_opacities = pace[3];
+      rated.rate_half_widths = pace[4], rated.rate_edge_widths = pace[5];
+      seen.loss = run->losses + run->done++;
+      e->step(*scene, own, seen, gradients, rated, run);
+      const bool late = std::chrono::duration<double>(Clock::now() - begin).count() >= run->seconds;
+      if (late || e->frame.broken || !std::isfinite(*seen.loss)) break;
+    }
+  });
 }
 
 void cs_timings(const CsEngine* e, double* seconds) { std::memcpy(seconds, e->timings, sizeof e->timings); }

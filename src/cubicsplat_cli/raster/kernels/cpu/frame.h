@@ -1,6 +1,7 @@
 // Everything that passes between the stages flatten, bin, raster and update within one step.
 #pragma once
 
+#include <atomic>
 #include <vector>
 
 #include "../shared/curve.h"
@@ -43,6 +44,7 @@ struct Frame {
   CsImages images{};
   int tiles_x = 0, tiles_y = 0, points_per_curve = 0;
   bool backward = false;
+  std::atomic<bool> broken{false};  // whether a step has left a parameter that is not finite
   std::vector<Primitive> primitives;
   std::vector<uint8_t> cubic_samples;  // N x segments: edges of each cubic, where they are at uniform parameters
   std::vector<float> basis;            // for each number of samples S: S x 4 Bernstein weights, at 4 * S (S - 1) / 2
@@ -72,7 +74,9 @@ void prepare(Frame&, const CsScene&, const CsSettings&, const CsImages&, bool ba
 void flatten(Frame&, int chunk);
 // Pairs -> for each tile its pairs, front to back. No sort: the order of the primitives is the order of the lists.
 void bin(Frame&);
+// The gradient of the penalty on spikes and slivers, of one chunk.
+void blunt(const Frame&, int chunk, const CsBlunting&);
 // Pair gradients -> parameter gradients of one chunk, and the optimiser's step.
-void update(const Frame&, int chunk, const CsGradients*, const CsTraining*);
+void update(Frame&, int chunk, const CsGradients*, const CsTraining*);
 
 }  // namespace cs

@@ -186,12 +186,14 @@ class Place {
   Cost cost(const Outline& outline) const {
     double sums[kSums] = {};
     Coverage(window_.width()).rows(stack_.pixels(outline), window_, [&](int y, int first, int end, const float* a) {
-      const float* moment = &moments_[(size_t(y - window_.top) * window_.width() + first) * kSums];
+      const float* from = &moments_[(size_t(y - window_.top) * (window_.width() + 1) + first) * kSums];
       float row[kSums] = {};
-      for (int x = first; x < end; ++x, ++a, moment += kSums) {
-        const float alpha = *a * stack_.opacity, square = alpha * alpha;
-        for (int k = 0; k < kFirst; ++k) row[k] += alpha * moment[k];
-        for (int k = kFirst; k < kSums; ++k) row[k] += square * moment[k];
+      for (int x = first; x < end;) {
+        const float alpha = *a * stack_.opacity, square = alpha * alpha, *to = from;
+        for (const float same = *a; x < end && *a == same; ++x, ++a) to += kSums;  // between two sides it is constant
+        for (int k = 0; k < kFirst; ++k) row[k] += alpha * (to[k] - from[k]);
+        for (int k = kFirst; k < kSums; ++k) row[k] += square * (to[k] - from[k]);
+        from = to;
       }
       for (int k = 0; k < kSums; ++k) sums[k] += double(row[k]);
     });
@@ -206,15 +208,18 @@ class Place {
   Window window_;
   std::vector<float> moments_;
 
-  // Of each pixel what the sums are made of: by coverage w t e b and w t e of each colour, and by its square those of
-  // w t t b b, w t t b and w t t. There e is the error without the polygon, b the colour behind it and t how much is
-  // seen of it through those in front, for weights w. A picture with alpha counts half over black and half over white.
+  // Sums from the left over each row, 0 at first, of what a pixel adds: by coverage w t e b and w t e of each colour,
+  // and by its square those of w t t b b, w t t b and w t t. There e is the error without the polygon, b the colour
+  // behind it and t how much is seen of it through those in front, for weights w. A picture with alpha counts half over
+  // black and half over white.
   void gather(const std::vector<float>& behind, const std::vector<float>& front, const std::vector<float>& seen) {
-    moments_.resize(window_.pixels() * kSums);
+    moments_.resize((window_.pixels() + window_.bottom - window_.top) * kSums);
     float* of = moments_.data();
     const int n = stack_.channels;
-    for (int y = window_.top, k = 0; y < window_.bottom; ++y) {
-      for (int x = window_.left; x < window_.right; ++x, ++k, of += kSums) {
+    for (int y = window_.top, k = 0; y < window_.bottom; ++y, of += kSums) {
+      for (int x = window_.left; x < window_.right; ++x, ++k) {
+        std::copy(of, of + kSums, of + kSums);
+        of += kSums;
         const size_t pixel = size_t(y) * stack_.width + x;
         const float* b = &behind[size_t(k) * n];
         const float *f = &front[size_t(k) * n], *goal = stack_.goal + pixel * n;
@@ -230,7 +235,7 @@ class Place {
             of[kFirst] += share * t * ground * ground, of[kFirst + 1 + c] += share * t * ground;
           }
         }
-        of[kSums - 1] = weight * t;
+        of[kSums - 1] += weight * t;
       }
     }
   }

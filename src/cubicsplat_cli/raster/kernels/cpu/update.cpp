@@ -119,23 +119,55 @@ void step_points(const Frame& f, int p, const Gathered& g, const CsTraining& t, 
   const Rings rings = f.rings(p);
   const int k = f.points_per_curve * 2, used = 2 * (3 * rings.total() + (f.scene.closed ? 0 : 1));
   auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + size_t(p) * (k + kPaints);
-  const float* further = t.points_gradient ? t.points_gradient + size_t(p) * k : nullptr;
-  for (int i = 0; i < used; i++) {
-    float gradient = g.points[i] + (further ? further[i] : 0.0f);
-    t.points[size_t(p) * k + i] -= adan(gradient, moments[i], r, bias, r.points);
+  for (int i = 0; i < used; i++) t.points[size_t(p) * k + i] -= adan(g.points[i], moments[i], r, bias, r.points);
+}
+
+AdanBias bias_of(const AdanRates& r, int age) {
+  return {1.0f - std::pow(r.keep1, float(age)), 1.0f - std::pow(r.keep2, float(age)),
+          std::sqrt(1.0f - std::pow(r.keep3, float(age))), age == 1};
+}
+
+// The same where the points follow from other values.
+void step_tied(const Frame& f, int p, const Gathered& g, const CsTraining& t, const AdanRates& r) {
+  const CsTied& tied = *t.tied;
+  const AdanBias bias = bias_of(r, ++tied.ages[p]);
+  const size_t first = 2 * size_t(p) * tied.count;
+  auto* moments = reinterpret_cast<AdanMoments*>(tied.moments) + first;
+  float *values = tied.values + first, *points = t.points + 2 * size_t(p) * f.points_per_curve;
+  for (int i = 0; i < 2 * tied.count; i++) {
+    float gradient = 0.0f;
+    for (int j = 0; j < f.points_per_curve; j++) gradient += tied.map[j * tied.count + i / 2] * g.points[2 * j + i % 2];
+    values[i] -= adan(gradient, moments[i], r, bias, r.points);
   }
+  for (int j = 0; j < 2 * f.points_per_curve; j++) {
+    points[j] = 0.0f;
+    for (int i = 0; i < tied.count; i++) points[j] += tied.map[j / 2 * tied.count + i] * values[2 * i + j % 2];
+  }
+}
+
+void add(const float* further, int p, Gathered& g) {
+  if (!further) return;
+  further += size_t(p) * g.points.size();
+  for (size_t i = 0; i < g.points.size(); i++) g.points[i] += further[i];
+}
+
+// Whether all parameters are finite: one that is not makes the sum so.
+bool finite(const Frame& f, int p, const CsTraining& t) {
+  const float* points = t.points + 2 * size_t(p) * f.points_per_curve;
+  float sum = t.opacities[p] + t.half_widths[p] + (t.edge_widths ? t.edge_widths[p] : 0.0f);
+  for (int i = 0; i < 2 * f.points_per_curve; i++) sum += points[i];
+  for (int c = 0; c < 3; c++) sum += t.colours[3 * size_t(p) + c];
+  return std::isfinite(sum);
 }
 
 void step(const Frame& f, int p, const Gathered& g, const CsTraining& t) {
   const AdanRates common{t.rate_points, t.rate_colours, t.rate_opacities, t.rate_half_widths, t.rate_edge_widths,
                          t.keep1,       t.keep2,        t.keep3,          t.epsilon};
   const AdanRates r = scaled(common, t.rate_scale ? t.rate_scale + 5 * size_t(p) : nullptr);
-  float age = float(++t.ages[p]);
-  const AdanBias bias{1.0f - std::pow(r.keep1, age), 1.0f - std::pow(r.keep2, age),
-                      std::sqrt(1.0f - std::pow(r.keep3, age)), t.ages[p] == 1};
+  const AdanBias bias = bias_of(r, ++t.ages[p]);
   const size_t k = size_t(f.points_per_curve) * 2;
   auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + p * (k + kPaints) + k;  // behind those of the points
-  if (r.points != 0.0f) step_points(f, p, g, t, r, bias);
+  if (r.points != 0.0f) t.tied ? step_tied(f, p, g, t, r) : step_points(f, p, g, t, r, bias);
   if (r.colours != 0.0f)
     for (int c = 0; c < 3; c++) {
       float& x = t.colours[3 * size_t(p) + c];
@@ -157,7 +189,7 @@ void step(const Frame& f, int p, const Gathered& g, const CsTraining& t) {
 
 }  // namespace
 
-void update(const Frame& f, int index, const CsGradients* out, const CsTraining* training) {
+void update(Frame& f, int index, const CsGradients* out, const CsTraining* training) {
   const Chunk& chunk = f.chunks[index];
   const float* parameters = chunk.parameters.data();
   Gathered g;
@@ -169,7 +201,11 @@ void update(const Frame& f, int index, const CsGradients* out, const CsTraining*
     if (f.settings.subdivide) parameters += q.edges;
     if (f.scene.logits) through_logits(q, g);
     if (out) write(f, p, g, *out);
-    if (training) step(f, p, g, *training);
+    if (!training) continue;
+    add(training->points_gradient, p, g);
+    if (training->blunting) add(training->blunting->gradient, p, g);
+    step(f, p, g, *training);
+    if (!finite(f, p, *training)) f.broken = true;
   }
 }
 

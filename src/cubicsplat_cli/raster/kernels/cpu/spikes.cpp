@@ -1,13 +1,15 @@
-// The gradient of a penalty on slivers: places where two sides of an outline run closely against each other, with the
-// shape between them. The formula is that of photo/geometric.py, which does the same with arrays.
+// The gradient of a penalty on spikes, joins at which an outline turns back, and on slivers, places where two sides of
+// an outline run closely against each other, with the shape between them. The formulas are those of photo/geometric.py,
+// which does the same with arrays for a GPU.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
 
-#include "abi.h"
+#include "frame.h"
 
+namespace cs {
 namespace {
 
 constexpr int kUnknown = -1000;
@@ -20,7 +22,7 @@ struct Edge {
 
 struct Canvas {
   float width, height;
-  bool has(const Edge& edge) const { return edge.mx >= 0 && edge.my >= 0 && edge.mx <= width && edge.my <= height; }
+  bool has(float x, float y) const { return x >= 0 && y >= 0 && x <= width && y <= height; }
 };
 
 struct Box {
@@ -90,13 +92,13 @@ int winding_left(const Edge* all, int count, Edge& edge) {
   return edge.left = winding;
 }
 
-struct Penalty {
+struct Sliver {
   float thinnest, opposite;
   Canvas canvas;
 };
 
 // Whether the line of any edge from begin to end runs against the one edge and is close to its middle; which: close.
-bool any_close(const Penalty& penalty, Lines& lines, const Edge& one, int begin, int end) {
+bool any_close(const Sliver& penalty, Lines& lines, const Edge& one, int begin, int end) {
   const float *ax = lines.ax.data(), *ay = lines.ay.data(), *ux = lines.ux.data(), *uy = lines.uy.data();
   uint8_t* close = lines.close.data();
   unsigned any = 0;
@@ -110,10 +112,10 @@ bool any_close(const Penalty& penalty, Lines& lines, const Edge& one, int begin,
 }
 
 // What the middle of the one edge and the other edge, close to it, do to each other.
-void push(const Penalty& penalty, const Edge* all, int count, Edge& one, Edge& other) {
+void push(const Sliver& penalty, const Edge* all, int count, Edge& one, Edge& other) {
   const float across = one.mx - other.ax, down = one.my - other.ay;
   const float distance = beside(other, one.mx, one.my);
-  if (distance == 0.0f || !penalty.canvas.has(one)) return;
+  if (distance == 0.0f || !penalty.canvas.has(one.mx, one.my)) return;
   const float share = (across * other.ux + down * other.uy) / other.length;
   if (share < 0.0f || share > 1.0f) return;
   // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
@@ -125,50 +127,103 @@ void push(const Penalty& penalty, const Edge* all, int count, Edge& one, Edge& o
   other.fx -= (1.0f - share) * x, other.fy -= (1.0f - share) * y, other.gx -= share * x, other.gy -= share * y;
 }
 
-}  // namespace
+// Adds the derivatives of the turn at a join of p[0], p[1] and p[2], if it is too far; to: those of the three points.
+void turn_back(const float* before, const float* join, const float* after, float turn, float* to_before, float* to_join,
+               float* to_after) {
+  const float ux = join[0] - before[0], uy = join[1] - before[1], vx = after[0] - join[0], vy = after[1] - join[1];
+  const float turned = ux * vy - uy * vx, along = ux * vx + uy * vy, across = std::fabs(turned) + 1e-6f;
+  if (!(std::atan2(across, along) > turn)) return;
+  const float squared = across * across + along * along;
+  const float by_cross = (turned > 0 ? along : (turned < 0 ? -along : 0.0f)) / squared, by_along = -across / squared;
+  const float of_u[2] = {by_cross * vy + by_along * vx, by_along * vy - by_cross * vx};
+  const float of_v[2] = {by_along * ux - by_cross * uy, by_cross * ux + by_along * uy};
+  for (int c = 0; c < 2; c++) to_before[c] -= of_u[c], to_join[c] += of_u[c] - of_v[c], to_after[c] += of_v[c];
+}
 
-// points: curves x 3 segments x 2, closed; ring_ends: curves x rings, as in CsScene, or null. width, height: of the
-// canvas, px. gradient: as points.
-CS_EXPORT void cs_slivers(const float* points, int64_t curves, int64_t segments, const int32_t* ring_ends,
-                          int64_t rings, int64_t edges, double thinnest, double opposite, double width, double height,
-                          float* gradient) {
-  const Basis basis(edges);
-  const Penalty penalty{float(thinnest), float(opposite), {float(width), float(height)}};
-  std::vector<Edge> all(size_t(segments) * edges);
-  Lines lines(all.size());
-  std::vector<Box> boxes(segments);
-  std::vector<int> corners(4 * size_t(segments));
-  for (int32_t n = 0; n < curves; ++n) {
-    const float* own = points + size_t(n) * 6 * segments;
-    float* out = gradient + size_t(n) * 6 * segments;
-    std::fill(out, out + 6 * size_t(segments), 0.0f);
+// The gradient of the turns of one curve, at most weight / arm a point.
+void add_turns(const Rings& rings, bool closed, const CsBlunting& penalty, const Canvas& canvas, const float* points,
+               float* out) {
+  const float weight = float(penalty.turns * penalty.loss);
+  for (int r = 0; r < rings.count; r++)
+    for (int m = rings.begin(r) + (closed ? 0 : 1); m < rings.end(r); m++) {
+      const int before = 3 * (m == rings.begin(r) ? rings.end(r) - 1 : m - 1) + 2;
+      const float* join = points + 6 * m;
+      if (!canvas.has(join[0], join[1])) continue;
+      turn_back(points + 2 * before, join, join + 2, penalty.turn, out + 2 * before, out + 6 * m, out + 6 * m + 2);
+    }
+  for (float* g = out; g < out + 6 * rings.total(); g += 2) {
+    const float long_ = std::max(std::sqrt(g[0] * g[0] + g[1] * g[1]), 1e-9f);
+    for (int c = 0; c < 2; c++) g[c] *= weight * std::min(1.0f / (penalty.arm * long_), 1.0f);
+  }
+}
+
+// Finds those of slivers, of one curve after the other.
+class Slivers {
+ public:
+  Slivers(const CsBlunting& of, const Canvas& canvas, int segments)
+      : edges_(of.edges), basis_(of.edges), penalty_{of.thinnest, of.opposite, canvas},
+        weight_(float(of.slivers * of.loss)), all_(size_t(segments) * of.edges), lines_(all_.size()), boxes_(segments),
+        corners_(4 * size_t(segments)) {}
+
+  void add(const Rings& rings, const float* points, float* out) {
     int count = 0;
-    for (int r = 0; r < (ring_ends ? rings : 1); ++r) {
-      const int begin = count, end = ring_ends ? ring_ends[size_t(n) * rings + r] : segments;
-      for (; count < end; ++count) {
-        int* c = &corners[4 * size_t(count)];
+    for (int r = 0; r < rings.count; ++r) {
+      for (; count < rings.end(r); ++count) {
+        int* c = &corners_[4 * size_t(count)];
         for (int k = 0; k < 3; ++k) c[k] = 3 * count + k;
-        c[3] = 3 * (count + 1 < end ? count + 1 : begin);
-        boxes[count] = flatten(basis, edges, own, c, &all[size_t(count) * edges]);
+        c[3] = rings.end_point(r, count, true);
+        boxes_[count] = flatten(basis_, edges_, points, c, &all_[size_t(count) * edges_]);
       }
     }
-    lines.set(all.data(), count * edges);
+    lines_.set(all_.data(), count * edges_);
+    bool any = false;
     for (int q = 0; q < count; ++q)
-      for (int i = 0; i < count * edges; ++i) {
-        const int first = q * edges, last = first + edges;
-        if (!boxes[q].near(all[i].mx, all[i].my, thinnest) || !any_close(penalty, lines, all[i], first, last)) continue;
+      for (int i = 0; i < count * edges_; ++i) {
+        const int first = q * edges_, last = first + edges_;
+        if (!boxes_[q].near(all_[i].mx, all_[i].my, penalty_.thinnest)) continue;
+        if (!any_close(penalty_, lines_, all_[i], first, last)) continue;
+        any = true;
         for (int j = first; j < last; ++j)
-          if (lines.close[j]) push(penalty, all.data(), count * edges, all[i], all[j]);
+          if (lines_.close[j]) push(penalty_, all_.data(), count * edges_, all_[i], all_[j]);
       }
+    if (!any) return;
     for (int p = 0; p < count; ++p)
-      for (int s = 0; s < edges; ++s) {
-        const Edge& edge = all[size_t(p) * edges + s];
+      for (int s = 0; s < edges_; ++s) {
+        const Edge& edge = all_[size_t(p) * edges_ + s];
         for (int k = 0; k < 4; ++k) {
-          float* at = out + 2 * corners[4 * size_t(p) + k];
-          const float first = basis.of[4 * s + k], second = basis.of[4 * (s + 1) + k];
+          float* at = out + 2 * corners_[4 * size_t(p) + k];
+          const float first = weight_ * basis_.of[4 * s + k], second = weight_ * basis_.of[4 * (s + 1) + k];
           at[0] += first * edge.fx + second * edge.gx;
           at[1] += first * edge.fy + second * edge.gy;
         }
       }
   }
+
+ private:
+  int edges_;
+  Basis basis_;
+  Sliver penalty_;
+  float weight_;
+  std::vector<Edge> all_;
+  Lines lines_;
+  std::vector<Box> boxes_;
+  std::vector<int> corners_;
+};
+
+}  // namespace
+
+void blunt(const Frame& f, int index, const CsBlunting& penalty) {
+  const CsScene& s = f.scene;
+  const Canvas canvas{float(s.width), float(s.height)};
+  Slivers slivers(penalty, canvas, s.segments);
+  const size_t stride = 2 * size_t(f.points_per_curve);
+  for (int p = index * kChunk, last = std::min(s.curves, p + kChunk); p < last; p++) {
+    const float* points = s.points + p * stride;
+    float* out = penalty.gradient + p * stride;
+    std::fill(out, out + stride, 0.0f);
+    add_turns(f.rings(p), s.closed, penalty, canvas, points, out);
+    if (s.closed) slivers.add(f.rings(p), points, out);
+  }
 }
+
+}  // namespace cs
