@@ -52,7 +52,7 @@ SWEEPS = 30
 # A file twice as large has about 40 % less error, which says what a byte is worth; less of
 # that at the beginning, and less and less when the bytes are used up.
 PRICE, CHEAPER = 0.6, 0.8
-GAIN = 2e-3  # of the loss, below which another sweep is not worth its time
+GAIN = 1e-4  # of the loss for each polygon, below which another sweep is not worth its time
 SURPLUS = 0.2  # of the bytes that are too many, left out before the next sweep, which saves some itself
 SAVING = 4.0  # bytes, the most that a step usually saves
 MOST = 9  # vertices
@@ -180,7 +180,7 @@ class TinySearch:
             if (
                 stop.is_set()
                 or time.perf_counter() > deadline
-                or (within and used and self.loss > (1.0 - GAIN) * before)
+                or (within and used and self.loss > (1.0 - GAIN * len(self.paths)) * before)
             ):
                 break
             if self.bytes > most:
