@@ -24,7 +24,7 @@ def test_points_near_places(points, places, reach):
     ours, theirs = PointTree(points), cKDTree(points)
     distances, indices = ours.query(places)
     np.testing.assert_array_equal(distances, theirs.query(places)[0])
-    np.testing.assert_array_equal(np.hypot(*(points[indices] - places).T), distances)
+    np.testing.assert_array_max_ulp(np.hypot(*(points[indices] - places).T), distances)
     off = points - places[:, None]
     np.testing.assert_array_equal(indices, (off * off).sum(axis=2).argmin(axis=1))  # the first
     known = theirs.query_ball_point(places, reach)
