@@ -183,6 +183,12 @@ def test_an_overlap_closes_the_seams_that_renderers_leave(renderer):
     assert after <= 2.0
 
 
+def test_a_gap_filler_is_an_overlap_of_one_px():
+    assert request_of({"gap_filler": True}).overlap == 1.0
+    assert request_of({"gap_filler": True, "overlap": 2.0}).overlap == 2.0
+    assert request_of({"gap_filler": True}).artwork.stacking == "cutout"
+
+
 def test_circles_and_rectangles_stay_such_when_they_grow():
     lapped = grown(drawing_of(GROUND, Circle(50, 50, 30), Rectangle(40, 40, 20, 20), fills=[BLACK, YELLOW, RED]), 2.0)[
         1
@@ -319,6 +325,8 @@ def test_a_report_page_shows_what_is_grouped_and_sized(tmp_path, run_cli):
         ({"overlap": 1.0, "fill": "linear"}, "overlap is for artwork, --fill for photos"),
         ({"overlap": 0.01}, "overlap must be a number from 0.1 to 1000, not 0.01"),
         ({"overlap": 1.0, "strokes": True}, "overlap is of cutouts, which have shapes only; leave out --strokes"),
+        ({"gap_filler": True, "strokes": True}, "gap_filler is of cutouts, which have shapes only; leave out"),
+        ({"gap_filler": True, "group_by": "object"}, "gap_filler is drawn colour by colour; leave out --group-by"),
         ({"layers": "x", "mode": "open"}, "layers is of cutouts, which have shapes only; leave out --mode open"),
         ({"layers": "x", "group_by": "object"}, "layers has a file for each colour; leave out --group-by object"),
         ({"overlap": 1.0, "group_by": "object"}, "overlap is drawn colour by colour; leave out --group-by object"),

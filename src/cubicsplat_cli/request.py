@@ -109,6 +109,9 @@ class Request:
         None, "text", "Also an SVG of each colour, with register marks.", metavar="DIR", parse=Path, decides=False,
         **_OF_DRAWINGS,
     )  # fmt: skip
+    gap_filler: bool = setting(
+        False, "flag", "An overlap of 1 px: no hairlines in viewers.", hidden=True, **_OF_DRAWINGS
+    )
     overlap: float | None = setting(
         None, "number", "Cutouts grow beneath their neighbours.", least=0.1, most=1000, metavar="PX", optional=True,
         hidden=True, **_OF_DRAWINGS,
@@ -258,6 +261,8 @@ def request_of(options: Mapping[str, Any]) -> Request:
     for each, spec in settings_of(Request):
         if spec.parse is not None and each.name in given:
             given[each.name] = spec.parse(given[each.name])
+    if given.get("gap_filler"):
+        given.setdefault("overlap", 1.0)
     if given.get("layers") is not None or given.get("overlap") is not None:
         artwork["stacking"] = CUTOUT
     # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.

@@ -41,7 +41,7 @@ def check_request(request: Request) -> None:
         )
     if request.artwork.stacking == CUTOUT and request.strokes:
         option = "--strokes" if request.artwork.strokes else "--mode open"
-        asked = next((name for name in ("layers", "overlap") if getattr(request, name) is not None), "")
+        asked = next((name for name in ("layers", "gap_filler", "overlap") if getattr(request, name)), "")
         said = "is of cutouts, which have" if asked else "cutout has"
         raise UsageError(f"{said} shapes only; leave out {option}, which is for strokes", asked or "stacking")
     _check_structure(request)
@@ -89,7 +89,8 @@ def _check_structure(request: Request) -> None:
     if request.layers is not None and request.group_by == OBJECT:
         raise UsageError("has a file for each colour; leave out --group-by object", "layers")
     if request.overlap is not None and request.group_by == OBJECT:
-        raise UsageError("is drawn colour by colour; leave out --group-by object", "overlap")
+        asked = "gap_filler" if request.gap_filler else "overlap"
+        raise UsageError("is drawn colour by colour; leave out --group-by object", asked)
     unit = "" if request.width is None else length_of(request.width)[1]
     if unit and request.units not in ("px", unit):
         raise UsageError(f"{request.width} says its own unit; leave out --units {request.units}", "width")
