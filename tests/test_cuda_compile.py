@@ -34,7 +34,7 @@ MULTIPROCESSORS = {
 }
 # Most registers, and bytes spilled to local memory and read again, of each kernel.
 LIMITS = {
-    "set_step": (48, 0), "flatten": (64, 0), "bin": (48, 0), "update": (64, 0),
+    "set_step": (48, 0), "blunt": (64, 0), "flatten": (64, 0), "bin": (48, 0), "update": (64, 0),
     "raster_relaxed": (64, 320), "raster_exact": (80, 400),
 }  # fmt: skip
 MOST_CODE = {"raster_relaxed": 42_000, "raster_exact": 56_000}  # bytes, on sm_90: the walk over the curves stands once

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import math
-from contextlib import closing
-from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from emulated import EmulatedDriver, compiler
+from reference_spikes import sliver_gradient, spike_gradient
 from test_fit import settings
 from test_fit_pieces import crossing_penalty
 
 from benchmarks.spikes import spikes_of
-from cubicsplat_cli.photo.geometric import (
-    EDGES,
-    HELD,
-    LEAST_ARM,
-    OPPOSITE,
-    SPIKE_TURN,
-    THINNEST,
-    Regulariser,
-    crossing_gradient,
-    sliver_gradient,
-    spike_gradient,
-)
+from cubicsplat_cli.photo.geometric import HELD, SLIVERS, SPIKES_FROM, TURNS, Regulariser, crossing_gradient
 from cubicsplat_cli.photo.loop import fit
-from cubicsplat_cli.raster.cpu import Blunting, CpuEngine, address_of
-from cubicsplat_cli.raster.engine import EngineScene, OptimiserState, Rates, Training
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState, Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
@@ -42,12 +32,44 @@ def spikes(points: torch.Tensor) -> int:
     return int((cosine < math.cos(math.radians(150))).sum())
 
 
+@pytest.fixture(scope="module", params=["cpu", "cuda"])
+def engine(request):
+    """Each engine; CUDA's on the emulator."""
+    if request.param == "cuda" and compiler() is None:
+        pytest.skip("needs a C++ compiler")
+    engine = CpuEngine(2) if request.param == "cpu" else CudaEngine(driver=EmulatedDriver())
+    yield engine
+    engine.close()
+
+
+def blunted(
+    engine: Engine,
+    points: np.ndarray,
+    ends: np.ndarray | None = None,
+    mode: Mode = Mode.CLOSED,
+    turns: float = 1.0,
+    slivers: float = 1.0,
+) -> torch.Tensor:
+    """(N, K, 2): the gradient of both penalties with these weights, in a step that moves nothing."""
+    points, n = torch.as_tensor(points).float().contiguous(), len(points)
+    ends = None if ends is None else torch.as_tensor(ends).int().contiguous()
+    white, one = torch.ones(SIZE[1], SIZE[0], 3), torch.ones(n)
+    scene = EngineScene(mode, *SIZE, points, torch.ones(n, 3), one, one, (1, 1, 1), ends)
+    regulariser = Regulariser(settings(spike_penalty=1.0).recipe, mode, SIZE, 1)
+    blunting = regulariser.blunting(points, progress=1.0, loss=torch.ones(()) if engine.runs_ahead else 1.0)
+    blunting.turns, blunting.slivers = turns, slivers
+    training = Training(white, OptimiserState.zeros_for(points), Rates(0.0, 0.0, 0.0, 0.0), blunting=blunting)
+    engine.step(scene, RasterSettings(), training)
+    assert blunting.left == HELD - 1
+    return regulariser.spikes.clone()
+
+
 @pytest.mark.parametrize("mode", list(Mode))
-def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
+def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(engine, mode):
     along = torch.arange(6 if mode is Mode.CLOSED else 7).float()
     points = torch.stack((along, along * (6 - along)), -1)[None]
     points[0, 4] = points[0, 2] + torch.tensor([0.1, 0.2])  # back where it came from, at the join 3
-    gradient = spike_gradient(points, mode, 2.0, SIZE)
+    gradient = blunted(engine, points, None, mode, 2.0, 0.0)
     moved = set(gradient[0].abs().sum(-1).nonzero().flatten().tolist())
     assert {2, 3, 4} <= moved
     if mode is Mode.OPEN:
@@ -58,7 +80,7 @@ def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
         return float((u @ v) / (u.norm() * v.norm()))
 
     assert cosine(points - 0.01 * gradient) > cosine(points)
-    assert not spike_gradient(torch.zeros(1, 6, 2), Mode.CLOSED, 1.0, SIZE).isnan().any()
+    assert not blunted(engine, torch.zeros(1, 6, 2), None, Mode.CLOSED, 1.0, 0.0).isnan().any()
 
 
 def test_a_fit_with_the_penalty_has_fewer_spikes():
@@ -69,15 +91,15 @@ def test_a_fit_with_the_penalty_has_fewer_spikes():
 
 
 @pytest.mark.parametrize("mode", list(Mode))
-def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(mode):
+def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(engine, mode):
     """The gradients of both penalties are those of the rings as scenes of their own, and zero in the room between."""
     generator = torch.Generator().manual_seed(3)
     lengths = [[4], [3, 2], [1, 1]] if mode is Mode.CLOSED else [[4], [2], [1]]
     shared = 0 if mode is Mode.CLOSED else 1
     rings = [[10 + torch.randn(3 * n + shared, 2, generator=generator) for n in counts] for counts in lengths]
     points, ends = pack_rings(mode, rings)
-    gradient = spike_gradient(points, mode, 2.0, SIZE, ends)
-    every = torch.cat([spike_gradient(ring[None], mode, 2.0, SIZE)[0] for of_curve in rings for ring in of_curve])
+    gradient = blunted(engine, points, ends, mode, 2.0, 0.0)
+    every = torch.cat([blunted(engine, r[None], None, mode, 2.0, 0.0)[0] for of_curve in rings for r in of_curve])
     used = torch.arange(points.shape[1]) < 3 * ends[:, -1:] + shared
     assert torch.allclose(gradient[used], every)
     assert every.abs().max() > 0
@@ -95,17 +117,17 @@ def strip(thickness: float, length: float = 12.0) -> np.ndarray:
     return np.stack([corners, (2 * corners + after) / 3, (corners + 2 * after) / 3], axis=1).reshape(1, 12, 2)
 
 
-def test_following_the_gradient_widens_a_sliver_and_leaves_what_is_wider():
-    assert not sliver_gradient(strip(0.6), 1.0, SIZE).any()
-    points = strip(0.2)
-    gradient = sliver_gradient(points, 3.0, SIZE)
-    assert np.allclose(gradient, 3.0 * sliver_gradient(points, 1.0, SIZE))
-    assert np.allclose(gradient.sum(axis=1), 0.0, atol=1e-4), "it moves nothing as a whole"
-    for _ in range(200):
-        points = points - 0.01 * sliver_gradient(points, 1.0, SIZE)
+def test_following_the_gradient_widens_a_sliver_and_leaves_what_is_wider(engine):
+    assert not blunted(engine, strip(0.6)).any()
+    points = torch.from_numpy(strip(0.2))
+    gradient = blunted(engine, points, slivers=3.0)
+    assert torch.allclose(gradient, 3.0 * blunted(engine, points), atol=1e-5)
+    assert gradient.sum(1).abs().max() < 1e-4, "it moves nothing as a whole"
+    for _ in range(30):
+        points = points - 0.03 * blunted(engine, points)
     top, bottom = points[0, 1:3, 1], points[0, 7:9, 1]
     assert (bottom - top > 0.34).all()
-    assert not sliver_gradient(np.zeros((1, 6, 2), np.float32), 1.0, SIZE).any()
+    assert not blunted(engine, np.zeros((1, 6, 2))).any()
 
 
 def joined(*corners: tuple[float, float]) -> np.ndarray:
@@ -115,29 +137,8 @@ def joined(*corners: tuple[float, float]) -> np.ndarray:
     return np.stack([start, (2 * start + after) / 3, (start + 2 * after) / 3], axis=1).reshape(1, -1, 2)
 
 
-def blunted(
-    points: np.ndarray,
-    ends: np.ndarray | None = None,
-    mode: Mode = Mode.CLOSED,
-    turns: float = 1.0,
-    slivers: float = 1.0,
-) -> np.ndarray:
-    """The gradient of both penalties with these weights as the engine finds it, in a step that moves nothing."""
-    n, found = len(points), np.empty(points.shape, np.float32)
-    white, one = np.ones((SIZE[1], SIZE[0], 3), np.float32), np.ones(n, np.float32)
-    scene = EngineScene(mode, *SIZE, points.astype(np.float32), np.ones((n, 3), np.float32), one, one, (1, 1, 1), ends)
-    blunting = Blunting(
-        turns, slivers, 1.0, SPIKE_TURN, LEAST_ARM, THINNEST, OPPOSITE, EDGES, HELD, 0, address_of(found)
-    )
-    training = Training(white, OptimiserState.zeros_for(scene.points), Rates(0.0, 0.0, 0.0, 0.0), blunting=blunting)
-    with closing(CpuEngine(2)) as engine:
-        engine.step(scene, RasterSettings(), training)
-        assert blunting.left == HELD - 1
-    return found
-
-
 @pytest.mark.parametrize("turned", [False, True])
-def test_a_gap_and_what_lies_within_the_shape_are_no_slivers(turned):
+def test_a_gap_and_what_lies_within_the_shape_are_no_slivers(engine, turned):
     """A U whose arms stand 0.2 px apart; and a square with a strip 0.2 px wide in it, as a hole or hidden."""
     u = joined((3, 3), (15, 3), (15, 9), (9.1, 9), (9.1, 5), (8.9, 5), (8.9, 9), (3, 9))
     square = joined((1, 1), (19, 1), (19, 19), (1, 19))
@@ -148,10 +149,10 @@ def test_a_gap_and_what_lies_within_the_shape_are_no_slivers(turned):
             rings = np.split(points, 1 if of_points is None else 2, axis=1)
             points = np.concatenate([backwards(ring) for ring in rings], axis=1)
         assert not sliver_gradient(points, 1.0, SIZE, of_points).any()
-        assert not blunted(points, of_points, turns=0.0).any()
+        assert not blunted(engine, points, of_points, turns=0.0).any()
     shown = strip(0.2)
-    assert sliver_gradient(shown, 1.0, SIZE).any()
-    assert sliver_gradient(backwards(shown), 1.0, SIZE).any(), "whichever way it runs"
+    assert blunted(engine, shown).any()
+    assert blunted(engine, backwards(shown)).any(), "whichever way it runs"
 
 
 def backwards(ring: np.ndarray) -> np.ndarray:
@@ -159,47 +160,63 @@ def backwards(ring: np.ndarray) -> np.ndarray:
     return np.roll(ring[:, ::-1], 1, axis=1).copy()
 
 
-def test_what_lies_beside_the_canvas_does_not_count():
+def test_what_lies_beside_the_canvas_does_not_count(engine):
     inside, beside = strip(0.2), strip(0.2) + np.array([0, 20], np.float32)
-    for found in (partial(sliver_gradient, weight=1.0, size=SIZE), blunted):
-        assert found(inside).any()
-        assert not found(beside).any()
+    assert blunted(engine, inside).any()
+    assert not blunted(engine, beside).any()
     tip = joined((3, 4), (15, 4.5), (3, 5))
-    assert spike_gradient(tip, Mode.CLOSED, 1.0, SIZE).any()
-    assert not spike_gradient(tip - np.array([16, 0], np.float32), Mode.CLOSED, 1.0, SIZE).any()
+    assert blunted(engine, tip, slivers=0.0).any()
+    assert not blunted(engine, tip - np.array([16, 0], np.float32), slivers=0.0).any()
 
 
 @pytest.mark.parametrize(("mode", "ragged"), [(Mode.CLOSED, False), (Mode.CLOSED, True), (Mode.OPEN, False)])
-def test_the_library_and_arrays_of_any_kind_agree(mode, ragged):
+def test_the_engines_find_the_gradient_of_the_reference(engine, mode, ragged):
     generator = np.random.default_rng(7)
     points = (generator.random((50, 12 + (mode is Mode.OPEN), 2)) * [5.0, 1.0]).astype(np.float32)
     ends = np.sort(generator.integers(1, 5, (50, 2)), axis=1).astype(np.int32) if ragged else None
-    parts = [blunted(points, ends, mode, 1.0, 0.0), blunted(points, ends, mode, 0.0, 1.0)]
-    there, ends_there = torch.from_numpy(points), None if ends is None else torch.from_numpy(ends)
-    for kind, places in ((points, ends), (there, ends_there)):
-        assert np.allclose(parts[0], spike_gradient(kind, mode, 1.0, SIZE, places), rtol=1e-3, atol=1e-4)
-        if mode is Mode.CLOSED:
-            assert np.allclose(parts[1], sliver_gradient(kind, 1.0, SIZE, places), atol=1e-4)
-    assert np.abs(parts[0]).max() > 1.0
-    assert np.allclose(blunted(points, ends, mode, 2.0, 0.5), 2.0 * parts[0] + 0.5 * parts[1], atol=1e-5)
-    assert parts[1].any() == (mode is Mode.CLOSED)
+    turns = blunted(engine, points, ends, mode, 1.0, 0.0)
+    slivers = blunted(engine, points, ends, mode, 0.0, 1.0)
+    assert torch.allclose(turns.double(), spike_gradient(points, mode, 1.0, SIZE, ends), rtol=1e-3, atol=1e-4)
+    assert turns.abs().max() > 1.0
+    if mode is Mode.CLOSED:
+        assert torch.allclose(slivers.double(), sliver_gradient(points, 1.0, SIZE, ends), atol=1e-4)
+    assert slivers.any() == (mode is Mode.CLOSED)
+    assert torch.allclose(blunted(engine, points, ends, mode, 2.0, 0.5), 2.0 * turns + 0.5 * slivers, atol=1e-5)
     if ragged:
-        assert not sum(parts)[np.arange(12) >= 3 * ends[:, -1:]].any()
+        assert not (turns + slivers)[torch.arange(12) >= 3 * torch.from_numpy(ends)[:, -1:]].any()
 
 
-def test_a_penalty_is_found_anew_now_and_then_and_where_the_curves_are_others():
-    recipe = settings(spike_penalty=1.0).recipe
-    regulariser = Regulariser(recipe, Mode.CLOSED, SIZE, 4)
-    course = {"progress": 0.9, "loss": 2.0}
-    thin, wide = (torch.from_numpy(strip(thickness)) for thickness in (0.2, 0.6))
-    first = regulariser.gradient(thin, None, **course)
+def test_a_gradient_is_good_for_some_steps_and_found_anew_where_the_curves_are_others(engine):
+    """It is added to the picture's: a thin strip, aslant and of the picture's own colour, grows."""
+    aslant = torch.tensor([[1.0, 0.1], [0.0, 1.0]])
+    thin, wide = (torch.from_numpy(strip(thickness)) @ aslant for thickness in (0.2, 0.6))
+    regulariser = Regulariser(settings(spike_penalty=1.0).recipe, Mode.CLOSED, SIZE, 4)
+    assert regulariser.blunting(thin, progress=SPIKES_FROM, loss=2.0) is None
+    loss = torch.full((), 2.0) if engine.runs_ahead else 2.0
+    white, one, points = torch.ones(SIZE[1], SIZE[0], 3), torch.ones(1), thin.clone()
+    scene = EngineScene(Mode.CLOSED, *SIZE, points, torch.ones(1, 3), one, one, (1, 1, 1))
+    training = Training(white, OptimiserState.zeros_for(points), Rates(0.0, 0.0, 0.0, 0.0))
+
+    def step() -> torch.Tensor:
+        training.blunting = regulariser.blunting(points, progress=0.9, loss=loss)
+        engine.step(scene, RasterSettings(), training)
+        return regulariser.spikes.clone()
+
+    first = step()
+    expected = 2.0 * TURNS / 4 * spike_gradient(thin, Mode.CLOSED, 1.0, SIZE)
+    expected += 2.0 * SLIVERS / (SIZE[0] * SIZE[1]) * sliver_gradient(thin, 1.0, SIZE)
     assert first.any()
+    assert torch.allclose(first.double(), expected, atol=1e-5)
+    points.copy_(wide)
     for _ in range(HELD - 1):
-        assert regulariser.gradient(wide, None, **course) is first
-    assert not regulariser.gradient(wide, None, **course).any()
+        assert torch.equal(step(), first)
+    assert not step().any()
+    points.copy_(thin)
     regulariser.forget()
-    assert regulariser.gradient(thin, None, **course).any()
-    assert Regulariser(recipe, Mode.CLOSED, SIZE, 4).gradient(thin, None, progress=0.0, loss=2.0) is None
+    assert torch.allclose(step(), first)
+    training.rates = Rates(0.1, 0.0, 0.0, 0.0)
+    step()
+    assert (points[0, [8, 7], 1] - points[0, [1, 2], 1] > 0.21).all()
 
 
 def test_a_fit_with_the_penalty_has_fewer_slivers():

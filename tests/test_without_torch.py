@@ -103,10 +103,8 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
     best = BestCheckpoint()
     for _ in range(2):
         best.consider(torch.zeros((), device="meta"), there)
-    recipe = replace(given.recipe, crossing_penalty=0.1, spike_penalty=0.1)
-    found = Regulariser(recipe, mode, (11, 9), 24).gradient(
-        there.points, there.ring_ends, progress=1.0, loss=torch.zeros((), device="meta")
-    )
+    recipe = replace(given.recipe, crossing_penalty=0.1)
+    found = Regulariser(recipe, mode, (11, 9), 24).crossing_gradient(there.points, there.ring_ends)
     assert found.shape == there.points.shape
 
 

@@ -40,7 +40,8 @@ void call(const void* frame) {
 
 }  // namespace
 
-const Kernel kKernels[] = {{"flatten", call<flatten>},
+const Kernel kKernels[] = {{"blunt", call<blunt>},
+                           {"flatten", call<flatten>},
                            {"bin", call<bin>},
                            {"raster_relaxed", call<raster_relaxed>},
                            {"raster_exact", call<raster_exact>},

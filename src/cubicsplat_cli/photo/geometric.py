@@ -20,70 +20,67 @@ LEAST_CROSSING = 1e-6  # px^2, of the lengths of two handles, which are no short
 SPIKES_FROM = 0.1  # of the fit: a small penalty for long costs less than a large one for a short time
 TURNS = 0.28  # times what a join has of the loss, for a radian that it turns too far
 SLIVERS = 5.0  # times what a pixel has of the loss, for a px^2 of slivers
-HELD = 3  # steps: the gradient changes slowly, and takes a tenth of a step
+HELD = 3  # steps for which a gradient is good: it changes slowly, and takes a tenth of a step
 _NEXT_TO_NOTHING = 1e-30
 # Of slivers: places where two sides of an outline, with the shape between them, run against each other.
 THINNEST = 0.36  # px: a little more than what is called a sliver, a third of a px, so that those end above
 EDGES = 12  # of a segment: its polyline, whose edges are held against one another
 OPPOSITE = -0.5  # cosine between two edges that are two sides, and not one that bends
-_PAIRS = 2**22  # of edges at once, of 4 bytes a value
-_LEAST_LENGTH = 1e-6  # px
 
 
 class Regulariser:
-    """The penalties of a recipe beside the error of a picture. size: its width and height, px. joins: of all curves."""
+    """The penalties of a recipe beside the error of a picture.
+
+    size: width and height of the picture, px. joins: of all curves.
+    """
 
     def __init__(self, recipe: Recipe, mode: Mode, size: tuple[int, int], joins: int) -> None:
         self.recipe, self.mode, self.size, self.joins = recipe, mode, size, joins
-        self._held: Array | None = None
-        self._left = 0  # steps for which that is good
-        self._blunting: tuple[Blunting, np.ndarray] | None = None  # and the gradient that it points to
+        self._blunting: Blunting | None = None
+        self.spikes: Array | None = None  # (N, K, 2): the gradient that an engine finds
+        self._loss: Array | None = None
 
     def forget(self) -> None:
-        """The curves are others from now on."""
-        self._left = 0
+        """Find the gradient of spikes anew in the next step, because the curves are others."""
         if self._blunting is not None:
-            self._blunting[0].left = 0
+            self._blunting.left = 0
 
     def due(self, progress: float) -> bool:
-        """Whether spikes and slivers count at this progress of the fit in [0, 1]."""
+        """True if spikes and slivers count at this progress of the fit, in [0, 1]."""
         return self.recipe.spike_penalty > 0.0 and progress > SPIKES_FROM
 
-    def blunting(self, points: np.ndarray, loss: float) -> Blunting:
-        """The penalty on spikes and slivers as the CPU's engine takes it; loss: of the last step."""
-        if self._blunting is None:
-            found = np.empty_like(points)
-            constants = SPIKE_TURN, LEAST_ARM, THINNEST, OPPOSITE, EDGES, HELD
-            self._blunting = Blunting(*self._weights(), loss, *constants, 0, address_of(found)), found
-        self._blunting[0].loss = loss
-        return self._blunting[0]
+    def blunting(self, points: Array, *, progress: float, loss: float | Array) -> Blunting | None:
+        """The penalty on spikes and slivers for an engine; None where they do not count.
 
-    def _weights(self) -> tuple[float, float]:
-        """Of turns and of slivers, times the loss."""
-        # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
-        weight = self.recipe.spike_penalty
-        return TURNS * weight / self.joins, SLIVERS * weight / (self.size[0] * self.size[1])
-
-    def gradient(self, points: Array, ring_ends: Array | None, *, progress: float, loss: float | Array) -> Array | None:
-        """(N, K, 2), at this progress of the fit in [0, 1]; None where it is nothing. loss: of the last step. Without
-        what `blunting` says of numpy's arrays.
+        points: (N, K, 2), the engine's own. progress: of the fit, in [0, 1]. loss: of the last step; a tensor stays on
+        its device.
         """
-        crossing, found = self.recipe.crossing_penalty * self.size[0] * self.size[1], None
-        if crossing > 0.0:
-            found = crossing_gradient(points, self.mode, crossing, ring_ends)
-        if not self.due(progress) or isinstance(points, np.ndarray):
-            return found
-        if self._left == 0:
-            self._held, self._left = self._of_spikes(points, ring_ends, loss), HELD
-        self._left -= 1
-        return self._held if found is None else found + self._held
+        if not self.due(progress):
+            return None
+        if self._blunting is None:
+            weight = self.recipe.spike_penalty
+            self.spikes = namespace(points).empty_like(points)
+            # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
+            turns, slivers = TURNS * weight / self.joins, SLIVERS * weight / (self.size[0] * self.size[1])
+            self._blunting = Blunting(
+                turns, slivers, turn=SPIKE_TURN, arm=LEAST_ARM, thinnest=THINNEST, opposite=OPPOSITE, edges=EDGES,
+                every=HELD, gradient=_address(self.spikes),
+            )  # fmt: skip
+        if isinstance(loss, float):
+            self._blunting.loss = loss
+        else:
+            self._loss = namespace(loss).astype(loss, namespace(loss).float64)
+            self._blunting.loss_at = _address(self._loss)
+        return self._blunting
 
-    def _of_spikes(self, points: Array, ring_ends: Array | None, loss: float | Array) -> Array:
-        turns, slivers = self._weights()
-        found = spike_gradient(points, self.mode, turns * loss, self.size, ring_ends)
-        if self.mode is Mode.CLOSED:
-            found = found + sliver_gradient(points, slivers * loss, self.size, ring_ends)
-        return found
+    def crossing_gradient(self, points: Array, ring_ends: Array | None) -> Array | None:
+        """That of the penalty on self-crossings, (N, K, 2); None without one."""
+        weight = self.recipe.crossing_penalty * self.size[0] * self.size[1]
+        return crossing_gradient(points, self.mode, weight, ring_ends) if weight > 0.0 else None
+
+
+def _address(array: Array) -> int:
+    return address_of(array) if isinstance(array, np.ndarray) else array.data_ptr()
 
 
 def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array | None = None) -> Array:
@@ -111,35 +108,6 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     return interleaved(starts, of_first, -of_last, ends, mode)
 
 
-def spike_gradient(
-    points: Array, mode: Mode, weight: float | Array, size: tuple[int, int], ring_ends: Array | None = None
-) -> Array:
-    """Gradient (N, K, 2) of weight times the sum over all joins on the canvas of relu(t - `SPIKE_TURN`), t the turn in
-    radians from the handle before the join to the one after it; at most weight / `LEAST_ARM` a point. size: width and
-    height of the canvas, px. ring_ends: as in `Scene`.
-    """
-    xp, found = namespace(points), segments_of(points, mode, ring_ends)
-    joins, joined = points_of_segments(points, 3 * found.index), found.real
-    if mode is Mode.OPEN:
-        joined = joined & (found.index > 0)
-    x, y = joins[..., 0], joins[..., 1]
-    joined = joined & (x >= 0.0) & (x <= size[0]) & (y >= 0.0) & (y <= size[1])
-    arriving = joins - points_of_segments(points, 3 * found.before + 2)
-    leaving = points_of_segments(points, 3 * found.index + 1) - joins
-    turn, of_arriving, of_leaving = _turn(arriving, leaving)
-    factor = xp.astype((turn > SPIKE_TURN) & joined, points.dtype)[..., None]
-    of_arriving, of_leaving = factor * of_arriving, factor * of_leaving
-    nothing = xp.zeros_like(of_arriving[:, :1])
-    if mode is Mode.CLOSED:
-        thirds = -points_of_segments(of_arriving, found.after) * found.real[..., None]
-    else:
-        thirds = -xp.concat((of_arriving[:, 1:], nothing), axis=1)
-    gradient = interleaved(of_arriving - of_leaving, of_leaving, thirds, nothing, mode)
-    # The angle at a handle of no length may change at any rate.
-    long = xp.clip(lengths(gradient)[..., None], min=1e-9)
-    return weight * gradient * xp.clip(1.0 / (LEAST_ARM * long), max=1.0)
-
-
 def _handles(points: Array, mode: Mode, found: SegmentIndices) -> tuple[Array, Array, Array]:
     """First and last handle (N, M, 2) of each cubic, and (N, M) -1 where it turns left between them, else 1."""
     xp = namespace(points)
@@ -161,108 +129,6 @@ def _cosine(u: Array, v: Array, least: float) -> tuple[Array, Array, Array]:
         for own, other in ((u, v), (v, u))
     )
     return cosine[..., 0], of_u, of_v
-
-
-def _turn(u: Array, v: Array) -> tuple[Array, Array, Array]:
-    """The angle between vectors (..., 2), in radians, and its derivatives by u and by v."""
-    xp = namespace(u)
-    turned, along = cross(u, v), xp.sum(u * v, axis=-1)
-    across = xp.abs(turned) + 1e-6
-    squared = across * across + along * along
-    by_cross, by_along = (xp.sign(turned) * along / squared)[..., None], (-across / squared)[..., None]
-    of_u = by_cross * xp.stack((v[..., 1], -v[..., 0]), axis=-1) + by_along * v
-    of_v = by_cross * xp.stack((-u[..., 1], u[..., 0]), axis=-1) + by_along * u
-    return xp.atan2(across, along), of_u, of_v
-
-
-def sliver_gradient(
-    points: Array, weight: float | Array, size: tuple[int, int], ring_ends: Array | None = None
-) -> Array:
-    """Gradient (N, K, 2), for closed curves, of weight times the sum over all pairs of opposite edges of
-    l relu(D - |d|): d the distance in px of the middle of the one, of length l, from the other, if its foot lies on
-    that and the shape lies between them and not beyond either; D `THINNEST`. The lengths count as given. size: width
-    and height of the canvas, px, beyond which nothing counts. ring_ends: as in `Scene`.
-    """
-    xp, found = namespace(points), segments_of(points, Mode.CLOSED, ring_ends)
-    edges = found.index.shape[1] * EDGES
-    many = max(1, _PAIRS // edges**2)
-    parts = []
-    for begin in range(0, len(points), many):
-        chosen = slice(begin, begin + many)
-        own = found if ring_ends is None else SegmentIndices(*(each[chosen] for each in vars(found).values()))
-        parts.append(_gradient(points[chosen], own, found.real[chosen], size))
-    return weight * xp.concat(parts, axis=0)
-
-
-def _gradient(points: Array, found: SegmentIndices, real: Array, size: tuple[int, int]) -> Array:
-    xp, (n, m) = namespace(points), real.shape
-    t = xp.arange(EDGES + 1, dtype=points.dtype, device=points.device) / EDGES
-    basis = xp.stack(((1 - t) ** 3, 3 * (1 - t) ** 2 * t, 3 * (1 - t) * t * t, t**3), axis=1)
-    places = [*(3 * found.index + k for k in range(3)), 3 * found.after]
-    corners = xp.stack([points_of_segments(points, place) for place in places], axis=2)
-    vertices = xp.matmul(basis, corners)  # (n, m, EDGES + 1, 2)
-    starts, ends = (xp.reshape(v, (n, m * EDGES, 2)) for v in (vertices[:, :, :-1], vertices[:, :, 1:]))
-    long = xp.clip(lengths(ends - starts), min=_LEAST_LENGTH)
-    along = (ends - starts) / long[..., None]
-    force, share = _forces(starts, ends, along, long, xp.repeat(real, EDGES, axis=1), size)
-    normals = xp.stack((-along[..., 1], along[..., 0]), axis=-1)
-    of_middles = 0.5 * xp.matmul(force, normals)
-    at_end = xp.sum(force * share, axis=1)
-    of_starts = of_middles - normals * (xp.sum(force, axis=1) - at_end)[..., None]
-    of_ends = of_middles - normals * at_end[..., None]
-    nothing = xp.zeros_like(vertices[:, :, :1])
-    of_vertices = xp.concat((xp.reshape(of_starts, (n, m, EDGES, 2)), nothing), axis=2)
-    of_vertices = of_vertices + xp.concat((nothing, xp.reshape(of_ends, (n, m, EDGES, 2))), axis=2)
-    a, b, c, d = (xp.matmul(basis.T, of_vertices)[:, :, k] for k in range(4))
-    a = a + points_of_segments(d, found.before) * real[..., None]
-    return interleaved(a, b, c, nothing[:, 0], Mode.CLOSED)
-
-
-def _forces(
-    starts: Array, ends: Array, along: Array, long: Array, is_edge: Array, size: tuple[int, int]
-) -> tuple[Array, Array]:
-    """Of each pair (n, V, V) the derivative by the distance of the first one's middle from the second edge, to its left
-    positive, and where on that the foot lies, 0 to 1.
-    """
-    xp, middles = namespace(starts), 0.5 * (starts + ends)
-    x, y = middles[..., 0], middles[..., 1]
-    shown = (x >= 0.0) & (x <= size[0]) & (y >= 0.0) & (y <= size[1])
-    origin = xp.mean(middles, axis=1)[:, None]  # near the curve, where float32 is fine
-    middles, starts, ends = middles - origin, starts - origin, ends - origin
-    normals = xp.stack((-along[..., 1], along[..., 0]), axis=-1)
-    distance = _seen(normals, starts, middles)
-    share = _seen(along / long[..., None], starts, middles)
-    left = _windings(distance, starts[..., 1], ends[..., 1], middles[..., 1], is_edge)
-    pair = xp.matmul(along, xp.matrix_transpose(along)) < OPPOSITE
-    pair &= (xp.abs(distance) < THINNEST) & (distance != 0.0)
-    pair &= xp.abs(share - 0.5) <= 0.5
-    pair &= (is_edge & shown)[:, :, None] & is_edge[:, None, :]
-    # Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
-    within = xp.astype(distance > 0.0, left.dtype)
-    pair &= (left[:, :, None] == within) & (left[:, None, :] == within)
-    force = -xp.sign(distance) * long[:, :, None]
-    return xp.where(pair, force, 0.0), share
-
-
-def _windings(distance: Array, starts: Array, ends: Array, middles: Array, is_edge: Array) -> Array:
-    """(n, V): the winding numbers to the left of the middle of each edge, by the edges that a ray from it towards +x
-    crosses; the ray begins just left of the edge itself. starts, ends, middles: (n, V) y, px.
-    """
-    xp = namespace(distance)
-    rising = ends > starts
-    reached = (starts[:, None, :] <= middles[:, :, None]) != (ends[:, None, :] <= middles[:, :, None])
-    number = xp.arange(starts.shape[1], device=distance.device)
-    reached &= is_edge[:, None, :] & (number[:, None] != number)
-    up = reached & rising[:, None, :] & (distance > 0.0)
-    down = reached & ~rising[:, None, :] & (distance < 0.0)
-    return xp.sum(xp.astype(up, xp.int64) - xp.astype(down, xp.int64), axis=-1) + xp.astype(rising, xp.int64)
-
-
-def _seen(axes: Array, starts: Array, middles: Array) -> Array:
-    """(n, V, V): each middle along each edge's axis from its start, a x m - a x s."""
-    xp = namespace(axes)
-    offset = xp.sum(axes * starts, axis=-1)
-    return xp.matmul(middles, xp.matrix_transpose(axes)) - offset[:, None, :]
 
 
 @record

@@ -221,11 +221,8 @@ class Stepper:
         curves, training = self.state.curves, self.training
         training.rates = self.schedule.rates(phase, self.unit)
         if curves.restricted is None or not curves.restricted.has_axes:  # those have no spikes and cannot cross
-            training.points_gradient = self.regulariser.gradient(
-                curves.points, curves.ring_ends, progress=progress, loss=self.loss
-            )
-            if self._by_engine and self.regulariser.due(progress):
-                training.blunting = self.regulariser.blunting(curves.points, float(self.loss))
+            training.points_gradient = self.regulariser.crossing_gradient(curves.points, curves.ring_ends)
+            training.blunting = self.regulariser.blunting(curves.points, progress=progress, loss=self.loss)
         training.importance = self.importance if measured else None
         training.image = self.image if measured or not self.objective.squared else None
 

@@ -31,7 +31,7 @@ from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
 
-ABI_VERSION = 12
+ABI_VERSION = 13
 
 
 def members(kind: Any, names: str) -> list[tuple[str, Any]]:
@@ -64,11 +64,12 @@ class _Gradients(ctypes.Structure):
 
 
 class Blunting(ctypes.Structure):
-    """A penalty on spikes and slivers, for `Training`: see the fields in abi.h, and `photo.geometric.Regulariser`."""
+    """The penalty on spikes and slivers of a `Training`: see kernels/shared/spikes.h."""
 
     _fields_ = [
-        *members(c_double, "turns slivers loss"), *members(c_float, "turn arm thinnest opposite"),
-        *members(c_int32, "edges every left"), ("gradient", c_void_p),
+        *members(c_double, "turns slivers loss"), ("loss_at", c_void_p),
+        *members(c_float, "turn arm thinnest opposite"), *members(c_int32, "edges every left"),
+        ("gradient", c_void_p),
     ]  # fmt: skip
 
 

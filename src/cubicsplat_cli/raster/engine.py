@@ -152,9 +152,10 @@ class Training:
     of the target's; points_gradient (N, K, 2), that of a further loss term, added to the picture's; rate_scale (N, 5),
     each curve's factors of the step sizes, in the order of `Rates`. of_points (N, K, 2): filled where given, with dL/d
     of the control points. Filled where the scene has gradients, whose frames and stops a step leaves to its caller:
-    frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either.
+    frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either. blunting: a penalty on spikes and slivers,
+    `raster.cpu.Blunting`, whose gradient is added too.
 
-    Only the CPU's engine knows these. blunting: a penalty on spikes, whose gradient is added too (`raster.cpu`). tied:
+    Only the CPU's engine knows these. tied:
     arrays of numpy that the control points follow from, which are moved in their place: values (N, V, 2), Adan's
     moments (N, 2 V, 4) and ages (N,) for them, and map (K, V), with points = map values. shared_opacity: after a step
     all curves have the mean of their opacities.

@@ -17,7 +17,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.files.cache import read_cache, write_cache
 from cubicsplat_cli.raster.cuda import nvrtc
-from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, StepFrame, StepValues
+from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, SIDE_BYTES, StepFrame, StepValues
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.settings import Mode
 
@@ -51,7 +51,7 @@ class Program:
             f"-DCS_CLOSED={int(self.mode is Mode.CLOSED)}", f"-DCS_CHANNELS={self.channels}",
             f"-DCS_PAINTED={int(self.painted)}",
             f"-DCS_FRAME_BYTES={sizeof(StepFrame)}", f"-DCS_STEP_BYTES={sizeof(StepValues)}",
-            f"-DCS_SHARED_BYTES={FIXED_SHARED}", f"-DCS_COSTS={COSTS}",
+            f"-DCS_SHARED_BYTES={FIXED_SHARED}", f"-DCS_COSTS={COSTS}", f"-DCS_SIDE_BYTES={SIDE_BYTES}",
         ]  # fmt: skip
 
 

@@ -1,8 +1,9 @@
 """The CUDA engine: the same methods as the CPU engine, on tensors that live on the GPU.
 
-A step is four kernels (flatten, bin, raster, update) with nothing in between, so it is captured in a CUDA graph and
-replayed; a tiny kernel before each replay brings the values that change from step to step. Nothing waits for the GPU
-but what hands a number to Python: `gradients()` for its loss, and whoever reads the loss of a step. See docs/cuda.md.
+A step is four kernels (flatten, bin, raster, update), or five with the penalty on spikes (blunt first), with nothing in
+between. So it is captured in a CUDA graph and replayed; a tiny kernel before each replay brings the values that change
+from step to step. Nothing waits for the GPU but what hands a number to Python: `gradients()` for its loss, and whoever
+reads the loss of a step. See docs/cuda.md.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import Driver, Kernels, cuda_driver
 from cubicsplat_cli.raster.cuda.frame import (
     MOST_LOOKS,
+    SIDE_BYTES,
     SMALL_THREADS,
     THREADS,
     WARP,
@@ -50,9 +52,12 @@ PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact fi
 
 @dataclass(eq=False)
 class _Plan:
-    """A step that has been prepared, and captured when it came a second time."""
+    """A step that has been prepared, and captured when it came a second time. blunted: edges of a cubic's polyline for
+    the penalty on spikes and slivers, 0 without one.
+    """
 
     frame: StepFrame
+    blunted: int
     kernels: Kernels
     step: Tensor  # the device's StepValues
     kept: tuple[object, ...]  # whatever else the frame points to
@@ -135,7 +140,8 @@ class CudaEngine(Engine):
         pictures = (training.target, training.weights, training.image_gradient)
         found = (training.of_points, training.frames_gradient, training.stops_gradient)
         with self._driver.active():
-            plan = self._plan(frame, scene, (scene, *pictures, *found, training.state))
+            blunted = 0 if training.blunting is None else training.blunting.edges
+            plan = self._plan(frame, scene, blunted, (scene, *pictures, *found, training.state))
             if training.image is None and (image := self._picture_for(scene, training.wanted_importance)) is not None:
                 values.image = image.data_ptr()
             loss = torch.empty((), dtype=torch.float64, device=self.device)
@@ -183,8 +189,11 @@ class CudaEngine(Engine):
     def _set_step(self, kernels: Kernels, values: StepValues, step: Tensor) -> None:
         kernels.launch("set_step", (1, 1), WARP, 0, values, ctypes.c_void_p(step.data_ptr()))
 
-    def _launch(self, kernels: Kernels, frame: StepFrame) -> None:
-        """Queues the kernels of one step, render or gradient."""
+    def _launch(self, kernels: Kernels, frame: StepFrame, blunted: int = 0) -> None:
+        """Queues the kernels of one step, render or gradient. blunted: as of `_Plan`."""
+        if blunted:
+            shared = frame.segments * blunted * SIDE_BYTES
+            kernels.launch("blunt", (max(1, frame.curves), 1), SMALL_THREADS, shared, frame)
         per_block = SMALL_THREADS // WARP
         coverage = "exact" if frame.exact else "relaxed"
         curves = blocks(frame.curves, per_block)
@@ -249,14 +258,17 @@ class CudaEngine(Engine):
         set_rates(values, training.rates)
         names = ("image", "importance", "points_gradient", "rate_scale")
         put(values, scene.addresses(self._pointer, {name: getattr(training, name) for name in names}))
+        if (penalty := training.blunting) is not None:
+            values.blunting = penalty
+            penalty.left = (penalty.left or penalty.every) - 1
         return values
 
-    def _plan(self, frame: StepFrame, scene: EngineScene, kept: tuple[object, ...]) -> _Plan:
+    def _plan(self, frame: StepFrame, scene: EngineScene, blunted: int, kept: tuple[object, ...]) -> _Plan:
         """The prepared step for these tensors and settings; what differs from step to step is not part of a frame.
 
         A stream has plans of its own: their buffers are of its memory, which is given out again in its order.
         """
-        key = bytes(frame) + f"{Program.of(scene).name} {self._driver.stream()}".encode()
+        key = bytes(frame) + f"{Program.of(scene).name} {self._driver.stream()} {blunted}".encode()
         if key in self._plans:
             self._plans.move_to_end(key)
             return self._plans[key]
@@ -268,15 +280,15 @@ class CudaEngine(Engine):
         if places := order_places(frame):
             order = self._allocate("the tiles' order", places, torch.int32).zero_()
             attach(frame, {"order": order})
-        plan = self._plans[key] = _Plan(frame, kernels, step, (buffers, order, *kept))
+        plan = self._plans[key] = _Plan(frame, blunted, kernels, step, (buffers, order, *kept))
         return plan
 
     def _repeat(self, plan: _Plan) -> None:
         """Runs a plan: directly at first, which also loads the kernels, and from a graph ever after."""
         if not plan.ran:
-            self._launch(plan.kernels, plan.frame)
+            self._launch(plan.kernels, plan.frame, plan.blunted)
             plan.ran = True
             return
         if plan.replay is None:
-            plan.replay = self._driver.capture(lambda: self._launch(plan.kernels, plan.frame))
+            plan.replay = self._driver.capture(lambda: self._launch(plan.kernels, plan.frame, plan.blunted))
         plan.replay()

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import members, pointer_on
+from cubicsplat_cli.raster.cpu import Blunting, members, pointer_on
 from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Rates
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
@@ -37,6 +37,7 @@ EXACT_BYTES = THREADS * 4
 FIXED_SHARED = 4 * (
     LISTED + BATCH * ATTRIBUTES + MASK_WORDS + BATCH * STRIPS + BATCH + 2 * STRIPS + BATCH * (STRIPS * 8 + 8)
 )
+SIDE_BYTES = 4 * 12  # of an edge in spikes.h
 RESERVED_SHARED = 1024  # bytes of each block that the system keeps for itself
 BLOCKS_PER_SM = {"relaxed": 4, "exact": 3}  # what the kernels' registers allow (launch bounds)
 
@@ -54,6 +55,7 @@ class StepValues(ctypes.Structure):
         *members(c_float, "edge_width tolerance"), ("background", c_float * 4), ("rates", c_float * 9),
         ("penalty", c_float * 3), *members(c_int, "importance_kind number"),
         *members(c_void_p, "image importance background_gradient points_gradient rate_scale loss"),
+        ("blunting", Blunting),
     ]  # fmt: skip
 
 
@@ -90,8 +92,8 @@ def shared_bytes(coverage: str, slots: int) -> int:
 
 
 def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:
-    """Percent of a multiprocessor's shared memory that a raster kernel's blocks take, as many as registers allow."""
-    resident = BLOCKS_PER_SM[kernel.removeprefix("raster_")]
+    """Percent of a multiprocessor's shared memory that a kernel's blocks take, as many as registers allow."""
+    resident = BLOCKS_PER_SM.get(kernel.removeprefix("raster_"), 1)
     return min(100, blocks(100 * resident * (shared + RESERVED_SHARED), shared_per_sm))
 
 

@@ -9,6 +9,10 @@
 #define CS_EXPORT extern "C" __attribute__((visibility("default")))
 #endif
 
+namespace cs {
+struct Blunting;
+}
+
 extern "C" {
 
 // What to draw: N primitives, front to back.
@@ -67,18 +71,6 @@ struct CsGradients {
   float* stops;       // N x most_stops x 4
 };
 
-// A penalty on spikes and slivers, see photo/geometric.py, whose gradient is added to the picture's. That changes
-// slowly, so that it is good for a few steps.
-struct CsBlunting {
-  double turns, slivers;     // weights, times the loss
-  double loss;               // of the step before
-  float turn, arm;           // radians, beyond which a join is a spike; px, of the shortest handles
-  float thinnest, opposite;  // px, below which it is a sliver; cosine between two edges that are two sides
-  int32_t edges;             // of a segment's polyline
-  int32_t every, left;       // steps for which a gradient is good, and for how many more the present one is
-  float* gradient;           // N x K x 2
-};
-
 // What the control points follow from: points (K x 2) = map (K x count) values (count x 2) of each curve.
 struct CsTied {
   float* values;   // N x count x 2, which the optimiser moves in place of the points
@@ -102,7 +94,7 @@ struct CsTraining {
   const float* rate_scale;  // N x 5, or null: each curve's factors of the five rates below; where 0, nothing is written
   float rate_points, rate_colours, rate_opacities, rate_half_widths, rate_edge_widths;
   float keep1, keep2, keep3, epsilon;
-  CsBlunting* blunting;    // or null
+  cs::Blunting* blunting;  // spikes.h, or null: a penalty whose gradient is added to the picture's
   const CsTied* tied;      // or null
   int32_t shared_opacity;  // 1: after a step all curves have the mean of their opacities
 };

@@ -210,7 +210,7 @@ struct CsEngine {
   }
 
   // Brings the penalty's gradient up to date, of which each is good for a few steps.
-  void blunt(const CsScene& scene, const CsSettings& settings, const CsImages& images, CsBlunting& blunting) {
+  void blunt(const CsScene& scene, const CsSettings& settings, const CsImages& images, cs::Blunting& blunting) {
     if (blunting.left-- > 0) return;
     blunting.left = blunting.every - 1;
     cs::prepare(frame, scene, settings, images, true);
@@ -324,7 +324,7 @@ int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, c
 
 }  // namespace
 
-int32_t cs_abi_version() { return 12; }
+int32_t cs_abi_version() { return 13; }
 
 const char* cs_isa_names() {
   static const std::string names = [] {

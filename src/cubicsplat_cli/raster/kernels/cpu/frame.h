@@ -4,7 +4,7 @@
 #include <atomic>
 #include <vector>
 
-#include "../shared/curve.h"
+#include "../shared/spikes.h"
 #include "tile.h"
 
 namespace cs {
@@ -75,7 +75,7 @@ void flatten(Frame&, int chunk);
 // Pairs -> for each tile its pairs, front to back. No sort: the order of the primitives is the order of the lists.
 void bin(Frame&);
 // The gradient of the penalty on spikes and slivers, of one chunk.
-void blunt(const Frame&, int chunk, const CsBlunting&);
+void blunt(const Frame&, int chunk, const Blunting&);
 // Pair gradients -> parameter gradients of one chunk, and the optimiser's step.
 void update(Frame&, int chunk, const CsGradients*, const CsTraining*);
 

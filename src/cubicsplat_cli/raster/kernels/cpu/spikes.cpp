@@ -1,6 +1,4 @@
-// The gradient of a penalty on spikes, joins at which an outline turns back, and on slivers, places where two sides of
-// an outline run closely against each other, with the shape between them. The formulas are those of photo/geometric.py,
-// which does the same with arrays for a GPU.
+// The gradient of the penalty on spikes and slivers, whose formulas stand in shared/spikes.h.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -12,18 +10,7 @@
 namespace cs {
 namespace {
 
-constexpr int kUnknown = -1000;
-
-struct Edge {
-  float ax, ay, by, ux, uy, length, mx, my;  // start, the end's y, direction, length, middle
-  float fx = 0, fy = 0, gx = 0, gy = 0;      // gradients of its start and end
-  int left = kUnknown;                       // the winding number to the left of its middle
-};
-
-struct Canvas {
-  float width, height;
-  bool has(float x, float y) const { return x >= 0 && y >= 0 && x <= width && y <= height; }
-};
+constexpr int kUnknown = -1000;  // winding number that nobody has asked for yet
 
 struct Box {
   float left, top, right, bottom;
@@ -32,196 +19,150 @@ struct Box {
   }
 };
 
-struct Basis {
-  std::vector<float> of;  // (edges + 1) x 4
-  explicit Basis(int edges) : of(4 * (edges + 1)) {
-    for (int s = 0; s <= edges; ++s) {
-      const float t = float(s) / float(edges), r = 1.0f - t;
-      const float values[4] = {r * r * r, 3 * r * r * t, 3 * r * t * t, t * t * t};
-      std::copy(values, values + 4, &of[4 * s]);
-    }
-  }
-};
-
-// What tells most pairs apart, of all edges, each in an array of its own for vector instructions.
+// What tells most pairs of edges apart, each in an array of its own for vector instructions.
 struct Lines {
   std::vector<float> ax, ay, ux, uy;
   std::vector<uint8_t> close;
   explicit Lines(size_t count) : ax(count), ay(count), ux(count), uy(count), close(count) {}
-  void set(const Edge* all, int count) {
+  void set(const Side* all, int count) {
     for (int i = 0; i < count; ++i) ax[i] = all[i].ax, ay[i] = all[i].ay, ux[i] = all[i].ux, uy[i] = all[i].uy;
   }
 };
 
-constexpr float kLeastLength = 1e-6f;
-
-// The edges of the segment with the control points p[c[0]] .. p[c[3]], and the box around them.
-Box flatten(const Basis& basis, int edges, const float* points, const int* corners, Edge* out) {
-  float x[2] = {0, 0};
-  Box box{};
-  for (int s = 0; s <= edges; ++s) {
-    float y[2] = {0, 0};
-    for (int k = 0; k < 4; ++k)
-      for (int axis = 0; axis < 2; ++axis) y[axis] += basis.of[4 * s + k] * points[2 * corners[k] + axis];
-    if (s == 0) {
-      box = {y[0], y[1], y[0], y[1]};
-    } else {
-      const float dx = y[0] - x[0], dy = y[1] - x[1];
-      const float length = std::max(std::sqrt(dx * dx + dy * dy), kLeastLength);
-      out[s - 1] = {x[0], x[1], y[1], dx / length, dy / length, length, 0.5f * (x[0] + y[0]), 0.5f * (x[1] + y[1])};
-      box = {std::min(box.left, y[0]), std::min(box.top, y[1]), std::max(box.right, y[0]), std::max(box.bottom, y[1])};
-    }
-    std::copy(y, y + 2, x);
-  }
-  return box;
-}
-
-// The distance in px of the point x, y from the edge's line, to its left positive.
-float beside(const Edge& edge, float x, float y) { return edge.ux * (y - edge.ay) - edge.uy * (x - edge.ax); }
-
-// By the edges that a ray from the middle towards +x crosses; the ray begins just left of the edge itself.
-int winding_left(const Edge* all, int count, Edge& edge) {
-  if (edge.left != kUnknown) return edge.left;
-  int winding = edge.uy > 0 ? 1 : 0;
-  for (const Edge* other = all; other != all + count; ++other) {
-    if (other == &edge || (other->ay <= edge.my) == (other->by <= edge.my)) continue;
-    const float side = beside(*other, edge.mx, edge.my);
-    if (other->uy > 0 && side > 0) ++winding;
-    if (other->uy < 0 && side < 0) --winding;
-  }
-  return edge.left = winding;
-}
-
-struct Sliver {
-  float thinnest, opposite;
-  Canvas canvas;
-};
-
-// Whether the line of any edge from begin to end runs against the one edge and is close to its middle; which: close.
-bool any_close(const Sliver& penalty, Lines& lines, const Edge& one, int begin, int end) {
-  const float *ax = lines.ax.data(), *ay = lines.ay.data(), *ux = lines.ux.data(), *uy = lines.uy.data();
-  uint8_t* close = lines.close.data();
-  unsigned any = 0;
-  for (int j = begin; j < end; ++j) {
-    const float distance = std::fabs(ux[j] * (one.my - ay[j]) - uy[j] * (one.mx - ax[j]));
-    const bool is = (distance < penalty.thinnest) & (one.ux * ux[j] + one.uy * uy[j] < penalty.opposite);
-    close[j] = is;
-    any |= is;
-  }
-  return any != 0;
-}
-
-// What the middle of the one edge and the other edge, close to it, do to each other.
-void push(const Sliver& penalty, const Edge* all, int count, Edge& one, Edge& other) {
-  const float across = one.mx - other.ax, down = one.my - other.ay;
-  const float distance = beside(other, one.mx, one.my);
-  if (distance == 0.0f || !penalty.canvas.has(one.mx, one.my)) return;
-  const float share = (across * other.ux + down * other.uy) / other.length;
-  if (share < 0.0f || share > 1.0f) return;
-  // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
-  const int within = distance > 0 ? 1 : 0;
-  if (winding_left(all, count, one) != within || winding_left(all, count, other) != within) return;
-  const float force = distance > 0 ? -one.length : one.length;
-  const float x = -other.uy * force, y = other.ux * force;
-  one.fx += 0.5f * x, one.fy += 0.5f * y, one.gx += 0.5f * x, one.gy += 0.5f * y;
-  other.fx -= (1.0f - share) * x, other.fy -= (1.0f - share) * y, other.gx -= share * x, other.gy -= share * y;
-}
-
-// Adds the derivatives of the turn at a join of p[0], p[1] and p[2], if it is too far; to: those of the three points.
-void turn_back(const float* before, const float* join, const float* after, float turn, float* to_before, float* to_join,
-               float* to_after) {
-  const float ux = join[0] - before[0], uy = join[1] - before[1], vx = after[0] - join[0], vy = after[1] - join[1];
-  const float turned = ux * vy - uy * vx, along = ux * vx + uy * vy, across = std::fabs(turned) + 1e-6f;
-  if (!(std::atan2(across, along) > turn)) return;
-  const float squared = across * across + along * along;
-  const float by_cross = (turned > 0 ? along : (turned < 0 ? -along : 0.0f)) / squared, by_along = -across / squared;
-  const float of_u[2] = {by_cross * vy + by_along * vx, by_along * vy - by_cross * vx};
-  const float of_v[2] = {by_along * ux - by_cross * uy, by_cross * ux + by_along * uy};
-  for (int c = 0; c < 2; c++) to_before[c] -= of_u[c], to_join[c] += of_u[c] - of_v[c], to_after[c] += of_v[c];
-}
-
-// The gradient of the turns of one curve, at most weight / arm a point.
-void add_turns(const Rings& rings, bool closed, const CsBlunting& penalty, const Canvas& canvas, const float* points,
-               float* out) {
-  const float weight = float(penalty.turns * penalty.loss);
+// The gradient of the turns of one curve.
+void add_turns(const Frame& f, const Rings& rings, const Blunting& penalty, const float* points, float* out) {
   for (int r = 0; r < rings.count; r++)
-    for (int m = rings.begin(r) + (closed ? 0 : 1); m < rings.end(r); m++) {
+    for (int m = rings.begin(r) + (f.scene.closed ? 0 : 1); m < rings.end(r); m++) {
       const int before = 3 * (m == rings.begin(r) ? rings.end(r) - 1 : m - 1) + 2;
       const float* join = points + 6 * m;
-      if (!canvas.has(join[0], join[1])) continue;
-      turn_back(points + 2 * before, join, join + 2, penalty.turn, out + 2 * before, out + 6 * m, out + 6 * m + 2);
+      if (!on_canvas(join[0], join[1], f.scene.width, f.scene.height)) continue;
+      add_turn(points + 2 * before, join, join + 2, penalty.turn, out + 2 * before, out + 6 * m, out + 6 * m + 2);
     }
   for (float* g = out; g < out + 6 * rings.total(); g += 2) {
-    const float long_ = std::max(std::sqrt(g[0] * g[0] + g[1] * g[1]), 1e-9f);
-    for (int c = 0; c < 2; c++) g[c] *= weight * std::min(1.0f / (penalty.arm * long_), 1.0f);
+    const float factor = held_back(g, float(penalty.turns * penalty.loss), penalty.arm);
+    for (int c = 0; c < 2; c++) g[c] *= factor;
   }
 }
 
-// Finds those of slivers, of one curve after the other.
+// Finds the gradient of slivers, of one curve after the other.
 class Slivers {
  public:
-  Slivers(const CsBlunting& of, const Canvas& canvas, int segments)
-      : edges_(of.edges), basis_(of.edges), penalty_{of.thinnest, of.opposite, canvas},
-        weight_(float(of.slivers * of.loss)), all_(size_t(segments) * of.edges), lines_(all_.size()), boxes_(segments),
-        corners_(4 * size_t(segments)) {}
+  Slivers(const Frame& frame, const Blunting& penalty)
+      : frame_(frame), penalty_(penalty), basis_(4 * (penalty.edges + 1)),
+        all_(size_t(frame.scene.segments) * penalty.edges), left_(all_.size()), lines_(all_.size()),
+        boxes_(frame.scene.segments) {
+    for (int s = 0; s <= penalty.edges; ++s) bernstein(float(s) / float(penalty.edges), &basis_[4 * s]);
+  }
 
   void add(const Rings& rings, const float* points, float* out) {
-    int count = 0;
-    for (int r = 0; r < rings.count; ++r) {
-      for (; count < rings.end(r); ++count) {
-        int* c = &corners_[4 * size_t(count)];
-        for (int k = 0; k < 3; ++k) c[k] = 3 * count + k;
-        c[3] = rings.end_point(r, count, true);
-        boxes_[count] = flatten(basis_, edges_, points, c, &all_[size_t(count) * edges_]);
-      }
-    }
-    lines_.set(all_.data(), count * edges_);
+    const int edges = penalty_.edges;
+    count_ = rings.total() * edges;
+    for (int r = 0; r < rings.count; ++r)
+      for (int m = rings.begin(r); m < rings.end(r); ++m) flatten(m, rings.end_point(r, m, true), points);
+    lines_.set(all_.data(), count_);
+    std::fill(left_.begin(), left_.end(), kUnknown);
     bool any = false;
-    for (int q = 0; q < count; ++q)
-      for (int i = 0; i < count * edges_; ++i) {
-        const int first = q * edges_, last = first + edges_;
-        if (!boxes_[q].near(all_[i].mx, all_[i].my, penalty_.thinnest)) continue;
-        if (!any_close(penalty_, lines_, all_[i], first, last)) continue;
+    for (int first = 0; first < count_; first += edges)
+      for (int i = 0; i < count_; ++i) {
+        if (!boxes_[first / edges].near(all_[i].mx, all_[i].my, penalty_.thinnest)) continue;
+        if (!any_close(all_[i], first, first + edges)) continue;
         any = true;
-        for (int j = first; j < last; ++j)
-          if (lines_.close[j]) push(penalty_, all_.data(), count * edges_, all_[i], all_[j]);
+        for (int j = first; j < first + edges; ++j)
+          if (lines_.close[j]) push(i, j);
       }
     if (!any) return;
-    for (int p = 0; p < count; ++p)
-      for (int s = 0; s < edges_; ++s) {
-        const Edge& edge = all_[size_t(p) * edges_ + s];
-        for (int k = 0; k < 4; ++k) {
-          float* at = out + 2 * corners_[4 * size_t(p) + k];
-          const float first = weight_ * basis_.of[4 * s + k], second = weight_ * basis_.of[4 * (s + 1) + k];
-          at[0] += first * edge.fx + second * edge.gx;
-          at[1] += first * edge.fy + second * edge.gy;
-        }
-      }
+    for (int r = 0; r < rings.count; ++r)
+      for (int m = rings.begin(r); m < rings.end(r); ++m) give(m, rings.end_point(r, m, true), out);
   }
 
  private:
-  int edges_;
-  Basis basis_;
-  Sliver penalty_;
-  float weight_;
-  std::vector<Edge> all_;
+  // The edges of segment m, which ends in that control point, and the box around them.
+  void flatten(int m, int end_point, const float* points) {
+    float before[2] = {0, 0};
+    Box box{};
+    for (int s = 0; s <= penalty_.edges; ++s) {
+      float at[2] = {0, 0};
+      for (int k = 0; k < 4; ++k)
+        for (int axis = 0; axis < 2; ++axis)
+          at[axis] += basis_[4 * s + k] * points[2 * (k < 3 ? 3 * m + k : end_point) + axis];
+      box = s == 0 ? Box{at[0], at[1], at[0], at[1]}
+                   : Box{std::min(box.left, at[0]), std::min(box.top, at[1]), std::max(box.right, at[0]),
+                         std::max(box.bottom, at[1])};
+      if (s > 0) all_[size_t(m) * penalty_.edges + s - 1] = side_between(before, at);
+      std::copy(at, at + 2, before);
+    }
+    boxes_[m] = box;
+  }
+
+  // True if any edge from begin to end `runs_against` the one; lines_.close tells which.
+  bool any_close(const Side& one, int begin, int end) {
+    const float *ax = lines_.ax.data(), *ay = lines_.ay.data(), *ux = lines_.ux.data(), *uy = lines_.uy.data();
+    uint8_t* close = lines_.close.data();
+    unsigned any = 0;
+    for (int j = begin; j < end; ++j) {
+      const float distance = std::fabs(ux[j] * (one.my - ay[j]) - uy[j] * (one.mx - ax[j]));
+      const bool is = (distance < penalty_.thinnest) & (one.ux * ux[j] + one.uy * uy[j] < penalty_.opposite);
+      close[j] = is;
+      any |= is;
+    }
+    return any != 0;
+  }
+
+  int left(int i) {
+    if (left_[i] == kUnknown) left_[i] = winding_left(all_.data(), count_, all_[i]);
+    return left_[i];
+  }
+
+  // What the middle of edge i and edge j, close to it, do to each other.
+  void push(int i, int j) {
+    Side &one = all_[i], &other = all_[j];
+    const float distance = beside(other, one.mx, one.my), share = foot(one, other);
+    if (distance == 0.0f || !on_canvas(one.mx, one.my, frame_.scene.width, frame_.scene.height)) return;
+    if (share < 0.0f || share > 1.0f) return;
+    // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
+    const int within = distance > 0 ? 1 : 0;
+    if (left(i) != within || left(j) != within) return;
+    const float force = distance > 0 ? -one.length : one.length;
+    const float by[2] = {-other.uy * force, other.ux * force};
+    for (int c = 0; c < 2; ++c) {
+      one.of_start[c] += 0.5f * by[c], one.of_end[c] += 0.5f * by[c];
+      other.of_start[c] -= (1.0f - share) * by[c], other.of_end[c] -= share * by[c];
+    }
+  }
+
+  // Brings the gradients of the vertices of segment m to its control points.
+  void give(int m, int end_point, float* out) const {
+    const float weight = float(penalty_.slivers * penalty_.loss);
+    for (int s = 0; s < penalty_.edges; ++s) {
+      const Side& edge = all_[size_t(m) * penalty_.edges + s];
+      for (int k = 0; k < 4; ++k)
+        for (int c = 0; c < 2; ++c)
+          out[2 * (k < 3 ? 3 * m + k : end_point) + c] += weight * basis_[4 * s + k] * edge.of_start[c] +
+                                                          weight * basis_[4 * (s + 1) + k] * edge.of_end[c];
+    }
+  }
+
+  const Frame& frame_;
+  const Blunting& penalty_;
+  std::vector<float> basis_;  // (edges + 1) x 4
+  std::vector<Side> all_;
+  int count_ = 0;          // edges of the present curve
+  std::vector<int> left_;  // the winding numbers to the left of their middles
   Lines lines_;
-  std::vector<Box> boxes_;
-  std::vector<int> corners_;
+  std::vector<Box> boxes_;  // of the segments
 };
 
 }  // namespace
 
-void blunt(const Frame& f, int index, const CsBlunting& penalty) {
+void blunt(const Frame& f, int index, const Blunting& penalty) {
   const CsScene& s = f.scene;
-  const Canvas canvas{float(s.width), float(s.height)};
-  Slivers slivers(penalty, canvas, s.segments);
+  Slivers slivers(f, penalty);
   const size_t stride = 2 * size_t(f.points_per_curve);
   for (int p = index * kChunk, last = std::min(s.curves, p + kChunk); p < last; p++) {
     const float* points = s.points + p * stride;
     float* out = penalty.gradient + p * stride;
     std::fill(out, out + stride, 0.0f);
-    add_turns(f.rings(p), s.closed, penalty, canvas, points, out);
+    add_turns(f, f.rings(p), penalty, points, out);
     if (s.closed) slivers.add(f.rings(p), points, out);
   }
 }

@@ -1,8 +1,8 @@
 // What passes between the CUDA kernels, and their sizes: mirrored field by field in frame.py.
 #pragma once
 
-#include "curve.h"
 #include "paint.h"
+#include "spikes.h"
 
 // What the picture is made of is fixed when the text is compiled: one small program per mode and number of channels.
 #ifndef CS_CLOSED
@@ -70,6 +70,7 @@ struct Step {
   const float* points_gradient;  // N x K x 2, or null: of a further loss term
   const float* rate_scale;       // N x 5, or null: each curve's factors of the step sizes
   double* loss;                  // 1, or null
+  Blunting blunting;             // of spikes and slivers; without a gradient there is no such penalty
 };
 
 // What stays the same while a captured graph lives; passed to every kernel by value.

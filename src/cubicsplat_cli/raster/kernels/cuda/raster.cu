@@ -1,4 +1,4 @@
-// The CUDA engine: one step is set_step, flatten, bin, raster, update, in this order on one stream.
+// The CUDA engine: one step is set_step, blunt, flatten, bin, raster, update, in this order on one stream.
 //
 // Compiled at first use by NVRTC, and by the tests with a C++ compiler against an emulator of CUDA's threads; no header
 // of the toolkit is needed. The kernels take one plain struct and know nothing of torch. No kernel waits for the host,
@@ -7,6 +7,7 @@
 // gradients up to rounding.
 
 #include "raster.cuh"
+#include "spikes.cuh"
 #include "update.cuh"
 
 #ifndef CS_DYNAMIC_SHARED
@@ -17,6 +18,11 @@ extern "C" {
 
 // Values reach the device as a kernel's arguments: no pinned memory, no copy that a later step could overtake.
 __global__ void set_step(const cs::Step values, cs::Step* step) { *step = values; }
+
+__global__ void __launch_bounds__(cs::kSmallThreads) blunt(const cs::Frame f) {
+  CS_DYNAMIC_SHARED(memory);
+  cs::blunt_curve(f, memory);
+}
 
 __global__ void __launch_bounds__(cs::kSmallThreads) flatten(const cs::Frame f) { cs::flatten_curve(f); }
 

@@ -87,9 +87,10 @@ CS_INLINE void train(const Frame& f, int curve, const Parameter& p, float gradie
 
 CS_INLINE float coordinate_gradient(const Frame& f, int curve, int i, const float* attributes) {
   const float* vertices = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
+  const size_t at = size_t(curve) * f.points_per_curve * 2 + i;
+  const float *further = f.step->points_gradient, *of_spikes = f.step->blunting.gradient;
   const float g = point_gradient(f.rings_of(curve), vertices, i, int(attributes[kSamples]));
-  const float* further = f.step->points_gradient;
-  return further ? g + further[size_t(curve) * f.points_per_curve * 2 + i] : g;
+  return g + (further ? further[at] : 0.0f) + (of_spikes ? of_spikes[at] : 0.0f);
 }
 
 // One warp per curve, one parameter per lane.
