@@ -4,15 +4,17 @@ of all frames, in which the gradients of frames move the knots around them.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
+from ctypes import c_int64, c_void_p
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cubicsplat_cli.progress import nothing, work
-from cubicsplat_cli.raster.cpu import native
-from cubicsplat_cli.raster.engine import Engine, EngineScene
+from cubicsplat_cli.raster.cpu import CpuEngine, address_of, members, native
+from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
@@ -25,6 +27,8 @@ PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
 LEVELS = 255
 EVERY = slice(None)
 KEEP_MEAN, KEEP_SQUARE, EPSILON = 0.8, 0.95, 1e-12  # Adam's (Kingma and Ba, 2015)
+ADAM = np.array([KEEP_MEAN, KEEP_SQUARE, EPSILON])
+AT_ONCE = 8  # steps between two looks whether to stop
 RATE_END = 0.05  # of the first step size, at the end of the cosine decay
 
 
@@ -53,7 +57,7 @@ class KnotTrack:
         span = times[after] - times[before]
         share = (times[:, None] - times[before]) / np.where(span > 0.0, span, 1.0)
         before[:, self.still], after[:, self.still], share[:, self.still] = 0, 0, 0.0
-        return Lines(before, after, share.astype(np.float32))
+        return Lines(np.ascontiguousarray(before), np.ascontiguousarray(after), share.astype(np.float32))
 
 
 @record
@@ -180,6 +184,15 @@ def track_gradients(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     }
 
 
+class _KnotTrack(ctypes.Structure):
+    """See the fields in abi.h."""
+
+    _fields_ = [
+        ("numbers", c_int64), *members(c_void_p, "before after share steps held"), ("bounded", c_int64),
+        *members(c_void_p, "values means squares ages"),
+    ]  # fmt: skip
+
+
 class JointFit:
     """Fits the knots of tracks, in place, to frames (H, W, C).
 
@@ -190,7 +203,7 @@ class JointFit:
     """
 
     def __init__(
-        self, tracks: Tracks, frames: list[np.ndarray], engine: Engine, raster: RasterSettings,
+        self, tracks: Tracks, frames: list[np.ndarray], engine: CpuEngine, raster: RasterSettings,
         grid: dict[str, np.ndarray] | None = None,
     ) -> None:  # fmt: skip
         self.tracks, self.frames, self.engine, self.raster, self.grid = tracks, frames, engine, raster, grid
@@ -200,7 +213,17 @@ class JointFit:
             name: (np.zeros_like(track.values), np.zeros_like(track.values), np.zeros(track.knots.shape, np.int32))
             for name, track in tracks.by_name.items()
         }
-        self.held = {"opacities": tracks.by_name["opacities"].values == 0.0}
+        self.held = tracks.by_name["opacities"].values == 0.0
+        self.canvas, _ = tracks.at(0, self.lines)
+        self.given = (_KnotTrack * len(TRACKS))(*(self._native(name) for name in TRACKS))
+
+    def _native(self, name: str) -> _KnotTrack:
+        track, lines, steps = self.tracks.by_name[name], self.lines[name], (self.grid or {}).get(name)
+        return _KnotTrack(
+            track.values.shape[2], address_of(lines.before), address_of(lines.after), address_of(lines.share),
+            None if steps is None else address_of(steps), address_of(self.held) if name == "opacities" else None,
+            name in PAINTS, address_of(track.values), *map(address_of, self.moments[name]),
+        )  # fmt: skip
 
     def run(
         self, epochs: int, rates: tuple[float, float], generator: np.random.Generator, finish: RasterSettings,
@@ -217,25 +240,21 @@ class JointFit:
             on_epoch(epoch / epochs)
             if epoch >= (1.0 - finish_share) * epochs:
                 self.raster = finish
-            for turn, frame in enumerate(generator.permutation(len(self.frames)).tolist()):
+            order = generator.permutation(len(self.frames))
+            along = (epoch * len(order) + np.arange(len(order))) / steps
+            shares = RATE_END + (1.0 - RATE_END) * 0.5 * (1.0 + np.cos(math.pi * along))
+            for begin in range(0, len(order), AT_ONCE):
                 work().at()
-                along = (epoch * len(self.frames) + turn) / steps
-                share = RATE_END + (1.0 - RATE_END) * 0.5 * (1.0 + math.cos(math.pi * along))
-                self.step(frame, (share * rates[0], share * rates[1]))
+                part = slice(begin, begin + AT_ONCE)
+                self.step(order[part], shares[part, None] * rates)
 
-    def step(self, frame: int, rates: tuple[float, float]) -> None:
-        """One step by the gradient of a frame. rates: step sizes of Adam, px of shapes and offsets, and of colours and
-        opacities, in their range.
+    def step(self, frames: np.ndarray, rates: np.ndarray) -> None:
+        """Steps by the gradients of frames (n,), one after the other.
+
+        rates: (n, 2), step sizes of Adam: px of shapes and offsets, and of colours and opacities, in their range.
         """
-        scene, seen = self.tracks.at(frame, self.lines, self.grid)
-        _, found = self.engine.gradients(scene, self.raster, target=self.frames[frame])
-        for name, gradient in track_gradients(found).items():
-            self.move(name, gradient, frame, seen, rates[name in PAINTS])
-
-    def move(self, name: str, gradient: np.ndarray, frame: int, curves: np.ndarray, rate: float) -> None:
-        """One step of the knots of a track by the gradient (n, C) of a frame's values of some curves (n,)."""
-        native(
-            "clip", "cs_step_knots", *gradient.shape, np.ascontiguousarray(gradient),
-            *self.lines[name].rows(frame, curves), self.held.get(name), name in PAINTS, rate, KEEP_MEAN, KEEP_SQUARE,
-            EPSILON, self.tracks.by_name[name].values, *self.moments[name], result=None,
+        targets = (ctypes.c_void_p * len(frames))(*(address_of(self.frames[frame]) for frame in frames))
+        self.engine.call(
+            "cs_step_frames", self.canvas, self.raster, self.tracks.by_name["shapes"].knots.shape[1], self.given,
+            len(frames), frames.astype(np.int64), targets, np.ascontiguousarray(rates, np.float64), ADAM,
         )  # fmt: skip

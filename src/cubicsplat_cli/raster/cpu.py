@@ -301,6 +301,14 @@ class CpuEngine(Engine):
         self._check(self._library.cs_gradients(self._opened(), s, t, images, g))
         return loss.value
 
+    def call(self, name: str, scene: EngineScene, settings: RasterSettings, *given: Any) -> None:
+        """Calls a function of the library that draws with the engine: it takes that, the scene and the settings, and
+        what is given, as by `native`.
+        """
+        s, t = self._scene(scene), self._settings(settings, None)
+        arguments = [_KINDS.get(each.__class__, _in_c)(each) for each in given]
+        self._check(_function(name, c_int32)(c_void_p(self._opened()), ctypes.byref(s), ctypes.byref(t), *arguments))
+
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float:
         given, loss, _kept = self._for_steps(scene, settings, training)
         self._check(self._library.cs_step(self._opened(), *given))

@@ -110,6 +110,18 @@ struct CsRun {
   float *points, *colours, *opacities, *half_widths, *edge_widths;
 };
 
+// Numbers of N curves over F frames, linear between knots: see motion/tracks.py.
+struct CsKnotTrack {
+  int64_t numbers;                  // C, of a curve
+  const int64_t *before, *after;    // F x N: the knots around each frame, numbers of frames
+  const float* share;               // F x N: of the latter
+  const double* steps;              // C: to whose multiples knots are rounded, or null
+  const uint8_t* held;              // F x N: knots that stay as they are, or null
+  int64_t bounded;                  // 1: values stay in [0, 1]
+  float *values, *means, *squares;  // F x N x C: of knots, and Adam's moments of their gradients
+  int32_t* ages;                    // F x N: updates of each
+};
+
 struct CsEngine;
 
 CS_EXPORT int32_t cs_abi_version();

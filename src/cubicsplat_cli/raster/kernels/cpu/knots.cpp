@@ -2,18 +2,25 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <new>
+#include <vector>
 
 #include "abi.h"
 
 namespace {
 
-struct Grid {
-  const double* steps;  // of each number, to whose multiples knots are rounded; null where they are not
+// Values of knots as a file has them: multiples of a step of each number, or as they are without steps.
+float on_grid(float value, const double* steps, int64_t number) {
+  return steps ? float(std::nearbyint(double(value) / steps[number]) * steps[number]) : value;
+}
 
-  float at(float value, int64_t number) const {
-    return steps ? float(std::nearbyint(double(value) / steps[number]) * steps[number]) : value;
+// `numbers` values on the line from the row first to the row last, a share of the way.
+void between(int64_t numbers, const float* first, const float* last, float share, const double* steps, float* out) {
+  for (int64_t i = 0; i < numbers; i++) {
+    const float start = on_grid(first[i], steps, i);
+    out[i] = share > 0.0f ? start + share * (on_grid(last[i], steps, i) - start) : start;
   }
-};
+}
 
 struct Adam {
   double rate, keep_mean, keep_square, epsilon;
@@ -34,36 +41,121 @@ void step_knot(const Adam& adam, int64_t numbers, const float* gradient, float p
   }
 }
 
+// Moves the knots around a frame, a row of each, by the gradient of what lies between them.
+void step(const Adam& adam, const CsKnotTrack& track, int64_t curves, int64_t frame, int64_t curve,
+          const float* gradient) {
+  const int64_t at = frame * curves + curve;
+  const float share = track.share[at];
+  const auto move = [&](int64_t knot, float part) {
+    const int64_t row = knot * curves + curve, begin = row * track.numbers;
+    if (track.held && track.held[row]) return;
+    step_knot(adam, track.numbers, gradient, part, track.bounded, track.values + begin, track.means + begin,
+              track.squares + begin, track.ages[row]);
+  };
+  move(track.before[at], 1.0f - share);
+  if (share > 0.0f) move(track.after[at], share);
+}
+
+// The curves of one frame, and the gradients of its loss.
+class Frame {
+ public:
+  Frame(const CsScene& canvas, int64_t curves, const CsKnotTrack* tracks)
+      : scene_(canvas), curves_(curves), tracks_(tracks), shape_(tracks[0].numbers), points_(curves * (shape_ - 1)),
+        colours_(3 * curves), opacities_(curves), half_widths_(curves), of_points_(points_.size()),
+        of_colours_(3 * curves), of_opacities_(curves), of_half_widths_(curves) {}
+
+  // Of the curves that have an opacity.
+  const CsScene& at(int64_t frame) {
+    seen_.clear();
+    std::vector<float> shape(shape_);
+    for (int64_t curve = 0; curve < curves_; curve++) {
+      const int64_t n = int64_t(seen_.size());
+      value(3, frame, curve, &opacities_[n]);
+      if (!(opacities_[n] > 0.0f)) continue;
+      float offset[2];
+      value(0, frame, curve, shape.data());
+      value(1, frame, curve, offset);
+      value(2, frame, curve, &colours_[3 * n]);
+      for (int64_t i = 0; i < shape_ - 1; i++) points_[n * (shape_ - 1) + i] = shape[i] + offset[i % 2];
+      half_widths_[n] = shape[shape_ - 1];
+      seen_.push_back(curve);
+    }
+    scene_.curves = int32_t(seen_.size());
+    scene_.points = points_.data(), scene_.colours = colours_.data();
+    scene_.opacities = opacities_.data(), scene_.half_widths = half_widths_.data();
+    return scene_;
+  }
+
+  CsGradients gradients() {
+    for (auto* each : {&of_points_, &of_colours_, &of_opacities_, &of_half_widths_})
+      std::fill(each->begin(), each->end(), 0.0f);
+    CsGradients g{};
+    g.points = of_points_.data(), g.colours = of_colours_.data();
+    g.opacities = of_opacities_.data(), g.half_widths = of_half_widths_.data();
+    return g;
+  }
+
+  // adams: of shapes and offsets, and of paints.
+  void step_knots(int64_t frame, const Adam* adams) {
+    std::vector<float> of_shape(shape_);
+    for (size_t n = 0; n < seen_.size(); n++) {
+      float of_offset[2] = {0.0f, 0.0f};
+      for (int64_t i = 0; i < shape_ - 1; i++) of_offset[i % 2] += of_shape[i] = of_points_[n * (shape_ - 1) + i];
+      of_shape[shape_ - 1] = of_half_widths_[n];
+      const float* gradients[] = {of_shape.data(), of_offset, &of_colours_[3 * n], &of_opacities_[n]};
+      for (int k = 0; k < 4; k++) step(adams[k / 2], tracks_[k], curves_, frame, seen_[n], gradients[k]);
+    }
+  }
+
+ private:
+  void value(int k, int64_t frame, int64_t curve, float* out) const {
+    const CsKnotTrack& t = tracks_[k];
+    const int64_t at = frame * curves_ + curve;
+    const float *first = t.values + (t.before[at] * curves_ + curve) * t.numbers,
+                *last = t.values + (t.after[at] * curves_ + curve) * t.numbers;
+    between(t.numbers, first, last, t.share[at], t.steps, out);
+  }
+
+  CsScene scene_;
+  int64_t curves_;
+  const CsKnotTrack* tracks_;
+  int64_t shape_;  // numbers of a shape: its points' coordinates and its half-width
+  std::vector<int64_t> seen_;
+  std::vector<float> points_, colours_, opacities_, half_widths_;
+  std::vector<float> of_points_, of_colours_, of_opacities_, of_half_widths_;
+};
+
 }  // namespace
 
 // found: curves x numbers, on the lines from values[before] to values[after], a share of the way; both are rows of
 // `numbers` values.
 CS_EXPORT void cs_between_knots(int64_t curves, int64_t numbers, const float* values, const int64_t* before,
                                 const int64_t* after, const float* share, const double* steps, float* found) {
-  const Grid grid{steps};
-  for (int64_t curve = 0; curve < curves; curve++) {
-    const float *first = values + numbers * before[curve], *last = values + numbers * after[curve];
-    for (int64_t i = 0; i < numbers; i++, found++) {
-      const float start = grid.at(first[i], i);
-      *found = share[curve] > 0.0f ? start + share[curve] * (grid.at(last[i], i) - start) : start;
-    }
-  }
+  for (int64_t curve = 0; curve < curves; curve++)
+    between(numbers, values + numbers * before[curve], values + numbers * after[curve], share[curve], steps,
+            found + numbers * curve);
 }
 
-// Moves knots by the gradient (curves x numbers) of what lies between them; those rows of `values` stay which `held`
-// names. bounded: values stay in [0, 1]. means, squares, ages: Adam's, of the rows of `values`.
-CS_EXPORT void cs_step_knots(int64_t curves, int64_t numbers, const float* gradient, const int64_t* before,
-                             const int64_t* after, const float* share, const uint8_t* held, int64_t bounded,
-                             double rate, double keep_mean, double keep_square, double epsilon, float* values,
-                             float* means, float* squares, int32_t* ages) {
-  const Adam adam{rate, keep_mean, keep_square, epsilon};
-  for (int64_t curve = 0; curve < curves; curve++, gradient += numbers) {
-    const auto step = [&](int64_t row, float part) {
-      if (held && held[row]) return;
-      const int64_t begin = numbers * row;
-      step_knot(adam, numbers, gradient, part, bounded, values + begin, means + begin, squares + begin, ages[row]);
-    };
-    step(before[curve], 1.0f - share[curve]);
-    if (share[curve] > 0.0f) step(after[curve], share[curve]);
+// Adam's steps of the knots of curves by the gradients of frames, one after the other. canvas: with any curves. tracks:
+// four, of shapes, offsets, colours and opacities. frames, targets (H x W x C): `count` of them. rates: count x 2, of
+// shapes and offsets, and of colours and opacities. adam: kept shares of mean and square, epsilon. Returns 0, or 1 as
+// `cs_gradients` does.
+CS_EXPORT int32_t cs_step_frames(CsEngine* engine, const CsScene* canvas, const CsSettings* settings, int64_t curves,
+                                 const CsKnotTrack* tracks, int64_t count, const int64_t* frames,
+                                 const float* const* targets, const double* rates, const double* adam) {
+  try {
+    Frame own(*canvas, curves, tracks);
+    for (int64_t i = 0; i < count; i++) {
+      CsImages images{};
+      images.target = targets[i];
+      const CsScene& scene = own.at(frames[i]);
+      const CsGradients gradients = own.gradients();
+      if (cs_gradients(engine, &scene, settings, &images, &gradients)) return 1;
+      const Adam adams[] = {{rates[2 * i], adam[0], adam[1], adam[2]}, {rates[2 * i + 1], adam[0], adam[1], adam[2]}};
+      own.step_knots(frames[i], adams);
+    }
+  } catch (const std::bad_alloc&) {
+    return -1;
   }
+  return 0;
 }
