@@ -20,7 +20,7 @@ from cubicsplat_cli.settings import Recipe
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 RATED = 5  # groups of parameters with a rate of their own, in the order of `Rates`
-OWN_ARRAYS = ("points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends")
+MOVED = ("points", "colours", "opacities", "half_widths", "edge_widths")  # arrays of a scene that steps move
 INTEGERS = ("ring_ends", "kinds", "counts", "ages")  # int32, all others float32
 # Of an array, its name for messages, its shape and type: the address of its values, None of None. Raises EngineError
 # where the engine cannot use it.
@@ -73,7 +73,7 @@ class EngineScene(Scene):
 
     def own_addresses(self, pointer: Pointer) -> dict[str, int | None]:
         """Those of the scene's own arrays and of its gradients'."""
-        found = self.addresses(pointer, {name: getattr(self, name) for name in OWN_ARRAYS})
+        found = self.addresses(pointer, {name: getattr(self, name) for name in (*MOVED, "ring_ends")})
         if self.gradients is not None:
             found |= self.addresses(pointer, vars(self.gradients), "gradients.")
         return found
@@ -94,6 +94,11 @@ class Rates:
     edge_widths: float = 0.0
     keep: tuple[float, float, float] = (Recipe.keep_mean, Recipe.keep_change, Recipe.keep_square)
     epsilon: float = Recipe.epsilon
+
+    @property
+    def sizes(self) -> tuple[float, float, float, float, float]:
+        """The step size of each group, in the order of `MOVED`."""
+        return self.points, self.colours, self.opacities, self.half_widths, self.edge_widths
 
 
 @dataclass(eq=False)
