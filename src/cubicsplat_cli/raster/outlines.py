@@ -225,6 +225,9 @@ def fitted_contours(
     given = ends, doubles(points), doubles(weights), bools(known), doubles(prices), bools(astray), work().threads
     unfit = _native("cs_fit_contours", loops, *given, form, values, pieces, *ring, doubtful, result=c_int64)
     starts = 2 * (np.concatenate([[0], ends])[:-1] + np.arange(loops))
-    parts = [slice(*part) for part in zip(starts.tolist(), (starts + np.maximum(pieces, 0)).tolist(), strict=True)]
-    fits = zip(form.tolist(), values, parts, doubtful.tolist(), strict=True)
-    return [FittedContour(k, fit, *(array[own].copy() for array in ring), bad) for k, fit, own, bad in fits], unfit
+    parts = map(slice, starts.tolist(), (starts + np.maximum(pieces, 0)).tolist())
+    contours = []
+    for own, kind, fit, bad in zip(parts, form.tolist(), values, doubtful.tolist(), strict=True):
+        anchors, controls, lines, smooth = (array[own].copy() for array in ring)
+        contours.append(FittedContour(kind, fit, anchors, controls, lines, smooth, bad))
+    return contours, unfit

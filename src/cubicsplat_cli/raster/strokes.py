@@ -63,7 +63,8 @@ class OffsetPlan:
     def of(cls, cubics: np.ndarray, lines: np.ndarray, cap: str, join: str) -> OffsetPlan:
         """Return the plan for a centre line of cubics (S, 4, 2) with a length above 0."""
         given = len(cubics), doubles(cubics), bools(lines), Out(len(cubics), np.int64), Out(len(cubics))
-        return cls(bools(lines), *_native("cs_plan_offset", *given, result=None), cap, join)
+        parts, turns = _native("cs_plan_offset", *given, result=None)
+        return cls(bools(lines), parts, turns, cap, join)
 
     def outline(self, cubics: np.ndarray, half: float) -> StrokeOutline:
         """Return the outline `half` px from a centre line of this plan, of cubics (S, 4, 2), of the same number and
@@ -77,9 +78,9 @@ class OffsetPlan:
         """Return (8 n, 8 S): the derivatives of the points of the outline, of n pieces, by the points of the one or two
         pieces of the centre line that they depend on."""
         room = 128 * pieces
-        out = Out(room, np.int64), Out(room, np.int64), Out(room)
-        entries = _native("cs_offset_slopes", *self._given(cubics, half), STEP, *out, result=c_int64)
-        return SparseRows.of(*entries, (8 * pieces, 8 * len(cubics)))
+        given = *self._given(cubics, half), STEP, Out(room, np.int64), Out(room, np.int64), Out(room)
+        rows, columns, values = _native("cs_offset_slopes", *given, result=c_int64)
+        return SparseRows.of(rows, columns, values, (8 * pieces, 8 * len(cubics)))
 
     def _given(self, cubics: np.ndarray, half: float) -> tuple[Any, ...]:
         style = CAPS.index(self.cap), JOINS.index(self.join)
