@@ -152,21 +152,20 @@ class Backward:
 
 @dataclass(eq=False)
 class Training:
-    """The inputs of training steps, their rates, and what else they write or add. Made once for a fit and changed in
-    place.
+    """The inputs of training steps, their rates, and the arrays that they fill. A fit makes it once and changes it.
 
-    target (H, W, C): the picture; penalty: what its pixels' errors cost. Filled where given: image (H, W, C) and, of
-    importance_kind ("visibility" or "loo"), importance (N,). Read where given: weights (H, W), at least 0, factors of
-    the pixels' losses and importances; image_gradient (H, W, C), dL/dF of another loss, which the step follows in place
-    of the target's; points_gradient (N, K, 2), that of a further loss term, added to the picture's; rate_scale (N, 5),
-    each curve's factors of the step sizes, in the order of `Rates`. of_points (N, K, 2): filled where given, with dL/d
-    of the control points. Filled where the scene has gradients, whose frames and stops a step leaves to its caller:
-    frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either.
+    target (H, W, C): the picture; penalty: the cost of its pixels' errors. importance_kind: "visibility" or "loo".
+    Read unless None: weights (H, W), at least 0, factors of the pixels' losses and importances; image_gradient (H, W,
+    C), dL/dF of another loss, which the step follows in place of the target's; points_gradient (N, K, 2), of a further
+    loss term, added to the picture's; rate_scale (N, 5), each curve's factors of the step sizes, in the order of
+    `Rates`. Filled unless None: image (H, W, C); importance (N,); of_points (N, K, 2), dL/d of the control points; and
+    if the scene has gradients, whose frames and stops a step leaves to its caller, frames_gradient (N, 2, 3) and
+    stops_gradient (N, S, 4), dL/d of either.
 
-    Only the CPU's engine knows these. blunting: a penalty on spikes, whose gradient is added too (`raster.cpu`). tied:
-    arrays of numpy that the control points follow from, which are moved in their place: values (N, V, 2), Adan's
-    moments (N, 2 V, 4) and ages (N,) for them, and map (K, V), with points = map values. shared_opacity: after a step
-    all curves have the mean of their opacities.
+    Only the CPU's engine has these. blunting: a penalty on spikes, whose gradient is added too (`raster.cpu`). tied:
+    arrays of numpy that determine the control points and are moved in their place: values (N, V, 2), Adan's moments
+    (N, 2 V, 4) and ages (N,) for them, and map (K, V), with points = map values. shared_opacity: after a step all
+    curves have the mean of their opacities.
     """
 
     target: Array
