@@ -47,6 +47,6 @@ def laid_out(
     index, position, turn, sure = corners
     at = [np.ascontiguousarray(index, np.int64), doubles(position), doubles(turn), np.ascontiguousarray(sure, bool)]
     given = count, doubles(points), doubles(weights), len(index), *at, float(price)
-    kept, chosen, found = np.empty(len(index), bool), np.empty(count), Division._room(2 * count + 2)
-    pieces = _native("cs_lay_out", *given, kept, byref(start), chosen, *vars(found).values(), result=c_int64)
-    return found._first(pieces), kept, start.value, chosen
+    kept, chosen, room = np.empty(len(index), bool), np.empty(count), Division.room(2 * count + 2)
+    division = Division(*_native("cs_lay_out", *given, kept, byref(start), chosen, *room, result=c_int64))
+    return division, kept, start.value, chosen

@@ -228,10 +228,13 @@ def test_polylines_are_as_coarse_as_the_soft_edge_hides_until_coverage_is_exact(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     used = []
-    settings = CpuEngine._settings
-    monkeypatch.setattr(
-        CpuEngine, "_settings", staticmethod(lambda raster, *rest: used.append(raster) or settings(raster, *rest))
-    )
+    call = CpuEngine._call
+
+    def noted(engine: CpuEngine, function: str, scene: object, raster: RasterSettings, *rest: object, **named: object):
+        used.append(raster)
+        return call(engine, function, scene, raster, *rest, **named)
+
+    monkeypatch.setattr(CpuEngine, "_call", noted)
     fitted([disc(8.0 + frame, 12.0) for frame in range(3)], steps=40)
     edge = QUICK.recipe.edge_end
     assert {raster.tolerance for raster in used if raster.coverage == "relaxed"} == {0.5 * edge}

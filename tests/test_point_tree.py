@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from cubicsplat_cli.raster.point_tree import PointTree
-from cubicsplat_cli.raster.sparse import linked_groups, strong_groups
+from cubicsplat_cli.raster.sparse import linked_groups
 
 # On a coarse grid, so that many lie at the same place and as far as each other.
 PLACES = st.integers(1, 60).flatmap(lambda n: arrays.arrays(float, (n, 2), elements=st.integers(-20, 20).map(float)))
@@ -55,7 +55,7 @@ def test_groups_of_what_is_linked(links):
     found = linked_groups(20, first, second)
     assert found[0] == count and found[1].tolist() == known.tolist()
     count, known = connected_components(graph, directed=True, connection="strong")
-    found = strong_groups(20, first, second)
+    found = linked_groups(20, first, second, directed=True)
     assert found[0] == count
     # The same things together, whatever their numbers.
     assert ((found[1][:, None] == found[1]) == (known[:, None] == known)).all()

@@ -4,16 +4,14 @@ of all frames, in which the gradients of frames move the knots around them.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
-from ctypes import c_int64, c_void_p
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cubicsplat_cli.progress import nothing, work
-from cubicsplat_cli.raster.cpu import CpuEngine, address_of, members, native
+from cubicsplat_cli.raster.cpu import CpuEngine, FrameSteps, NativeTrack, address_of, native
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
@@ -27,7 +25,6 @@ PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
 LEVELS = 255
 EVERY = slice(None)
 KEEP_MEAN, KEEP_SQUARE, EPSILON = 0.8, 0.95, 1e-12  # Adam's (Kingma and Ba, 2015)
-ADAM = np.array([KEEP_MEAN, KEEP_SQUARE, EPSILON])
 AT_ONCE = 8  # steps between two looks whether to stop
 RATE_END = 0.05  # of the first step size, at the end of the cosine decay
 
@@ -184,15 +181,6 @@ def track_gradients(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     }
 
 
-class _KnotTrack(ctypes.Structure):
-    """See the fields in abi.h."""
-
-    _fields_ = [
-        ("numbers", c_int64), *members(c_void_p, "before after share steps held"), ("bounded", c_int64),
-        *members(c_void_p, "values means squares ages"),
-    ]  # fmt: skip
-
-
 class JointFit:
     """Fits the knots of tracks, in place, to frames (H, W, C).
 
@@ -215,11 +203,11 @@ class JointFit:
         }
         self.held = tracks.by_name["opacities"].values == 0.0
         self.canvas, _ = tracks.at(0, self.lines)
-        self.given = (_KnotTrack * len(TRACKS))(*(self._native(name) for name in TRACKS))
+        self.native = (NativeTrack * len(TRACKS))(*(self._native(name) for name in TRACKS))
 
-    def _native(self, name: str) -> _KnotTrack:
+    def _native(self, name: str) -> NativeTrack:
         track, lines, steps = self.tracks.by_name[name], self.lines[name], (self.grid or {}).get(name)
-        return _KnotTrack(
+        return NativeTrack(
             track.values.shape[2], address_of(lines.before), address_of(lines.after), address_of(lines.share),
             None if steps is None else address_of(steps), address_of(self.held) if name == "opacities" else None,
             name in PAINTS, address_of(track.values), *map(address_of, self.moments[name]),
@@ -253,8 +241,10 @@ class JointFit:
 
         rates: (n, 2), step sizes of Adam: px of shapes and offsets, and of colours and opacities, in their range.
         """
-        targets = (ctypes.c_void_p * len(frames))(*(address_of(self.frames[frame]) for frame in frames))
-        self.engine.call(
-            "cs_step_frames", self.canvas, self.raster, self.tracks.by_name["shapes"].knots.shape[1], self.given,
-            len(frames), frames.astype(np.int64), targets, np.ascontiguousarray(rates, np.float64), ADAM,
+        targets = np.array([address_of(self.frames[frame]) for frame in frames], np.uintp)
+        given = np.ascontiguousarray(frames, np.int64), targets, np.ascontiguousarray(rates, np.float64)
+        steps = FrameSteps(
+            self.tracks.by_name["shapes"].knots.shape[1], self.native, len(frames), *map(address_of, given), KEEP_MEAN,
+            KEEP_SQUARE, EPSILON,
         )  # fmt: skip
+        self.engine.step_frames(self.canvas, self.raster, steps)

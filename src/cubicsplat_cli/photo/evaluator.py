@@ -1,5 +1,5 @@
-"""The objective of a fit: penalties of the pixels' errors, by the engine, and MS-SSIM, by autograd; and what its curves
-have of it by exact pictures: their error, and the contribution of each.
+"""The objective of a fit: penalties of the pixels' errors, by the engine, and MS-SSIM, by autograd; and the loss of
+curves, and the contribution of each, by exact pictures.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from cubicsplat_cli.photo.ms_ssim import MsSsim
 
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
-# dB of the finished picture. A curve that adds less shows in no pixel, but takes its bytes and may be a speck beside a
-# silhouette; and all that are left out may cost no more than a hundredth, the last digit that fits are compared by.
+# dB of the finished picture. A curve that adds less than the first shows in no pixel, but takes bytes and may be a
+# speck beside a silhouette. All curves left out together cost at most the second, the last digit of comparisons.
 IDLE_DB, IDLE_TOTAL_DB = 1e-4, 0.01
-IDLE_ROUNDS = 3  # since curves contribute something else without the others; each round takes as long as two steps
+IDLE_ROUNDS = 3  # since the contribution of a curve depends on the others; each takes as long as two steps
 # The losses are brought to about the size that the squared error has at 28 dB, where it is 0.0016 a value, so that
 # weights of a mixture compare like with like and step sizes suit all of them.
 ABSOLUTE = 0.1  # times |e|
@@ -43,16 +43,14 @@ class Evaluator:
         return self.engine.render(curves.for_engine(), self.exact)
 
     def loss(self, curves: FitCurves) -> float:
-        """That of the exact picture."""
-        objective = self.objective
-        if not objective.pixelwise:
-            return float(objective.of(self.picture(curves)))
-        return self.engine.loss(
-            curves.for_engine(), self.exact, objective.goal, objective.weights, objective.penalty
-        )  # fmt: skip
+        """Return the loss of the exact picture."""
+        o = self.objective
+        if not o.pixelwise:
+            return float(o.of(self.picture(curves)))
+        return self.engine.loss(curves.for_engine(), self.exact, o.goal, o.weights, o.penalty)
 
     def importance(self, curves: FitCurves) -> tuple[float, Array]:
-        """The loss of the pixels of the exact picture, and (N,) by how much it would rise without each curve."""
+        """Return the loss of the pixels of the exact picture, and its rise (N,) without each curve."""
         loss, found = self.engine.gradients(
             curves.for_engine(), self.exact, target=self.objective.goal, weights=self.objective.weights,
             penalty=self.objective.judged_by, importance="loo",
@@ -60,21 +58,25 @@ class Evaluator:
         return loss, found["importance"]
 
     def psnr_db(self, loss: float | Array, image: Array) -> float:
-        """That of a picture whose loss is known."""
+        """Return the PSNR of a picture whose loss is known."""
         if self.objective.squared:
             return psnr(float(loss), self.values)
         return psnr(float(image_loss(image, self.objective.goal, self.objective.weights)), self.values)
 
     def without_idle(self, curves: FitCurves, frozen: int) -> FitCurves:
-        """Without the curves, but the last `frozen`, whose leave-one-out importance is less than IDLE_DB: as many as
-        cost less than IDLE_TOTAL_DB together.
+        """Return the curves without those whose leave-one-out importance is less than IDLE_DB, as many as cost less
+        than IDLE_TOTAL_DB together. The last `frozen` stay.
         """
         kept, loss = curves, self.loss(curves)
         most = loss * db_ratio(IDLE_TOTAL_DB)
         for _ in range(IDLE_ROUNDS):
             idle = self._idle(kept, frozen, (most - loss) / max(loss, 1e-300))
             # Two curves may each be of no use only while the other is there.
-            while len(idle) and (without := self.loss(rest := _left(kept, idle))) > most:
+            while len(idle):
+                others = np.setdiff1d(np.arange(kept.curves), idle)
+                rest = kept.chosen(like(kept.points, others, "int64"))
+                if (without := self.loss(rest)) <= most:
+                    break
                 idle = idle[: len(idle) // 2]
             if not len(idle):
                 break
@@ -82,8 +84,8 @@ class Evaluator:
         return kept
 
     def _idle(self, curves: FitCurves, frozen: int, allowed: float) -> np.ndarray:
-        """The curves of less importance than IDLE_DB, the least important first: as many as have at most `allowed`
-        times the loss together, and never all.
+        """Return the curves of less importance than IDLE_DB, the least important first: as many as have at most
+        `allowed` times the loss together, and never all.
         """
         loss, found = self.importance(curves)
         importance = as_numpy(found)[: curves.curves - frozen].astype(np.float64) / max(loss, 1e-300)
@@ -92,7 +94,7 @@ class Evaluator:
         return order[(importance <= db_ratio(IDLE_DB) - 1.0) & (np.maximum(importance, 0.0).cumsum() <= allowed)]
 
     def cost_of_crisp_edges(self, curves: FitCurves, samples: int) -> str:
-        """A sentence on the loss of a file against soft edges, drawn with so many edges per cubic."""
+        """Return a sentence on the loss of a file against soft edges, drawn with so many edges per cubic."""
         soft, crisp = (
             psnr(self.engine.gradients(curves.for_engine(), raster, target=self.objective.goal)[0], self.values)
             for raster in (RasterSettings("relaxed", 1.0, samples), self.exact)
@@ -103,18 +105,13 @@ class Evaluator:
         )
 
 
-def _left(curves: FitCurves, left_out: np.ndarray) -> FitCurves:
-    keep = np.setdiff1d(np.arange(curves.curves), left_out)
-    return curves.chosen(like(curves.points, keep, "int64"))
-
-
 def db_ratio(db: float) -> float:
-    """The factor of a loss that is so many dB worse."""
+    """Return the factor of a loss that is so many dB worse."""
     return 10.0 ** (db / 10.0)
 
 
 def psnr(loss: float, values: int) -> float:
-    """dB of a sum of squared errors over so many values in [0, 1]; at most 100."""
+    """Return the dB of a sum of squared errors over so many values in [0, 1]; at most 100."""
     return min(100.0, 10.0 * math.log10(values / max(loss, 1e-300)))
 
 
@@ -131,7 +128,7 @@ class Objective:
         self.goal, self.weights = goal, weights
         self.penalty = Penalty(share.get("l2", 0.0), robust, knee)
         self.pixelwise = "ms-ssim" not in share
-        # Of what each curve and each place is worth, only pixels can tell.
+        # Only pixel losses give the importance of each curve and each place.
         self.judged_by = self.penalty if set(share) > {"ms-ssim"} or self.pixelwise else SQUARED
         self._structure: MsSsim | None = None
         if not self.pixelwise:
@@ -145,11 +142,11 @@ class Objective:
 
     @property
     def squared(self) -> bool:
-        """Whether it is the plain squared error."""
+        """True for the plain squared error."""
         return self.pixelwise and self.penalty.robust == 0.0
 
     def of(self, image: Array) -> Array:
-        """The loss of a picture of the goal's shape; a tensor, and differentiable, unless it is pixelwise."""
+        """Return the loss of a picture of the goal's shape; unless pixelwise, a tensor, and differentiable."""
         if self._structure is None:
             return image_loss(image, self.goal, self.weights, self.penalty)
         image = as_torch(image, image.device)
@@ -157,7 +154,7 @@ class Objective:
         return pixels + self._factor * self._structure.loss(image)
 
     def gradient(self, image: Array) -> tuple[Array, Array]:
-        """The loss of a picture, a tensor, and its derivative by the picture, of the picture's kind."""
+        """Return the loss of a picture, a tensor, and its derivative by the picture, of the picture's kind."""
         import torch
 
         leaf = as_torch(image, image.device).detach().requires_grad_()

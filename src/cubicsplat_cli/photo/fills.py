@@ -1,5 +1,5 @@
-"""What a fit optimises in place of its curves' own parameters: linear gradients, two colours from one point to another,
-and the parameters of restricted shapes; and how they learn.
+"""Parameters that a fit optimises in place of those of its curves: linear gradients, with a colour at either end, and
+the parameters of restricted shapes; and their updates.
 """
 
 from __future__ import annotations
@@ -8,17 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, grow
+from cubicsplat_cli.scene import shapes
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, like, namespace, sigmoid
 from cubicsplat_cli.scene.gradients import LINEAR, Gradients, linear_frames
-from cubicsplat_cli.scene.shapes import (
-    TEMPLATES,
-    lengths,
-    nearest_shape,
-    polygon_points,
-    shape_gradient,
-    shape_points,
-)
 
 LEAST_LENGTH = 1.0  # px, of the way from one colour to the other
 LOGIT_LIMIT = 9.0  # as in the engines
@@ -39,7 +32,7 @@ class LinearFills(CurveArrays):
 
     @classmethod
     def flat(cls, colour_logits: Array, along: Array) -> LinearFills:
-        """Fills of one colour (n, 3) at both ends, which lie at -along and along (n, 2) px."""
+        """Return fills of one colour (n, 3) at both ends, which lie at -along and along (n, 2) px."""
         xp, n, device = namespace(along), len(colour_logits), colour_logits.device
         return cls(
             contiguous(xp.stack((-along, along), axis=1)),
@@ -49,7 +42,7 @@ class LinearFills(CurveArrays):
         )
 
     def gradients(self, middles: Array) -> Gradients:
-        """The gradients that the engine draws, for curves with these middles (N, 2) px."""
+        """Return the gradients that the engine draws, for curves with these middles (N, 2) px."""
         xp, n, device = namespace(middles), len(middles), middles.device
         places = middles[:, None] + self.ends
         colours = sigmoid(self.stop_logits)
@@ -63,19 +56,17 @@ class LinearFills(CurveArrays):
         )
 
     def resize(self, across: float, down: float) -> None:
-        """Goes over to a picture whose sides are so many times as long, as the trainer does with all else."""
-        xp = namespace(self.ends)
+        """Adapt to a picture whose sides are multiplied by these factors; see `OptimiserState.resize`."""
         self.ends *= like(self.ends, [across, down])
-        scale, pixels = (across * down) ** 0.5, across * down
-        growth = xp.full_like(self.moments[0, :, 0], pixels)
-        growth[:4] = scale
-        self.moments *= xp.stack([growth, growth, growth * growth, growth], axis=-1)
+        growth = namespace(self.ends).full_like(self.moments[0, :, 0], across * down)
+        growth[:4] = (across * down) ** 0.5
+        grow(self.moments, growth)
 
     def learn(
         self, middles: Array, frames_gradient: Array, stops_gradient: Array, rates: Rates, still: Array | None
     ) -> None:
-        """One Adan update (see `adan` in curve.h) by dL/d of the gradients' frames and stops; middles: before the step
-        that found them. still (N,): curves that stay as they are.
+        """Do an Adan update (see `adan` in curve.h) by dL/d of the gradients' frames and stops. middles: of the curves
+        before the step that gave these. still (N,): curves that stay as they are.
         """
         xp, n = namespace(middles), len(middles)
         active = sigmoid(self.stop_logits)
@@ -89,17 +80,16 @@ class LinearFills(CurveArrays):
         self.ages += 1
         step = rate * adan(found, self.moments, self.ages, rates)
         self.ends -= xp.reshape(step[:, :4], (n, 2, 2))
-        self.stop_logits[...] = xp.clip(
-            self.stop_logits - xp.reshape(step[:, 4:], (n, 2, 3)), -LOGIT_LIMIT, LOGIT_LIMIT
-        )
+        moved = self.stop_logits - xp.reshape(step[:, 4:], (n, 2, 3))
+        self.stop_logits[...] = xp.clip(moved, -LOGIT_LIMIT, LOGIT_LIMIT)
         along = self.ends[:, 1] - self.ends[:, 0]
         length = xp.sqrt(xp.sum(along * along, axis=1, keepdims=True))
-        # Too near, they are moved apart along the way that they have.
+        # Ends that are too near are moved apart along their line.
         missing = 0.5 * xp.clip(LEAST_LENGTH - length, min=0.0) * along / xp.clip(length, min=1e-6)
         self.ends += xp.stack((-missing, missing), axis=1)
 
     def _of_ends(self, middles: Array, frames_gradient: Array) -> Array:
-        """dL/d(ends) (N, 2, 2) from that of the frames, with s = v / |v|^2 and -s start in the first row."""
+        """Return dL/d(ends) (N, 2, 2) from dL/d of the frames, whose first row is s = v / |v|^2 and -s start."""
         xp = namespace(middles)
         starts = middles + self.ends[:, 0]
         along = self.ends[:, 1] - self.ends[:, 0]
@@ -111,7 +101,7 @@ class LinearFills(CurveArrays):
 
 
 def middles_of(points: Array, ring_ends: Array | None) -> Array:
-    """The mean (N, 2) of each curve's control points (N, K, 2), without padding; see `Scene`."""
+    """Return the mean (N, 2) of each curve's control points (N, K, 2), without padding; see `Scene`."""
     xp = namespace(points)
     if ring_ends is None:
         return xp.mean(points[:, : points.shape[1] // 3 * 3], axis=1)
@@ -121,7 +111,7 @@ def middles_of(points: Array, ring_ends: Array | None) -> Array:
 
 
 def adan(gradient: Array, moments: Array, ages: Array, rates: Rates) -> Array:
-    """Adan's step for (N, V) parameters, before the rate; updates the moments (N, V, 4)."""
+    """Return Adan's step for (N, V) parameters, before the rate, and update the moments (N, V, 4)."""
     xp, (keep1, keep2, keep3) = namespace(gradient), rates.keep
     mean, change, square, previous = (moments[..., k] for k in range(4))
     age = xp.astype(ages, gradient.dtype)[:, None]
@@ -151,38 +141,37 @@ class Shapes(CurveArrays):
 
     @classmethod
     def nearest(cls, kind: str, points: Array) -> Shapes:
-        """The shapes nearest to closed curves (N, K, 2), which have not moved yet."""
-        xp, values = namespace(points), contiguous(nearest_shape(kind, points))
+        """Return the shapes nearest to closed curves (N, K, 2) that have not moved yet."""
+        xp, values = namespace(points), contiguous(shapes.nearest_shape(kind, points))
         zeros = xp.zeros((*values.shape, 4), dtype=xp.float32, device=points.device)
         return cls(kind, values, zeros, xp.zeros((len(points),), dtype=xp.int32, device=points.device))
 
     @property
     def has_axes(self) -> bool:
-        """Whether they are ellipses or rectangles."""
-        return self.kind in TEMPLATES
+        """True for ellipses and rectangles."""
+        return self.kind in shapes.TEMPLATES
 
     def points(self) -> Array:
-        """The control points (N, K, 2) px."""
-        return shape_points(self.kind, self.values)
+        """Return the control points (N, K, 2) px."""
+        return shapes.shape_points(self.kind, self.values)
 
     def map(self) -> np.ndarray:
-        """(K, V): of polygons, by which the control points follow from V vertices."""
+        """Return (K, V), for polygons: the matrix that gives the control points from V vertices."""
         eye = np.eye(self.values.shape[1] // 2, dtype=np.float32)
-        return contiguous(polygon_points(np.stack((eye, eye), axis=-1))[..., 0].T)
+        return contiguous(shapes.polygon_points(np.stack((eye, eye), axis=-1))[..., 0].T)
 
     def learn(self, of_points: Array, rates: Rates) -> None:
-        """One Adan update by dL/d of the control points."""
+        """Do an Adan update by dL/d of the control points."""
         self.ages += 1
-        gradient = shape_gradient(self.kind, self.values, of_points)
+        gradient = shapes.shape_gradient(self.kind, self.values, of_points)
         self.values -= rates.points * adan(gradient, self.moments, self.ages, rates)
         if self.has_axes:
-            now = lengths(self.values)
+            now = shapes.lengths(self.values)
             self.values[:, 2:4] *= namespace(now).clip(now, min=LEAST_AXIS) / now
 
     def resize(self, across: float, down: float) -> None:
-        """Goes over to a picture whose sides are so many times as long."""
+        """Adapt to a picture whose sides are multiplied by these factors; see `OptimiserState.resize`."""
         both = (across * down) ** 0.5
         factors = [across, down, across, down, both] if self.has_axes else [across, down]
         self.values *= like(self.values, factors * (self.values.shape[1] // len(factors)))
-        # The loss is a sum over the pixels: see `OptimiserState.resize`.
         self.moments *= like(self.values, [both, both, both * both, both])

@@ -12,7 +12,7 @@ from cubicsplat_cli.photo.fills import LinearFills, Shapes, middles_of
 from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, logit, namespace
-from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, ends_of
 from cubicsplat_cli.settings import ANY, FitSettings, Mode, Recipe
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser
@@ -27,7 +27,7 @@ def new_curves(
     points: Array, colours: Array, half_width: float, settings: FitSettings, size: tuple[int, int],
     background: Background = None,
 ) -> FitCurves:  # fmt: skip
-    """Curves with control points (n, K, 2), colours (n, 3) as logits, a half-width in px and the recipe's opacity.
+    """Return curves of control points (n, K, 2), colours (n, 3) as logits, a half-width in px and the recipe's opacity.
 
     size: width and height of the canvas, px.
     """
@@ -48,7 +48,7 @@ def new_curves(
 
 
 def first_opacity(recipe: Recipe) -> float:
-    """The logit of a new curve's opacity."""
+    """Return the logit of a new curve's opacity."""
     if recipe.opaque:
         return OPAQUE_LOGIT
     shared = recipe.shared_opacity
@@ -56,8 +56,8 @@ def first_opacity(recipe: Recipe) -> float:
 
 
 def farthest(points: Array, ring_ends: Array | None = None) -> Array:
-    """(n, 2) px: of each curve's control points (n, K, 2) the first that is about farthest from their mean, seen from
-    there. Not the very farthest: on a circle rounding would choose it.
+    """Return (n, 2) px: of each curve's control points (n, K, 2) the first that is about farthest from their mean, less
+    the mean. On a circle rounding would choose the very farthest.
     """
     xp, (n, k, _), device = namespace(points), points.shape, points.device
     away = points - middles_of(points, ring_ends)[:, None]
@@ -70,7 +70,7 @@ def farthest(points: Array, ring_ends: Array | None = None) -> Array:
 
 
 def control_points(centres: Array, radius: float, settings: FitSettings, generator: np.random.Generator) -> Array:
-    """Control points (n, K, 2) of n new curves at `centres` (n, 2) px: circles of `radius` px, or bent strokes."""
+    """Return control points (n, K, 2) of new curves at `centres` (n, 2) px: circles of `radius` px, or bent strokes."""
     n = centres.shape[0]
     if settings.mode is Mode.CLOSED:
         return centres[:, None, :] + like(centres, radius * random_ring(n, 3 * settings.segments, generator))
@@ -83,14 +83,14 @@ def control_points(centres: Array, radius: float, settings: FitSettings, generat
 
 
 def random_ring(n: int, k: int, generator: np.random.Generator) -> np.ndarray:
-    """(n, k, 2): k points evenly on the unit circle, turned by a random angle for each of the n."""
+    """Return (n, k, 2): k points evenly on the unit circle, turned by a random angle for each of the n."""
     turn = generator.random((n, 1)) * 2 * math.pi
     angle = np.arange(k) / k * 2 * math.pi + turn
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def picture_colours_at(centres: Array, target: Array) -> Array:
-    """Logits (n, 3) of the target's colour (H, W, C) at the centres; straight colour where it is premultiplied."""
+    """Return logits (n, 3) of the straight colours of the target (H, W, C) at the centres."""
     xp, (height, width, _) = namespace(centres), target.shape
     x = xp.astype(xp.clip(centres[:, 0], 0.0, width - 1.0), xp.int64)
     y = xp.astype(xp.clip(centres[:, 1], 0.0, height - 1.0), xp.int64)
@@ -98,7 +98,7 @@ def picture_colours_at(centres: Array, target: Array) -> Array:
 
 
 def colour_to_logits(colours: Array) -> Array:
-    """Logits (n, 3) of colours (n, 3), or of the straight colours of premultiplied (n, 4)."""
+    """Return logits (n, 3) of colours (n, 3), or of the straight colours of premultiplied (n, 4)."""
     xp = namespace(colours)
     if colours.shape[-1] == 4:
         colours = colours[:, :3] / xp.clip(colours[:, 3:], min=1e-3)
@@ -106,7 +106,7 @@ def colour_to_logits(colours: Array) -> Array:
 
 
 def choose_background(target: Array, settings: FitSettings, weights: Array | None = None) -> Background:
-    """The colour behind the curves: the picture's (weighted) mean, the given one, or none for a picture with
+    """Return the colour behind the curves: the given one, else the picture's (weighted) mean; none for a picture with
     transparency.
     """
     if target.shape[2] == 4:
@@ -124,10 +124,10 @@ def choose_background(target: Array, settings: FitSettings, weights: Array | Non
 def curves_to_fit(
     scene: Scene, settings: FitSettings, width: int, height: int, background: Background = None
 ) -> FitCurves:  # fmt: skip
-    """A scene's curves as a fit has them, on a canvas of width x height px.
+    """Return a scene's curves as a fit has them, on a canvas of width x height px.
 
-    Raises InputError for strokes where the settings ask for fills, and the other way round, and for gradients other
-    than those of the settings' fill.
+    Raises InputError for strokes if the settings ask for filled shapes, for filled shapes if they ask for strokes, and
+    for gradients other than those of the settings' fill.
     """
     if scene.mode is not settings.mode:
         what = "filled shapes" if scene.mode.value == "closed" else "strokes"
@@ -144,7 +144,7 @@ def curves_to_fit(
 
 
 def _fills(scene: Scene, settings: FitSettings) -> LinearFills | None:
-    """The scene's gradients as a fit has them."""
+    """Return the scene's gradients as a fit has them."""
     given = scene.gradients
     if settings.fill == "flat":
         if given is None:
@@ -172,38 +172,28 @@ def _logits(colours: Array) -> Array:
 
 
 def keep_frozen(scene: Scene, start: Scene, count: int) -> None:
-    """Gives the last `count` curves of a result back what they were in a start of its size, to the bit."""
+    """Restore the last `count` curves of a result, in place, to their values in a start of its size, to the bit."""
     for name in ("points", "colours", "opacities", "half_widths"):
         values = getattr(start, name)
         kept = getattr(scene, name)[-count:]
         (kept[:, : values.shape[1]] if values.ndim == 3 else kept)[...] = values
-    if scene.gradients is not None:
-        _keep_fills(scene.gradients, start.gradients, count)
-
-
-def _keep_fills(found: Gradients, start: Gradients | None, count: int) -> None:
-    """Gives the last `count` curves back the fills of a start that `curves_of` took, flat ones if it has none."""
-    if start is None:
-        found.kinds[-count:] = FLAT
-        return
-    room = found.most_stops
-    found.kinds[-count:], found.counts[-count:], found.frames[-count:] = start.kinds, start.counts, start.frames
-    found.offsets[-count:], found.stops[-count:] = start.offsets[:, :room], start.stops[:, :room]
+    fills, own = scene.gradients, start.gradients
+    if fills is not None and own is None:
+        fills.kinds[-count:] = FLAT
+    elif fills is not None and own is not None:
+        fills.kinds[-count:], fills.counts[-count:], fills.frames[-count:] = own.kinds, own.counts, own.frames
+        room = fills.most_stops
+        fills.offsets[-count:], fills.stops[-count:] = own.offsets[:, :room], own.stops[:, :room]
 
 
 def warmed(recipe: Recipe, share: float) -> Recipe:
-    """The recipe of a fit of whose curves a share in [0, 1] is in place already: softer means where there are few.
+    """Return the recipe of a fit that begins with a share in [0, 1] of its curves in place: the fewer there are, the
+    softer the edges.
 
-    Where all are, the edges begin as narrow as they end, the steps at half their size, and half as many curves are
-    replaced.
+    If all are in place, the edges begin as narrow as they end, the steps at half their size, and half as many curves
+    are replaced.
     """
-    rate = 1.0 - 0.5 * share
-    return replace(
-        recipe,
-        edge_start=recipe.edge_end * (recipe.edge_start / recipe.edge_end) ** (1.0 - share),
-        prune_fraction=recipe.prune_fraction * rate,
-        rate_points=recipe.rate_points * rate,
-        rate_colours=recipe.rate_colours * rate,
-        rate_opacities=recipe.rate_opacities * rate,
-        rate_half_widths=recipe.rate_half_widths * rate,
-    )
+    names = ("prune_fraction", "rate_points", "rate_colours", "rate_opacities", "rate_half_widths")
+    lower = {name: getattr(recipe, name) * (1.0 - 0.5 * share) for name in names}
+    edge_start = recipe.edge_end * (recipe.edge_start / recipe.edge_end) ** (1.0 - share)
+    return replace(recipe, edge_start=edge_start, **lower)

@@ -13,17 +13,15 @@ from cubicsplat_cli.progress import REPORT_SECONDS, Progress
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 
-HISTORY_ENTRIES = 50
-
 
 @record
 class FitInputs:
     """weights: (H, W) float32, at least 0 and not all 0: how much each pixel matters; None: all alike.
 
     start: a scene, of any size, to begin with in place of discs; the fit gets as many curves as its settings say, by
-    seeding more or by leaving out the least important. frozen: its curves stay as they are. ground: (H, W, 3) float32
-    what lies behind the curves, in place of a colour; only for pictures without transparency, on the CPU.
-    metric: (2, H, W, 3) float32 what errors cost there in place of the loss, see `Engine`.
+    seeding more or by leaving out the least important. frozen: the curves of the start stay as they are. ground: (H, W,
+    3) float32, a picture behind the curves in place of a colour; only for pictures without transparency, on the CPU.
+    metric: (2, H, W, 3) float32, the costs of errors there in place of the loss, see `Engine`.
     """
 
     weights: np.ndarray | None = None
@@ -46,7 +44,7 @@ class FitResult:
     """The best scene of a fit, and how it came about.
 
     samples: edges per cubic of the exact finish (S*). replaced, dropped: curves re-seeded during the fit, and left out
-    at its end since the picture is better, or not visibly worse, without them. notes: what the user should know.
+    at its end since the picture is better, or not visibly worse, without them. notes: for the user.
     """
 
     scene: Scene
@@ -65,7 +63,7 @@ class FitResult:
 @dataclass(eq=False)
 class TrainingLog:
     """history: a few entries over the whole fit. replaced: curves so far. inequality: of their importance, when last
-    measured, 0 to 1. notes: what the user should know. started, reported: by the clock of `time.perf_counter`.
+    measured, 0 to 1. notes: for the user. started, reported: by the clock of `time.perf_counter`.
     """
 
     on_progress: Callable[[Progress], None] | None
@@ -79,25 +77,27 @@ class TrainingLog:
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the fit began."""
+        """The seconds since the fit began."""
         return time.perf_counter() - self.started
 
     def due(self, progress: float) -> bool:
-        """Whether the next entry is due at this progress."""
-        return progress * HISTORY_ENTRIES >= len(self.history) + 1 or progress >= 1.0
+        """Return whether the next of about 50 entries is due at this progress."""
+        return progress * 50 >= len(self.history) + 1 or progress >= 1.0
 
     def record(self, step: int, steps: int, progress: float, psnr_db: Callable[[], float]) -> bool:
-        """After a step: adds an entry where the next is due, and tells whoever waits. Returns whether it did add one.
+        """Add an entry after a step, if the next is due, and call `on_progress`. Return whether an entry was added.
 
         psnr_db: measures the picture, which takes a while.
         """
         now = time.perf_counter()
-        elapsed = now - self.started
-        due = self.due(progress)
+        elapsed, due = now - self.started, self.due(progress)
         if due:
             entry = {
-                "step": step, "psnr_db": round(psnr_db(), 3), "seconds": round(elapsed, 3), "replaced": self.replaced,
-            }  # fmt: skip
+                "step": step,
+                "psnr_db": round(psnr_db(), 3),
+                "seconds": round(elapsed, 3),
+                "replaced": self.replaced,
+            }
             self.history.append(entry if self.inequality is None else {**entry, "gini": round(self.inequality, 4)})
         if self.on_progress and (now - self.reported >= REPORT_SECONDS or progress >= 1.0):
             self.reported = now

@@ -1,5 +1,5 @@
 """A fit from its picture to its result: takes its state through the schedule, replaces curves on the way, and keeps the
-best; over a smaller copy, and with other numbers of curves, where asked for.
+best; on request over a smaller copy, and with other numbers of curves.
 """
 
 from __future__ import annotations
@@ -32,10 +32,9 @@ class FitLoop:
     """Advances the state of one fit, on the engine that `opened` gives; between its parts the number of its curves may
     change.
 
-    target: (H, W, C), of which the kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried
-    there. rough: a smaller copy of the picture, on which all but the exact finish is done, and its inputs. Only fits
-    that do not begin with a drawing come in parts, or have such a copy. Other parameters, and errors, are those of
-    `fit`.
+    target: (H, W, C), of numpy, or of torch to try that on the CPU; all other arrays there are of its kind. rough: a
+    smaller copy of the picture, for all steps but the exact finish, and its inputs. Only fits that do not begin with a
+    drawing come in parts, or have such a copy. Other parameters, and errors, are those of `fit`.
     """
 
     def __init__(
@@ -48,8 +47,11 @@ class FitLoop:
         opened: Callable[..., Engine] = open_engine,
         rough: tuple[np.ndarray, FitInputs] | None = None,
     ) -> None:
-        target = _checked(target, inputs)
-        self.settings = _settings_for(target, settings, inputs)
+        target, start = _checked(target, inputs), inputs.start
+        self.settings = settings.for_size(int(target.shape[1]), int(target.shape[0]))
+        if start is not None and not inputs.frozen:  # smaller steps, since curves are in place already
+            share = min(1.0, start.curves / self.settings.curves)
+            self.settings = self.settings.with_(recipe=warmed(settings.recipe, share))
         # The picture and inputs of the exact finish, if it has others.
         self._finish: tuple[np.ndarray, FitInputs] | None = None
         if rough is not None and settings.recipe.finish > 0.0:
@@ -58,7 +60,13 @@ class FitLoop:
         self.recorder, self.inputs = recorder, inputs
         self.generator = np.random.default_rng(self.settings.seed)
         self.schedule = Schedule(self.settings)
-        self.engine = _engine_for(target, self.settings, inputs, opened)
+        self.engine = opened(
+            settings.device, settings.threads, mode=settings.mode, painted=settings.fill == "linear",
+            channels=4 if target.shape[2] == 4 or settings.background == "none" else 3,
+            subdivide=settings.recipe.flatten == "de-casteljau",
+            segments=max(settings.segments, 0 if start is None else start.segments),
+            samples=max(settings.samples, settings.finish_samples),
+        )  # fmt: skip
         if inputs.ground is not None:
             if self.engine.device != "cpu":
                 raise EngineError("only the CPU's engine fits curves over a picture; use --device cpu")
@@ -67,11 +75,11 @@ class FitLoop:
         self._look_at(target, inputs)
         self.start_loss = math.inf  # of the drawing to begin with, where all of it is in the fit
         self._go_on_with(FitState.unmoved(self._first_curves()))
-        self.saved: tuple[int, FitCurves] | None = None  # what the host has of a GPU's fit, and of which step
+        self.saved: tuple[int, FitCurves] | None = None  # a step of a GPU's fit, and its curves on the host
         self.log = TrainingLog(on_progress)
 
     def _look_at(self, target: Array, inputs: FitInputs) -> None:
-        """Makes the picture (H, W, C) and the pixels' weights the goal of the fit, where the engine is."""
+        """Make the picture (H, W, C) and the pixels' weights the goal of the fit, on the engine's device."""
         self.target = target = with_channels(target, 4 if self.settings.background == "none" else 3)
         self.weights = None if inputs.weights is None else like(target, np.ascontiguousarray(inputs.weights))
         weights = None if self.weights is None else self.engine.take(self.weights)
@@ -90,7 +98,7 @@ class FitLoop:
         return self._resized_to_count(curves)
 
     def _resized_to_count(self, curves: FitCurves) -> FitCurves:
-        """A drawing's curves, without the least important where there are too many, behind new ones where too few."""
+        """Return a drawing's curves without the least important if they are too many, or behind new ones if too few."""
         wanted, room = self.settings.curves, 3 * self.settings.segments + (self.settings.mode.value == "open")
         if curves.curves > wanted:
             xp, (_, importance) = namespace(self.goal), self.evaluator.importance(curves)
@@ -101,7 +109,7 @@ class FitLoop:
         return curves.behind(self._seeds(wanted - curves.curves, curves))
 
     def _seeds(self, count: int, curves: FitCurves) -> FitCurves:
-        """New curves where the exact picture of others is far from the goal."""
+        """Return new curves at places where the exact picture of others is far from the goal."""
         return self._seeder(curves).seeds(count, self.evaluator.picture(curves))
 
     def _seeder(self, curves: FitCurves) -> Seeder:
@@ -109,7 +117,7 @@ class FitLoop:
         return Seeder(self.settings, self.generator, curves.background, objective.goal, objective.weights)
 
     def _go_on_with(self, state: FitState) -> None:
-        """Makes a state the fit's own, of which no step has been done yet, however many there were of others."""
+        """Make a state that no step has changed yet the fit's own; steps of earlier states still count."""
         self.state = state
         self.seeder = self._seeder(state.curves)
         self.stepper = Stepper(state, self.evaluator, self.schedule, self.seeder.unit, self.inputs.frozen_curves)
@@ -119,7 +127,7 @@ class FitLoop:
 
     @property
     def goal(self) -> Array:
-        """The picture, where the engine is."""
+        """The picture, on the engine's device."""
         return self.evaluator.objective.goal
 
     @property
@@ -128,7 +136,7 @@ class FitLoop:
         return self.schedule.progress(self.step, self.log.elapsed)
 
     def run_to(self, progress: float) -> bool:
-        """The steps up to this progress. Returns whether they ended as they should; if not, only `finish` is left."""
+        """Do the steps up to this progress. Return whether they did not fail; else only `finish` may follow."""
         if self.stopped:
             return False
         try:
@@ -143,11 +151,11 @@ class FitLoop:
         return not self.stopped
 
     def relax(self, share: float = 1.0) -> bool:
-        """`run_to` the exact finish, or a share of the way there."""
+        """Do as `run_to` up to the exact finish, or a share of the way there."""
         return self.run_to(share * self.schedule.finish_start)
 
     def finish(self) -> FitResult:
-        """All steps that are left, or as many as there is time for, and what they gave."""
+        """Do the remaining steps, or as many as there is time for, and return the result."""
         if self._finish is not None and self.relax():
             self.go_over_to(*self._finish)
         self.run_to(1.0)
@@ -171,7 +179,7 @@ class FitLoop:
         )  # fmt: skip
 
     def _finished(self, curves: FitCurves) -> Scene:
-        """The result: nothing worse than the drawing to begin with, and what was frozen of it as it was to the bit."""
+        """Return the result: not worse than the drawing to begin with, and with its frozen curves to the bit."""
         scene, start = snapped(self._scene(curves)), self.inputs.start
         if start is None:
             return scene
@@ -186,15 +194,15 @@ class FitLoop:
         return scene
 
     def scene(self) -> Scene:
-        """The curves as they are now."""
+        """Return the curves as they are now."""
         return self._scene(self.state.curves)
 
     def importance(self) -> np.ndarray:
-        """(N,): by how much the loss would rise without each curve."""
+        """Return the rise (N,) of the loss without each curve."""
         return as_numpy(self.evaluator.importance(self.state.curves)[1])
 
     def resize(self, kept: np.ndarray, count: int) -> None:
-        """Goes on with these curves, by number, and with new ones in front, so many in all.
+        """Go on with these curves, by number, and with new ones in front, so many in all.
 
         Not for fits that began with a drawing.
         """
@@ -212,7 +220,7 @@ class FitLoop:
         self._save()
 
     def go_over_to(self, target: Array, inputs: FitInputs) -> None:
-        """Goes on with a copy of the picture of another size."""
+        """Go on with a copy of the picture of another size."""
         self.inputs = inputs
         self._look_at(target, inputs)
         height, width, _ = target.shape
@@ -221,12 +229,12 @@ class FitLoop:
         self._save()
 
     def _save(self) -> None:
-        """Copies a GPU's curves to the host, for when it fails. Waits for it."""
+        """Copy a GPU's curves to the host, in case it fails. Waits for the GPU."""
         if self.engine.runs_ahead:
             self.saved = (self.step, self.state.curves.copy().as_kind_of(self.target))
 
     def _rescue(self, error: DeviceError) -> None:
-        """After a GPU's failure: the last curves that the host has, on the CPU; `error` where it has none."""
+        """Go on, after a GPU's failure, with the last curves on the host; raise `error` if there are none."""
         if self.saved is None:
             raise error
         step, curves = self.saved
@@ -239,42 +247,40 @@ class FitLoop:
         )
 
     def advance(self, until: float = 0.0) -> None:
-        """One step, with the reallocation that the schedule may ask for after it; or, before a progress, as many as
-        there is nothing to do between.
+        """Do one step, and the reallocation that the schedule may ask for after it; or several steps, up to a progress,
+        if there is nothing to do between them.
         """
         if self._looks():
             self.stepper.check_finite(self.step)
         progress = self.progress
         phases = self._phases(progress, until)
         if len(phases) > 1:
-            self._run(phases, progress)
+            best = self.best if phases[0].exact else None
+            self.step += self.stepper.steps(phases, progress, RUN_SECONDS, best)
+            self.stepper.check_loss(self.step - 1)
         else:
             self._advance(phases[0], progress)
         if self.log.record(self.step, self.settings.steps, self.progress, self._psnr_db):
             self._save()  # the engine has just been waited for
 
     def _phases(self, progress: float, until: float) -> list[Phase]:
-        """Those of the next steps, up to one that is another's coverage or penalty, that reallocates, that comes after
-        an entry of the log, or that begins after `until`.
+        """Return the phases of the next steps, up to one with another coverage or penalty, that reallocates, that comes
+        after an entry of the log, or that begins after `until`.
         """
-        schedule, first = self.schedule, self.schedule.phase(progress)
-        found, elapsed, due = [first], self.log.elapsed, self.stepper.regulariser.due
+        schedule, elapsed, due = self.schedule, self.log.elapsed, self.stepper.regulariser.due
+        phases = [first := schedule.phase(progress)]
         single = not self.stepper.runs or self.recorder is not None or schedule.reallocation_due(progress)
-        single = single or (first.exact and self.best.empty)
-        while not single and len(found) < self.engine.at_once:
-            then = schedule.progress(self.step + len(found), elapsed)
-            single = then >= until or schedule.reallocation_due(then)
-            single = single or due(then) != due(progress) or self.log.due(then)
+        if single or (first.exact and self.best.empty):
+            return phases
+        while len(phases) < self.engine.at_once:
+            then = schedule.progress(self.step + len(phases), elapsed)
             phase = schedule.phase(then)
-            if single or phase.exact != first.exact:
+            if phase.exact != first.exact or due(then) != due(progress) or schedule.reallocation_due(then):
                 break
-            found.append(phase)
-        return found
-
-    def _run(self, phases: list[Phase], progress: float) -> None:
-        done = self.stepper.steps(phases, progress, RUN_SECONDS, self.best if phases[0].exact else None)
-        self.step += done
-        self.stepper.check_loss(self.step - 1)
+            if then >= until or self.log.due(then):
+                break
+            phases.append(phase)
+        return phases
 
     def _advance(self, phase: Phase, progress: float) -> None:
         due = self.schedule.take_reallocation(progress)
@@ -291,11 +297,11 @@ class FitLoop:
         self.step += 1
 
     def _psnr_db(self) -> float:
-        """Of the picture before the last step."""
+        """Return the PSNR of the picture before the last step."""
         return self.evaluator.psnr_db(self.stepper.loss, self.stepper.image)
 
     def reallocate(self, progress: float) -> None:
-        """Replaces the least important curves by new ones where the error is high."""
+        """Replace the least important curves by new ones at places with a high error."""
         found = as_numpy(self.stepper.importance)
         self.log.inequality = gini(found)
         frozen = self.inputs.frozen_curves
@@ -313,29 +319,8 @@ class FitLoop:
         return curves.scene(opaque=self.settings.recipe.opaque)
 
     def _looks(self) -> bool:
-        """Whether to look at this step's numbers: always where that costs nothing, now and then on a GPU."""
+        """Return whether to look at this step's numbers: always on the CPU, where it costs nothing; rarely on a GPU."""
         return not self.engine.runs_ahead or self.step % LOOK_EVERY == 0
-
-
-def _settings_for(target: Array, settings: FitSettings, inputs: FitInputs) -> FitSettings:
-    """The settings with a number of curves, and with smaller steps where some of the curves are in place already."""
-    settings = settings.for_size(int(target.shape[1]), int(target.shape[0]))
-    if inputs.start is None or inputs.frozen:
-        return settings
-    share = min(1.0, inputs.start.curves / settings.curves)
-    return settings.with_(recipe=warmed(settings.recipe, share))
-
-
-def _engine_for(
-    target: Array, settings: FitSettings, inputs: FitInputs, opened: Callable[..., Engine]
-) -> Engine:  # fmt: skip
-    transparent = target.shape[2] == 4 or settings.background == "none"
-    return opened(
-        settings.device, settings.threads, mode=settings.mode, channels=4 if transparent else 3,
-        painted=settings.fill == "linear", subdivide=settings.recipe.flatten == "de-casteljau",
-        segments=max(settings.segments, 0 if inputs.start is None else inputs.start.segments),
-        samples=max(settings.samples, settings.finish_samples),
-    )  # fmt: skip
 
 
 def fit(
@@ -345,19 +330,19 @@ def fit(
     recorder: FrameRecorder | None = None,
     inputs: FitInputs = NO_INPUTS,
 ) -> FitResult:
-    """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
+    """Fit a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
-    recorder: keeps scenes on the way. inputs: what else the fit is given.
+    recorder: keeps scenes on the way. inputs: further inputs of the fit.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
-    form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
-    leaves the state that the fit had come to, with a note.
+    form, EngineError if the engine cannot run or meets a value that is not finite. If a GPU fails on the way, the
+    result is the state that the fit had come to, with a note.
     """
     return FitLoop(target, settings, inputs, on_progress, recorder).finish()
 
 
 def _checked(target: Array, inputs: FitInputs) -> Array:
-    """The picture as the engines take it. Raises InputError where it, or its weights, cannot be fitted."""
+    """Return the picture as the engines take it. Raises InputError if it, or its weights, cannot be fitted."""
     xp = namespace(target)
     if target.ndim != 3 or target.shape[2] not in (3, 4) or 0 in target.shape:
         raise InputError(f"the picture must have shape (height, width, 3 or 4), not {target.shape}")

@@ -1,6 +1,6 @@
 """MS-SSIM as a loss: the multi-scale structural similarity of Wang, Simoncelli and Bovik (2003), differentiable.
 
-What of it depends on the picture alone is computed once for a fit.
+All that depends on the goal alone is computed once for a fit.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class MsSsim:
                 factors = None if factors is None else avg_pool2d(factors, 2)
 
     def loss(self, image: Tensor) -> Tensor:
-        """1 - MS-SSIM of a picture of the goal's shape, differentiable; a scalar in [0, 1]."""
+        """Return 1 - MS-SSIM of a picture of the goal's shape, differentiable; a scalar in [0, 1]."""
         planes, similarity = _planes(image), torch.ones((), device=image.device)
         last = len(self._scales) - 1
         for number, (goal, power) in enumerate(zip(self._scales, self._powers, strict=True)):
@@ -114,7 +114,7 @@ def _mixed(parts: list[Tensor], window: list[float]) -> Tensor:
 
 
 def _planes(picture: Tensor) -> Tensor:
-    """(3, 1, H, W) of RGB, or (6, 1, H, W) of premultiplied RGBA over black and over white."""
+    """Return (3, 1, H, W) of RGB, or (6, 1, H, W) of premultiplied RGBA over black and over white."""
     planes = picture.permute(2, 0, 1)[:, None]
     if planes.shape[0] == 3:
         return planes.contiguous()

@@ -13,14 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.photo.initial import (
-    colour_to_logits,
-    control_points,
-    first_opacity,
-    new_curves,
-    picture_colours_at,
-    random_ring,
-)
+from cubicsplat_cli.photo import initial
+from cubicsplat_cli.photo.initial import colour_to_logits, control_points, picture_colours_at
 from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.raster.cpu import native
 from cubicsplat_cli.record import record
@@ -47,8 +41,8 @@ ROUND = 16  # corners of an ellipse there
 class Seeder:
     """Makes new curves for a fit to a target (H, W, C).
 
-    generator: draws all random numbers on the host, so that they are the same for every device. background: the
-    curves'. weights: (H, W), of the pixels. The arrays are in one place, where the work is done.
+    generator: draws all random numbers on the host, so that they are the same for every device. background: of the
+    curves. weights: (H, W), of the pixels. The arrays are on one device, which does the work.
     """
 
     settings: FitSettings
@@ -64,13 +58,13 @@ class Seeder:
         return self.settings.recipe.unit(width, height, self.settings.curves) * spread_of(self.weights) ** 0.5
 
     def first(self) -> FitCurves:
-        """The usual start of a fit: discs or strokes at random places."""
+        """Return the usual start of a fit: discs or strokes at random places."""
         centres = random_centres(self.settings.curves, self.target, self.generator, self.weights)
         points = control_points(centres, self.settings.recipe.start_size * self.unit, self.settings, self.generator)
         return self._curves(points, picture_colours_at(centres, self.target))
 
     def seeds(self, count: int, image: Array) -> FitCurves:
-        """New curves where the picture (H, W, C) is far from the target."""
+        """Return new curves at places where the picture (H, W, C) is far from the target."""
         recipe = self.settings.recipe
         density = error_density(image, self.target, recipe.seed_blur, recipe.seed_power, self.weights)
         if self.settings.shapes != ANY and self.target.shape[2] == 3:
@@ -78,16 +72,16 @@ class Seeder:
         centres = draw_pixels(density, count, self.generator)
         size = recipe.seed_size * self.unit
         if recipe.seeding == "blobs":
-            blobs = find_blobs(centres, image, self.target, size, self.generator, self.weights)
-            return self._curves(blob_points(blobs, self.settings, self.generator), blobs.colour_logits)
+            places, axes, colours = find_blobs(centres, image, self.target, size, self.generator, self.weights)
+            return self._curves(blob_points(places, axes, self.settings, self.generator), colours)
         points = control_points(centres, size, self.settings, self.generator)
         return self._curves(points, picture_colours_at(centres, self.target))
 
     def _placed(self, count: int, image: Array, density: Array) -> FitCurves:
-        """Restricted shapes, tried on the host at places of this density (H, W)."""
+        """Return restricted shapes, tried on the host at places of this density (H, W)."""
         settings, weights = self.settings, None if self.weights is None else as_numpy(self.weights)
         centres = as_numpy(draw_pixels(density, count * TRIES, self.generator)).reshape(count, TRIES, 2)
-        opacity = 1.0 / (1.0 + math.exp(-first_opacity(settings.recipe)))
+        opacity = 1.0 / (1.0 + math.exp(-initial.first_opacity(settings.recipe)))
         points, colours = place_shapes(
             settings.shapes, settings.segments, as_numpy(self.target), as_numpy(image), weights, centres, self.unit,
             opacity, self.generator,
@@ -97,13 +91,12 @@ class Seeder:
     def _curves(self, points: Array, colours: Array) -> FitCurves:
         height, width, _ = self.target.shape
         half_width = self.settings.recipe.half_width_size * self.unit
-        return new_curves(points, colours, half_width, self.settings, (width, height), self.background)
+        return initial.new_curves(points, colours, half_width, self.settings, (width, height), self.background)
 
 
 def spread_of(weights: Array | None) -> float:
-    """Share of the picture over which curves will spread: 1 for even weights, that of the region where only one counts.
-
-    It is the square of the weights' mean over the mean of their squares.
+    """Return the share of the picture over which curves will spread: 1 for even weights; if one region alone has
+    weight, its share. It is the square of the weights' mean over the mean of their squares.
     """
     if weights is None:
         return 1.0
@@ -112,7 +105,7 @@ def spread_of(weights: Array | None) -> float:
 
 
 def error_density(image: Array, target: Array, blur: int, power: float, weights: Array | None = None) -> Array:
-    """The density of new curves: the squared error, weighted, blurred by a box of `blur` px, to a power; (H, W)."""
+    """Return the density (H, W) of new curves: weighted squared error, blurred by a box of `blur` px, to a power."""
     difference = image - target
     difference *= difference
     error = sum(difference[..., channel] for channel in range(target.shape[2]))  # a sum over an axis takes longer
@@ -120,7 +113,7 @@ def error_density(image: Array, target: Array, blur: int, power: float, weights:
 
 
 def random_centres(count: int, target: Array, generator: np.random.Generator, weights: Array | None = None) -> Array:
-    """Random places (n, 2) px, by the pixels' weights; where there is transparency, only where there is something."""
+    """Return random places (n, 2) px, by the pixels' weights and opacities."""
     xp, (height, width, channels) = namespace(target), target.shape
     if channels == 4 or weights is not None:
         there = xp.clip(target[..., 3], min=1e-6) if channels == 4 else xp.ones_like(target[..., 0])
@@ -129,7 +122,7 @@ def random_centres(count: int, target: Array, generator: np.random.Generator, we
 
 
 def draw_pixels(density: Array, count: int, generator: np.random.Generator) -> Array:
-    """Centres (count, 2) of pixels drawn, with replacement, in proportion to a density (H, W) >= 0."""
+    """Return centres (count, 2) of pixels drawn, with replacement, in proportion to a density (H, W) >= 0."""
     xp, (height, width) = namespace(density), density.shape
     total = xp.cumulative_sum(xp.reshape(density, (-1,)), dtype=xp.float64)
     share = like(total, generator.random(count))
@@ -140,23 +133,15 @@ def draw_pixels(density: Array, count: int, generator: np.random.Generator) -> A
     return xp.astype(xp.stack([pixel % width, pixel // width], axis=-1), xp.float32) + 0.5
 
 
-@record
-class Blobs:
-    """n patches: centres (n, 2) px, semi-axes (n, 2, 2) px as columns, the shorter first, and colour logits (n, 3)."""
-
-    centres: Array
-    axes: Array
-    colour_logits: Array
-
-
 def find_blobs(
     seeds: Array, image: Array, target: Array, sigma: float, generator: np.random.Generator,
     weights_of_pixels: Array | None = None,
-) -> Blobs:  # fmt: skip
-    """Patches around seeds (n, 2) px where image and target (H, W, C) differ as they do at the seed.
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Return patches around seeds (n, 2) px in which image and target (H, W, C) differ as they do at the seed: centres
+    (n, 2) px; semi-axes (n, 2, 2) px as columns, the shorter first; and logits (n, 3) of the target's mean colour.
 
-    A pixel counts by how much its residual points the way of the seed's, squared, times a Gaussian window of about
-    `sigma` px, times its own weight (H, W). Colours are the target's mean over the patch.
+    The weight of a pixel is the share of its residual along the seed's, squared, times a Gaussian window of about
+    `sigma` px, times its own weight (H, W).
     """
     xp, (height, width) = namespace(seeds), target.shape[:2]
     spread = np.exp(SIZE_SPREAD * generator.standard_normal(len(seeds)))
@@ -181,23 +166,23 @@ def find_blobs(
     away = places - centres[:, None]
     covariance = xp.permute_dims(weights[..., None] * away, (0, 2, 1)) @ away
     colours = xp.sum(weights[..., None] * target[y, x], axis=1)
-    return Blobs(centres, AXES * _principal_axes(covariance), colour_to_logits(colours))
+    return centres, AXES * _principal_axes(covariance), colour_to_logits(colours)
 
 
-def blob_points(blobs: Blobs, settings: FitSettings, generator: np.random.Generator) -> Array:
-    """Control points (n, K, 2): rings around the patches, or strokes along their longer axes."""
-    centres, n = blobs.centres, len(blobs.centres)
+def blob_points(centres: Array, axes: Array, settings: FitSettings, generator: np.random.Generator) -> Array:
+    """Return control points (n, K, 2): rings around the patches, or strokes along their longer axes."""
+    n = len(centres)
     if settings.mode is Mode.CLOSED:
-        ring = like(centres, random_ring(n, 3 * settings.segments, generator))
-        return contiguous(centres[:, None] + ring @ namespace(centres).permute_dims(blobs.axes, (0, 2, 1)))
+        ring = like(centres, initial.random_ring(n, 3 * settings.segments, generator))
+        return contiguous(centres[:, None] + ring @ namespace(centres).permute_dims(axes, (0, 2, 1)))
     k = 3 * settings.segments + 1
-    along = like(centres, np.linspace(-1.0, 1.0, k))[None, :, None] * blobs.axes[:, None, :, 1]
+    along = like(centres, np.linspace(-1.0, 1.0, k))[None, :, None] * axes[:, None, :, 1]
     wobble = like(centres, STROKE_WOBBLE * generator.standard_normal((n, k, 2)))
     return contiguous(centres[:, None] + along + wobble)
 
 
 def box_mean(planes: Array, size: int) -> Array:
-    """Mean over the window of `size` x `size` px (odd) around each pixel of (..., H, W), of the pixels that exist.
+    """Return the mean of the pixels in the window of `size` x `size` px (odd) around each pixel of (..., H, W).
 
     One axis after the other, by adding shifted copies: pooling, as torch has it, takes fifteen times as long.
     """
@@ -221,7 +206,7 @@ def box_mean(planes: Array, size: int) -> Array:
 
 
 def _principal_axes(covariance: Array) -> Array:
-    """Standard deviations along the principal axes of (n, 2, 2), times the axes, as columns; the shorter first.
+    """Return the principal axes of covariances (n, 2, 2) times their standard deviations, as columns; shorter first.
 
     In closed form: a solver's start on a GPU takes longer than the whole reallocation.
     """
@@ -246,7 +231,7 @@ def _blurred(residual: Array) -> Array:
 
 
 def _likeness(residuals: Array, own: Array) -> Array:
-    """Share of the seed's residual (n, 3) that each pixel's (n, p, 3) has along it, in [0, 1]."""
+    """Return the share of each pixel's residual (n, p, 3) along the seed's (n, 3), in units of that, in [0, 1]."""
     xp = namespace(own)
     along = xp.sum(residuals * own[:, None], axis=-1)
     return xp.clip(along / xp.clip(xp.sum(own * own, axis=-1, keepdims=True), min=1e-8), 0.0, 1.0)
@@ -256,9 +241,9 @@ def place_shapes(
     kind: str, segments: int, target: np.ndarray, image: np.ndarray, weights: np.ndarray | None,
     centres: np.ndarray, unit: float, opacity: float, generator: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Shapes of a kind to go in front of a picture (H, W, 3) that is to become the target, by the pixels' weights
-    (H, W): control points (n, K, 2) px and colours (n, 3). centres: (n, `TRIES`, 2) px, where each of them is tried.
-    unit: the length unit, px.
+    """Return shapes of a kind that bring a picture (H, W, 3) nearer to the target when they go in front of it, by the
+    pixels' weights (H, W): control points (n, K, 2) px and colours (n, 3). centres: (n, `TRIES`, 2) px, the places at
+    which each is tried. unit: the length unit, px.
     """
     count, scale = len(centres), max(1, min(int(unit / FINENESS), *target.shape[:2]))
     goal, canvas = _smaller(target, scale), _smaller(image, scale)
@@ -283,19 +268,19 @@ def place_shapes(
 
 
 def _circle(corners: int) -> np.ndarray:
-    """(n, 2): evenly on the unit circle."""
+    """Return points (n, 2) evenly on the unit circle."""
     angles = np.arange(corners) * (2.0 * math.pi / corners)
     return np.stack((np.cos(angles), np.sin(angles)), axis=1)
 
 
 def _turned(angles: np.ndarray) -> np.ndarray:
-    """(n, 2, 2): what turns rows of coordinates by these angles (n,)."""
+    """Return the matrices (n, 2, 2) that turn rows of coordinates by angles (n,)."""
     c, s = np.cos(angles), np.sin(angles)
     return np.stack((c, s, -s, c), axis=1).reshape(-1, 2, 2)
 
 
 def _smaller(picture: np.ndarray, scale: int) -> np.ndarray:
-    """A copy (h, w, C) of the means of blocks of so many pixels a side of (H, W, C), without the rest beyond them."""
+    """Return (h, w, C): the means of whole blocks of (H, W, C) with so many pixels a side."""
     h, w = picture.shape[0] // scale, picture.shape[1] // scale
     blocks = picture[: h * scale, : w * scale].reshape(h, scale, w, scale, -1)
     return np.ascontiguousarray(blocks.mean((1, 3)), np.float32)

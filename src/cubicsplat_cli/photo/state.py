@@ -22,10 +22,10 @@ Background = tuple[float, float, float] | None
 
 @dataclass(eq=False)
 class FitCurves(EngineScene):
-    """The curves of a fit: colours and opacities are logits, `edge_widths` are there where edges are soft.
+    """The curves of a fit: colours and opacities are logits; `edge_widths` are None unless edges are soft.
 
-    restricted: what a fit of restricted shapes optimises in place of the points, which follow from them.
-    fills: what a fit with gradients optimises in place of the colours, which then count for nothing; `gradients` stays
+    restricted: the shapes that a fit of restricted shapes optimises; the points follow from them.
+    fills: the fills that a fit with gradients optimises; the colours then count for nothing, and `gradients` stays
     None, since they follow from the fills. See `for_engine`.
     """
 
@@ -34,15 +34,15 @@ class FitCurves(EngineScene):
     restricted: Shapes | None = None
 
     def middles(self) -> Array:
-        """(N, 2) px: from where the fills' ends are seen."""
+        """Return (N, 2) px: the points from which the fills' ends are measured."""
         return middles_of(self.points, self.ring_ends)
 
     def for_engine(self) -> EngineScene:
-        """The scene that an engine draws: these arrays, not copies, and the fills' present gradients."""
+        """Return the scene that an engine draws: these arrays, not copies, and the fills' present gradients."""
         return self if self.fills is None else replace(self, gradients=self.fills.gradients(self.middles()))
 
     def scene(self, *, opaque: bool) -> Scene:
-        """The curves as they look, in numpy arrays of their own."""
+        """Return the curves as they look, in new arrays of numpy."""
         own = self.as_numpy().for_engine()
         xp = namespace(own.points)
         return Scene(
@@ -53,7 +53,7 @@ class FitCurves(EngineScene):
         )  # fmt: skip
 
     def resize(self, width: int, height: int) -> None:
-        """Scales the curves, in place, to a canvas of another size."""
+        """Scale the curves, in place, to a canvas of another size."""
         across, down = width / self.width, height / self.height
         self.points *= like(self.points, [across, down])
         self.half_widths *= math.sqrt(across * down)
@@ -65,7 +65,7 @@ class FitCurves(EngineScene):
         self.width, self.height = width, height
 
     def with_room(self, points: int, rings: int) -> FitCurves:
-        """The same curves with room for so many points and rings each, as a table of rings."""
+        """Return the same curves with room for so many points and rings each, as a table of rings."""
         xp, (count, own), device = namespace(self.points), self.points.shape[:2], self.points.device
         ends = self.ring_ends
         if ends is None:
@@ -76,20 +76,18 @@ class FitCurves(EngineScene):
         return replace(self, points=contiguous(padded), ring_ends=contiguous(xp.concat((ends, room), axis=1)))
 
     def with_room_for(self, points: int) -> FitCurves:
-        """The curves with room for at least so many points each; the same object where there is enough."""
-        if self.points_per_curve >= points:
-            return self
-        return self.with_room(points, self.most_rings)
+        """Return the curves with room for at least so many points each; the same object if there is enough."""
+        return self if self.points_per_curve >= points else self.with_room(points, self.most_rings)
 
     def behind(self, fresh: FitCurves) -> FitCurves:
-        """New curves in front of these, which may have more points, or several rings."""
+        """Return new curves in front of these, which may have more points, or several rings."""
         if self.ring_ends is None and fresh.points_per_curve == self.points_per_curve:
             return fresh.joined(self)
-        room = max(fresh.points_per_curve, self.points_per_curve)
-        return fresh.with_room(room, self.most_rings).joined(self.with_room(room, self.most_rings))
+        room = max(fresh.points_per_curve, self.points_per_curve), self.most_rings
+        return fresh.with_room(*room).joined(self.with_room(*room))
 
     def first_non_finite(self) -> tuple[int, str] | None:
-        """(curve, array) of the first value that is not finite."""
+        """Return (curve, array) of the first value that is not finite."""
         # One bad value makes the sum bad: asked before every step, this must cost next to nothing.
         arrays = self.arrays_by_name()
         if math.isfinite(float(sum(array.sum() for array in arrays.values()))):
@@ -104,44 +102,44 @@ class FitCurves(EngineScene):
 
 @dataclass(eq=False)
 class FitState(CurveArrays):
-    """All that a fit changes from step to step. Every operation keeps a curve and its optimiser state together."""
+    """The arrays that change from step to step. Every operation keeps a curve and its optimiser state together."""
 
     curves: FitCurves
     optimiser: OptimiserState
 
     @classmethod
     def unmoved(cls, curves: FitCurves) -> FitState:
-        """Curves that have not moved yet."""
+        """Return the state of curves that have not moved yet."""
         return cls(curves, OptimiserState.zeros_for(curves.points))
 
     def with_seeds(self, fresh: FitCurves) -> FitState:
-        """With new curves in front, whose optimiser state is empty."""
+        """Return the state with new curves in front, whose optimiser state is empty."""
         curves = self.curves.behind(fresh)
         empty = OptimiserState.zeros_for(curves.points[: fresh.curves])
         return FitState(curves, empty.joined(self.optimiser))
 
     def without_least(self, importance: Array, count: int, frozen: int = 0) -> FitState:
-        """Without so many curves of the least importance (N,), of which the last `frozen` stay."""
+        """Return the state without the so many curves of the least importance (N,); the last `frozen` stay."""
         xp, total = namespace(importance), self.curves.curves
         free = total - frozen
         order = xp.sort(xp.argsort(importance[:free])[count:])
         return self.chosen(xp.concat((order, xp.arange(free, total, device=order.device))))
 
     def resize(self, width: int, height: int) -> None:
-        """Goes over, in place, to a picture of another size."""
+        """Adapt, in place, to a picture of another size."""
         across, down = width / self.curves.width, height / self.curves.height
         self.curves.resize(width, height)
         self.optimiser.resize(across, down)
 
     def share_opacity(self) -> None:
-        """Gives all curves the opacity of the last one, in place: new ones are in front."""
+        """Give all curves the opacity of the last one, in place: new ones are in front."""
         self.curves.opacities[...] = copied(self.curves.opacities[-1:])
 
 
 class BestCheckpoint:
     """A copy of the curves whose picture has had the least loss, where they live.
 
-    A loss that comes as an array on a GPU is compared there: nothing waits for it before `loss` is read.
+    A loss that is an array on a GPU is compared there: nothing waits for it before `loss` is read.
     """
 
     def __init__(self) -> None:
@@ -162,34 +160,29 @@ class BestCheckpoint:
 
     @property
     def curves(self) -> FitCurves:
-        """Raises ValueError before any were considered."""
+        """The best curves. Raises ValueError before any were considered."""
         if self._curves is None:
             raise ValueError("no curves have been considered yet")
         return self._curves
 
     def consider(self, loss: float | Array, curves: FitCurves) -> None:
-        """Keeps the curves if their loss is the least so far."""
-        known = self._curves
-        if known is None:
-            self._loss, self._curves = loss, curves.copy()
-        elif known.curves != curves.curves:
-            if float(loss) < self.loss:
-                self._loss, self._curves = loss, curves.copy()
-        elif is_array(loss):
-            self._choose(loss, curves)
-        elif loss < self.loss:
+        """Keep the curves if their loss is the least so far."""
+        best = self._curves
+        if best is not None and best.curves == curves.curves and is_array(loss):
+            xp, better, theirs = namespace(loss), loss < self._loss, curves.arrays_by_name()
+            for name, mine in best.arrays_by_name().items():
+                mine[...] = xp.where(better, theirs[name], mine)
+            self._loss = xp.where(better, loss, self._loss)
+        elif best is None or float(loss) < self.loss:
             self._loss = loss
-            known.overwrite(curves)
-
-    def _choose(self, loss: Array, curves: FitCurves) -> None:
-        xp, better, theirs = namespace(loss), loss < self._loss, curves.arrays_by_name()
-        for name, mine in self.curves.arrays_by_name().items():
-            mine[...] = xp.where(better, theirs[name], mine)
-        self._loss = xp.where(better, loss, self._loss)
+            if best is not None and best.curves == curves.curves:
+                best.overwrite(curves)
+            else:
+                self._curves = curves.copy()
 
 
 def snapped(scene: Scene) -> Scene:
-    """The scene with colours and opacities on the grid that 8-bit renderers keep; everything else as it is.
+    """Return the scene with colours and opacities on the grid that 8-bit renderers keep; all else stays as it is.
 
     Most SVG renderers composite premultiplied 8-bit values. cairo truncates the opacity and the premultiplied colour of
     a path to 8 bits, half a level too dark on average; over a dozen translucent layers that is the larger part of the
@@ -209,7 +202,7 @@ def snapped(scene: Scene) -> Scene:
 
 
 def _opacities(levels: Array) -> Array:
-    """The file's opacity nearest to level / 255 that becomes this level in cairo; (N,) of 0..255."""
+    """Return the file's opacity nearest to level / 255 that becomes this level in cairo; (N,) of 0..255."""
     xp = namespace(levels)
     nearest = xp.round(levels / LEVELS * OPACITY_STEPS)
     least = xp.ceil(levels / HIGH_BYTE * OPACITY_STEPS - _ROUNDING)
@@ -218,7 +211,7 @@ def _opacities(levels: Array) -> Array:
 
 
 def _colours(colours: Array, levels: Array) -> Array:
-    """Colours (N, 3) for opacities of `levels` (N, 1) of 255."""
+    """Return colours (N, 3) for opacities of `levels` (N, 1) of 255."""
     xp = namespace(colours)
     nearest = xp.round(colours * LEVELS)
     premultiplied = xp.round(colours * levels)

@@ -1,6 +1,8 @@
-"""The steps of a fit. Their schedule: edge width, step sizes, reallocations, and the exact finish, nearly all a
-function of the progress in [0, 1]: the share of the steps or, under a time limit, of the time. And one step: the
-engine's, with what it leaves to others: penalties on shapes, gradient fills, other losses.
+"""The steps of a fit: their schedule, and single steps.
+
+The schedule holds the edge width, step sizes, reallocations and the exact finish, nearly all functions of the progress
+in [0, 1]: the share of the steps or, under a time limit, of the time. A step is the engine's, with penalties on shapes,
+gradient fills and losses that the engine does not know.
 """
 
 from __future__ import annotations
@@ -25,20 +27,16 @@ from cubicsplat_cli.settings import FitSettings
 PUBLISHED_RATES = ((0.0, 1.0), (0.5, 0.5), (0.6, 0.2), (0.9, 0.1))
 FLATNESS = 0.5  # px, of de Casteljau subdivision
 FINISH_TOLERANCE = 0.1  # px: cairo's own, so that the file is drawn no finer than it was fitted
-AFTER_STEPS = 5  # what comes after the last step takes about as long as so many
+AFTER_STEPS = 5  # the work after the last step takes about as long as so many steps
 
 
 @record
 class Phase:
-    """One step's settings: factor on every step size, edge width in px, area coverage in the forward pass or not."""
+    """The settings of a step. rate: a factor of all step sizes; edge_width: px; exact: area coverage going forward."""
 
     rate: float
     edge_width: float
     exact: bool
-
-    def as_pace(self, rates: Rates) -> tuple[float, ...]:
-        """What `Engine.steps` asks of each step, where these are its rates."""
-        return self.edge_width, rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths
 
 
 class Schedule:
@@ -54,15 +52,14 @@ class Schedule:
         self.reallocations_end = self.recipe.reallocate_until * self.finish_start
 
     def progress(self, step: int, elapsed: float) -> float:
-        """Share of the steps done or, where that is more, of the time used up; elapsed: seconds."""
+        """Return the share of the steps done or, if that is more, of the time used up; elapsed: seconds."""
         share, limit = step / self.settings.steps, self.settings.time_limit
         if limit is None or step == 0:
             return share
-        after = AFTER_STEPS * elapsed / step
-        return max(share, elapsed / max(limit - after, 1e-9))
+        return max(share, elapsed / max(limit - AFTER_STEPS * elapsed / step, 1e-9))
 
     def phase(self, progress: float) -> Phase:
-        """Settings at a progress in [0, 1], or a little beyond where the clock overtook the last step."""
+        """Return the settings at a progress in [0, 1], or a little beyond if the clock overtook the last step."""
         recipe = self.recipe
         if recipe.finish > 0.0 and progress >= self.finish_start:
             along = (progress - self.finish_start) / recipe.finish
@@ -70,15 +67,12 @@ class Schedule:
         along = progress / self.finish_start
         anneal = min(1.0, along / recipe.anneal) if recipe.anneal > 0 else 1.0
         width = recipe.edge_start * (recipe.edge_end / recipe.edge_start) ** anneal
-        return Phase(self._rate(along), width, False)
-
-    def _rate(self, along: float) -> float:
-        if self.recipe.rate_course == "cosine":
-            return _fall(along, self.recipe.rate_end)
-        return [factor for start, factor in PUBLISHED_RATES if along >= start][-1]
+        if recipe.rate_course == "cosine":
+            return Phase(_fall(along, recipe.rate_end), width, False)
+        return Phase([factor for start, factor in PUBLISHED_RATES if along >= start][-1], width, False)
 
     def raster(self, phase: Phase) -> RasterSettings:
-        """Settings of drawing in this phase."""
+        """Return the settings of drawing in this phase."""
         coverage = "exact" if phase.exact else "relaxed"
         if self.recipe.flatten == "de-casteljau":
             return RasterSettings(coverage, phase.edge_width, 64, FLATNESS, subdivide=True)
@@ -87,7 +81,7 @@ class Schedule:
         return RasterSettings(coverage, phase.edge_width, samples, tolerance)
 
     def rates(self, phase: Phase, unit: float) -> Rates:
-        """The step sizes of this phase; unit: of the recipe's lengths, px."""
+        """Return the step sizes of this phase; unit: of the recipe's lengths, px."""
         recipe = self.recipe
         return Rates(
             points=phase.rate * recipe.rate_points * unit,
@@ -100,10 +94,10 @@ class Schedule:
         )
 
     def reallocation(self, progress: float, inequality: float = 0.0, idle: float = 0.0) -> float:
-        """Fraction of the curves to replace at this progress.
+        """Return the fraction of the curves to replace at this progress.
 
-        inequality: `gini` of their importance, which the published rule goes by. idle: the fraction that the picture
-        is no worse without, which all go by the usual rule.
+        inequality: `gini` of their importance, which decides by the published rule. idle: the fraction of curves
+        without which the picture is no worse; the usual rule replaces at least these.
         """
         recipe = self.recipe
         if recipe.prune_rule == "gini":
@@ -111,39 +105,35 @@ class Schedule:
         return max(idle, recipe.prune_fraction * (1.0 - progress / self.reallocations_end))
 
     def reallocation_due(self, progress: float) -> bool:
-        """Whether the next of the evenly spaced reallocations is due."""
+        """Return whether the next of the evenly spaced reallocations is due."""
         share = (self._done + 1) / (self.reallocations + 1)
         return share * self.reallocations_end <= progress < self.reallocations_end
 
     def take_reallocation(self, progress: float) -> bool:
-        """The same; it then counts as done."""
+        """Return whether the next reallocation is due, and count it as done."""
         due = self.reallocation_due(progress)
         self._done += due
         return due
 
 
 def gini(importance: Array) -> float:
-    """Gini coefficient (0: all equal, towards 1: few carry everything) of the positive parts of (N,) values."""
+    """Return the Gini coefficient (0: all equal, towards 1: few carry all) of the positive parts of (N,) values."""
     values = np.sort(np.maximum(as_numpy(importance).astype(np.float64), 0.0))
-    total = float(values.sum())
-    n = len(values)
-    if n == 0 or total <= 0:
-        return 0.0
-    ranks = np.arange(1, n + 1)
-    return float((2 * ranks - n - 1) @ values) / (n * total)
+    n, total = len(values), float(values.sum())
+    return float((2 * np.arange(1, n + 1) - n - 1) @ values) / (n * total) if total > 0 else 0.0
 
 
 def _fall(along: float, end: float) -> float:
-    """Cosine from 1 at 0 to `end` at 1."""
+    """Return a cosine that falls from 1 at 0 to `end` at 1."""
     return end + (1.0 - end) * 0.5 * (1.0 + math.cos(math.pi * min(max(along, 0.0), 1.0)))
 
 
 class Stepper:
     """Moves the curves of a state, in place, towards the goal of the evaluator.
 
-    The engine trains on the state's own arrays for as long as the stepper is used. unit: of the recipe's lengths, px.
-    frozen: how many of the last curves stay as they are. image, importance: of the last step that was to fill them.
-    loss: before the last step, 0 before the first.
+    The engine trains on the state's own arrays as long as the stepper is used. unit: of the recipe's lengths, px.
+    frozen: the number of curves, the last ones, that stay as they are. image, importance: of the last step that filled
+    them. loss: before the last step, 0 before the first. runs: true if there is nothing to do between two steps.
     """
 
     def __init__(self, state: FitState, evaluator: Evaluator, schedule: Schedule, unit: float, frozen: int) -> None:
@@ -177,14 +167,14 @@ class Stepper:
             self.training.shared_opacity = recipe.shared_opacity > 0.0
             if shapes is not None and not shapes.has_axes:
                 self.training.tied = shapes.values, shapes.moments, shapes.ages, shapes.map()
-        # Whether nothing is left to do between two steps.
-        self.runs = self._by_engine and self.objective.pixelwise and curves.fills is None
-        self.runs = self.runs and recipe.crossing_penalty == 0.0 and (shapes is None or self.training.tied is not None)
+        by_points = shapes is None or self.training.tied is not None
+        self.runs = self._by_engine and self.objective.pixelwise and curves.fills is None and by_points
+        self.runs = self.runs and recipe.crossing_penalty == 0.0
 
     def step(self, phase: Phase, progress: float, *, measured: bool) -> float | Array:
-        """One step of this phase; returns the loss before it. measured: also fills image and importance.
+        """Do a step of this phase; return the loss before it. measured: also fill image and importance.
 
-        The fills of gradients are updated by their derivatives of before the step.
+        Gradient fills are updated by their derivatives from before the step.
         """
         curves, training = self.state.curves, self.training
         self._prepare(phase, progress, measured=measured)
@@ -198,19 +188,18 @@ class Stepper:
             middles = curves.middles()
             self.scene.gradients.overwrite(curves.fills.gradients(middles))
             self.loss = self._engine_step(raster)
-            curves.fills.learn(
-                middles, training.frames_gradient, training.stops_gradient, training.rates, self.still
-            )  # fmt: skip
+            gradients = training.frames_gradient, training.stops_gradient
+            curves.fills.learn(middles, *gradients, training.rates, self.still)
         if self.schedule.recipe.shared_opacity > 0.0 and not self._by_engine:
             curves.opacities[...] = curves.opacities.mean()
         return self.loss
 
     def steps(self, phases: list[Phase], progress: float, seconds: float, best: BestCheckpoint | None) -> int:
-        """Several in a row, where it `runs`: those of phases with the same coverage, from this progress on, before and
-        behind which the same penalties count. best: is kept up to date. Returns how many were done in so many seconds.
+        """Do several steps in a row, if it `runs`: of phases with the same coverage and penalties, from this progress
+        on. best: is kept up to date. Return the number of steps done within so many seconds.
         """
         self._prepare(phases[0], progress, measured=False)
-        paces = [phase.as_pace(self.schedule.rates(phase, self.unit)) for phase in phases]
+        paces = [(phase.edge_width, *self.schedule.rates(phase, self.unit).sizes) for phase in phases]
         losses = self.engine.steps(
             self.scene, self.schedule.raster(phases[0]), self.training, np.array(paces, np.float32), seconds, best
         )
@@ -227,7 +216,7 @@ class Stepper:
         training.image = self.image if measured or not self.objective.squared else None
 
     def _step_shapes(self, shapes: Shapes, raster: RasterSettings) -> None:
-        """The same for restricted shapes: the engine moves all but the points, and says how these would move."""
+        """Do a step of restricted shapes: the engine moves all but the points, and gives the gradient of these."""
         training, rates, further = self.training, self.training.rates, self.training.points_gradient
         training.rates, training.points_gradient = replace(rates, points=0.0), None
         self.loss = self._engine_step(raster)
@@ -245,16 +234,16 @@ class Stepper:
         return loss if self.engine.runs_ahead else float(loss)
 
     def replace(self, state: FitState) -> None:
-        """Goes on with as many other curves, whose values are copied to where the engine's arrays are."""
+        """Go on with as many other curves, copied into the arrays that the engine has."""
         self.state.overwrite(state)
         if self.schedule.recipe.shared_opacity > 0.0:
             self.state.share_opacity()
         self.regulariser.forget()
 
     def check_finite(self, step: int, *, wait: bool = False) -> None:
-        """Before a step: within it one bad curve spoils every curve that it shares a pixel with. Raises EngineError.
+        """Raise EngineError if a value is not finite: a step would spoil all curves that share a pixel with this one.
 
-        A GPU's engine looks by itself; without `wait` this is what it found some steps ago.
+        A GPU's engine looks by itself; without `wait` its state of some steps ago counts.
         """
         if fault := self.engine.fault(wait):
             raise self._broken_down(f"curve {fault[0]} has a non-finite value", step)
@@ -262,12 +251,12 @@ class Stepper:
             raise self._broken_down(f"curve {found[0]} has a non-finite value in {found[1]}", step)
 
     def check_loss(self, step: int) -> None:
-        """After a step. Raises EngineError where its loss is not finite; a GPU's engine looks by itself."""
+        """Raise EngineError if the loss of the step is not finite; a GPU's engine looks by itself."""
         if isinstance(self.loss, float) and not math.isfinite(self.loss):
             raise self._broken_down(f"the loss is {self.loss}", step)
 
     def _broken_down(self, where: str, step: int) -> EngineError:
-        """The error, with the curve and step that the engine has noted, if it has: that may be some steps ago."""
+        """Return the error, with the curve and step that the engine has noted, perhaps some steps ago, if it has."""
         if fault := self.engine.fault():
             where, step = f"curve {fault[0]} has a non-finite value", fault[1]
         return EngineError(f"the fit broke down at step {step}: {where}; lower the step sizes or change --seed")

@@ -1,7 +1,7 @@
-"""The map of the borders between regions, by the native library: which touch, which enclose others, and the loops of
-cracks around them.
+"""The map of the borders between regions, by the native library: regions that touch, regions that enclose others, and
+the loops of cracks around them.
 
-All raise EngineError where the library or the memory is missing.
+All functions raise EngineError if the library or the memory is missing.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from itertools import compress
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, int32s, native
-from cubicsplat_cli.raster.outlines import EdgePositions, size_of
+from cubicsplat_cli.raster.cpu import Out, doubles, floats, int32s, native
+from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
 
 _native = partial(native, "borders")
@@ -24,7 +24,7 @@ _native = partial(native, "borders")
 class Loops:
     """Closed loops of cracks around regions, in the order of these, those that enclose most first; pixels connect along
     edges. cracks: (n, 3) int64 x, y and direction (0 to 3: east, south, west, north) of each, the region on its right;
-    beside: (n,) int64 the region on its left, -1 beyond the canvas; ends: (L,) where each loop ends; owners: (L,) int64
+    beside: (n,) int64 the region on its left, -1 beyond the canvas; ends: (L,) the end of each loop; owners: (L,) int64
     the region of each.
     """
 
@@ -34,19 +34,19 @@ class Loops:
     owners: np.ndarray
 
     def __iter__(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """The region of every loop, its cracks, and what is beside them."""
-        parts = (np.split(each, self.ends[:-1]) for each in (self.cracks, self.beside))
+        """Yield the region of every loop, its cracks, and the regions beside them."""
+        parts = (np.split(array, self.ends[:-1]) for array in (self.cracks, self.beside))
         return zip(self.owners.tolist(), *parts, strict=True)
 
     def outer(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """The same of the outer loop of every region."""
+        """Yield the same of the outer loop of every region."""
         return compress(self, np.diff(self.owners, prepend=-1))
 
 
 @record
 class BorderMap:
-    """labels: (H, W) int32 the regions, count: R of them. first, second, cracks: (P,) int64 of every two that touch,
-    either way round and ascending, the two and how many cracks they share."""
+    """The borders of R regions. labels: (H, W) int32 the regions; count: R. first, second, cracks: (P,) int64 of every
+    pair that touches, both ways round and ascending, the two regions and the number of cracks that they share."""
 
     labels: np.ndarray
     count: int
@@ -58,13 +58,11 @@ class BorderMap:
     def beside(self) -> list[list[int]]:
         """The neighbours of each region, ascending."""
         ends = np.cumsum(np.bincount(self.first, minlength=self.count))
-        return [each.tolist() for each in np.split(self.second, ends[:-1])]
+        return [part.tolist() for part in np.split(self.second, ends[:-1])]
 
     @cached_property
     def around(self) -> np.ndarray:
-        """(R,) int32 the innermost one that encloses each, through which all its ways to the canvas's border lead, -1
-        where none does.
-        """
+        """(R,) int32: the innermost region that encloses each, on all its ways to the canvas's border; -1 for none."""
         out = np.full(self.count, -1, np.int32)
         given = self.labels, *self.labels.shape, self.count, len(self.first), self.first, self.second
         _native("cs_enclosing", *given, out)
@@ -74,59 +72,58 @@ class BorderMap:
     def loops(self) -> Loops:
         """The loops around all regions."""
         room = int(self.cracks.sum()) + 2 * sum(self.labels.shape)
-        found = np.empty((room, 3), np.int64), *(np.empty(room, np.int64) for _ in range(3))
-        count = _native("cs_loops", self.labels, *self.labels.shape, *found, result=c_int64)
-        return Loops(*found[:2], *(each[:count].copy() for each in found[2:]))
+        cracks, beside, loops = (
+            np.empty((room, 3), np.int64),
+            np.empty(room, np.int64),
+            (Out(room, np.int64), Out(room, np.int64)),
+        )
+        ends = _native("cs_loops", self.labels, *self.labels.shape, cracks, beside, *loops, result=c_int64)
+        return Loops(cracks, beside, *ends)
 
 
 def border_map(labels: np.ndarray) -> BorderMap:
-    """The borders of labels (H, W) >= 0."""
+    """Return the borders of labels (H, W) >= 0."""
     labels = int32s(labels)
     count = int(labels.max()) + 1
-    room = 6 * count  # as many as connected regions have
+    room = 6 * count  # enough for connected regions
     while True:
         pairs = np.empty((room, 3), np.int64)
-        found = _native("cs_touching", labels, *labels.shape, count, room, pairs, result=c_int64)
-        if found <= room:
-            return BorderMap(labels, count, *np.ascontiguousarray(pairs[:found].T))
-        room = found
+        touching = _native("cs_touching", labels, *labels.shape, count, room, pairs, result=c_int64)
+        if touching <= room:
+            return BorderMap(labels, count, *np.ascontiguousarray(pairs[:touching].T))
+        room = touching
 
 
 def passings(
-    loops: Loops, found: EdgePositions, reaches: tuple[float, ...], smooth: float, least: float
+    loops: Loops, edges: EdgePositions, reaches: tuple[float, ...], smooth: float, least: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where loops pass from one region beside them to another: (m, 5) int64 their own region, the two, and x and y of
-    the vertex, and (m, 2) radians by which they turn there and the standard error. What is too rough is left out.
+    """Find where loops pass from one region beside them to another. Return (m, 5) int64: their own region, the two, and
+    x and y of the vertex; and (m, 2) the radians by which they turn there, and the standard error. Places that are too
+    rough are left out.
 
-    reaches: px along the loop from which its headings on either side are taken, the first where the mean squared
-    residual, in sigmas, of a parabola is at most `smooth`; least: radians, of the standard error beyond that of the
-    points.
+    reaches: px along the loop over which a parabola gives its heading on either side; the first with a mean squared
+    residual, in sigmas, of at most `smooth` is taken. least: radians, of the standard error beyond that of the points.
     """
-    places, turns = np.empty((len(loops.cracks), 5), np.int64), np.empty((len(loops.cracks), 2))
-    given = loops.cracks, loops.beside, len(loops.ends), loops.ends, loops.owners, *size_of(found), *found
+    count = len(loops.cracks)
+    given = loops.cracks, loops.beside, len(loops.ends), loops.ends, loops.owners, *edges.given
     tries = len(reaches), doubles(reaches), float(smooth), float(least)
-    count = _native("cs_passings", *given, *tries, places, turns, result=c_int64)
-    return places[:count], turns[:count]
+    return _native("cs_passings", *given, *tries, Out((count, 5), np.int64), Out((count, 2)), result=c_int64)
 
 
 def border_positions(
     levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, error: float, rounding: float, share_error: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where borders run across all cracks, px, and the standard errors: two (H + 1, W) of horizontal cracks and two (H,
-    W + 1) of vertical ones.
+    """Return the positions of borders across all cracks, px, and their standard errors: two (H + 1, W) of horizontal
+    cracks and two (H, W + 1) of vertical ones, the positions first.
 
     levels: (H, W, 4), known to an error, of which `rounding` is that of a clean picture; share_error: of the shares of
     pixels that shapes cover. labels: (H, W) the regions, fills: (R, 4) theirs, in levels.
     """
     height, width = labels.shape
     wide = levels.dtype == np.float64
-    picture = np.ascontiguousarray(levels, np.float64 if wide else np.float32), wide
     kinds = np.unique(doubles(fills), axis=0)
-    given = int32s(labels), height, width, doubles(fills), len(kinds), kinds
-    rows, row_sigma = np.empty((2, height + 1, width))
-    columns, column_sigma = np.empty((2, height, width + 1))
-    found = rows, row_sigma, columns, column_sigma
-    _native(
-        "cs_edge_positions", *picture, *given, float(error), float(rounding), float(share_error), *found, result=None
-    )
-    return found
+    given = doubles(levels) if wide else floats(levels), wide, int32s(labels), height, width, doubles(fills)
+    errors = float(error), float(rounding), float(share_error)
+    rows, columns = (height + 1, width), (height, width + 1)
+    out = Out(rows), Out(rows), Out(columns), Out(columns)
+    return _native("cs_edge_positions", *given, len(kinds), kinds, *errors, *out, result=None)

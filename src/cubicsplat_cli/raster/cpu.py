@@ -1,7 +1,7 @@
-"""The native CPU engine, loaded with ctypes: no headers of Python, numpy or torch on the other side.
+"""The native library, loaded with ctypes: calls of its functions, and the engine of the CPU.
 
-The structures mirror kernels/cpu/abi.h field by field. Arrays go in as pointers, so every array handed over must be
-contiguous, of the right type, and must outlive the call; the methods here see to that.
+It knows no headers of Python, numpy or torch. The structures mirror kernels/cpu/abi.h field by field. Arrays go in as
+pointers, so each must be contiguous, of the right type, and must outlive the call.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.engine import (
     IMPORTANCE,
-    OWN_ARRAYS,
+    MOVED,
     Backward,
     Checkpoint,
     Engine,
@@ -35,7 +35,7 @@ ABI_VERSION = 13
 
 
 def members(kind: Any, names: str) -> list[tuple[str, Any]]:
-    """Fields of a structure that are all of one kind, by their names with spaces between them."""
+    """Return fields of a structure that are all of one kind. names: theirs, with spaces between them."""
     return [(name, kind) for name in names.split()]
 
 
@@ -82,10 +82,9 @@ class _Training(ctypes.Structure):
         *members(c_void_p, "points colours opacities half_widths edge_widths moments edge_moments ages"),
         *members(c_void_p, "points_gradient rate_scale"),
         *members(c_float, "rate_points rate_colours rate_opacities rate_half_widths rate_edge_widths"),
-        *members(c_float, "keep1 keep2 keep3 epsilon"),
-        *members(c_void_p, "blunting tied"),
+        *members(c_float, "keep1 keep2 keep3 epsilon"), *members(c_void_p, "blunting tied"),
         ("shared_opacity", c_int32),
-    ]
+    ]  # fmt: skip
 
 
 class _Run(ctypes.Structure):
@@ -95,9 +94,27 @@ class _Run(ctypes.Structure):
     ]  # fmt: skip
 
 
+class NativeTrack(ctypes.Structure):
+    """Numbers of moving curves on knots: `CsKnotTrack` in abi.h."""
+
+    _fields_ = [
+        ("numbers", c_int64), *members(c_void_p, "before after share steps held"), ("bounded", c_int64),
+        *members(c_void_p, "values means squares ages"),
+    ]  # fmt: skip
+
+
+class FrameSteps(ctypes.Structure):
+    """Steps of the knots of moving curves: `CsFrameSteps` in abi.h."""
+
+    _fields_ = [
+        ("curves", c_int64), ("tracks", POINTER(NativeTrack)), ("count", c_int64),
+        *members(c_void_p, "frames targets rates"), *members(c_double, "keep_mean keep_square epsilon"),
+    ]  # fmt: skip
+
+
 @lru_cache(maxsize=1)
 def library() -> ctypes.CDLL:
-    """Loads the engine. Raises EngineError with the way out where it is missing or of another version."""
+    """Load the library. Raises EngineError with the way out if it is missing or of another version."""
     path = Path(__file__).with_name("_cubicsplat" + {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so"))
     try:
         lib = ctypes.CDLL(str(path))
@@ -106,38 +123,49 @@ def library() -> ctypes.CDLL:
             f"the native engine {path.name} cannot be loaded ({error}); reinstall with `pip install --force-reinstall "
             "cubicsplat` (from source this needs a C++17 compiler)"
         ) from error
-    lib.cs_create.restype = c_void_p
-    lib.cs_create.argtypes = [c_int32, c_char_p]
-    lib.cs_destroy.argtypes = [c_void_p]
-    lib.cs_destroy.restype = None
-    for name in ("cs_error", "cs_isa"):
-        getattr(lib, name).argtypes = [c_void_p]
-        getattr(lib, name).restype = c_char_p
-    lib.cs_isa_names.restype = c_char_p
-    common: list[Any] = [c_void_p, POINTER(_Scene), POINTER(_Settings), POINTER(_Images)]
-    lib.cs_render.argtypes = common
-    lib.cs_gradients.argtypes = [*common, POINTER(_Gradients)]
-    lib.cs_step.argtypes = [*common, POINTER(_Gradients), POINTER(_Training)]
-    lib.cs_run.argtypes = [*lib.cs_step.argtypes, POINTER(_Run)]
-    lib.cs_timings.argtypes = [c_void_p, POINTER(c_double)]
-    lib.cs_counts.argtypes = [c_void_p, POINTER(c_int64)]
+    step = [c_void_p, *map(POINTER, (_Scene, _Settings, _Images, _Gradients, _Training))]
+    signatures: dict[str, tuple[Any, list[Any]]] = {
+        "cs_create": (c_void_p, [c_int32, c_char_p]), "cs_destroy": (None, [c_void_p]),
+        "cs_error": (c_char_p, [c_void_p]), "cs_isa": (c_char_p, [c_void_p]), "cs_isa_names": (c_char_p, []),
+        "cs_render": (c_int32, step[:4]), "cs_gradients": (c_int32, step[:5]), "cs_step": (c_int32, step),
+        "cs_run": (c_int32, [*step, POINTER(_Run)]), "cs_timings": (None, [c_void_p, POINTER(c_double)]),
+        "cs_counts": (None, [c_void_p, POINTER(c_int64)]),
+        "cs_step_frames": (c_int32, [*step[:4], POINTER(FrameSteps)]),
+    }  # fmt: skip
+    for name, (result, arguments) in signatures.items():
+        function = getattr(lib, name)
+        function.restype, function.argtypes = result, arguments
     if lib.cs_abi_version() != ABI_VERSION:
         raise EngineError(f"the native engine {path.name} is of another version; reinstall cubicsplat")
     return lib
 
 
-def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> Any:
-    """The result of a function of the library.
+class Out:
+    """An array of zeros that a native function fills: `native` passes it on, and returns it."""
 
-    given: contiguous arrays, which it takes as pointers; ints, which addresses are too, and bools, which it takes as
-    int64, and floats, as double; None, a null pointer; and objects of ctypes. result: c_int32, which is 0 but on
-    failure; c_int64 or c_double, below 0 on failure; c_void_p, null on failure; or None. Raises EngineError where the
-    library is missing, or on failure, which is memory that is missing for the `work`.
+    def __init__(self, shape: Any, dtype: Any = np.float64) -> None:
+        self.array = np.zeros(shape, dtype)
+
+
+def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> Any:
+    """Call a function of the library. Return the arrays of its `Out`s, a tuple if there are several; without any
+    return its result.
+
+    given: contiguous arrays and `Out`s, passed as pointers; ints, which addresses are too, and bools, passed as int64;
+    floats, passed as double; None, a null pointer; and objects of ctypes.
+    result: c_int32, 0 unless the call fails; c_int64 or c_double, below 0 if it fails; c_void_p, null if it fails; or
+    None. With c_int64 it is a count, and only so many first rows of each `Out` are returned.
+    Raises EngineError if the library is missing, or if the call fails: then memory is missing for the `work`.
     """
-    found = _function(name, result)(*[_KINDS.get(each.__class__, _in_c)(each) for each in given])
-    if result is not None and (found is None or found < 0 or (result is c_int32 and found)):
+    value = _function(name, result)(*[_KINDS.get(argument.__class__, _in_c)(argument) for argument in given])
+    if result is not None and (value is None or value < 0 or (result is c_int32 and value)):
         raise EngineError(f"there is no memory for the {work} of the drawing; make the picture smaller")
-    return found
+    arrays = [argument.array for argument in given if argument.__class__ is Out]
+    if not arrays:
+        return value
+    if result is c_int64:
+        arrays = [array[:value].copy() for array in arrays]
+    return tuple(arrays) if len(arrays) > 1 else arrays[0]
 
 
 @cache
@@ -147,44 +175,42 @@ def _function(name: str, result: type | None) -> Any:
     return function
 
 
-def memory_of(array: np.ndarray) -> Any:
-    """The values of an array that is contiguous by rows, as an object of ctypes that keeps them alive."""
-    # Five times faster than `array.ctypes`, which can be had of what may not be written to.
+def _memory_of(array: np.ndarray) -> Any:
+    """Return the values of an array that is contiguous by rows, as an object of ctypes that keeps them alive."""
+    # Five times faster than `array.ctypes`, which also works for arrays that are not writeable.
     return _Memory.from_buffer(array.data) if array.flags.writeable else c_void_p(array.ctypes.data)
 
 
 def address_of(array: np.ndarray) -> int:
-    """The address of an array that is contiguous by rows."""
+    """Return the address of an array that is contiguous by rows."""
     return ctypes.addressof(_Memory.from_buffer(array.data)) if array.flags.writeable else int(array.ctypes.data)
 
 
 def _in_c(given: Any) -> Any:
-    """Arguments of no type of `_KINDS`: numbers of numpy, memory-mapped arrays, and objects of ctypes."""
+    """Convert an argument of a type that `_KINDS` lacks: a number of numpy, memory-mapped array, object of ctypes."""
     if isinstance(given, np.ndarray):
-        return memory_of(given)
+        return _memory_of(given)
     return c_int64(int(given)) if isinstance(given, (int, np.integer)) else given
 
 
 _Memory = c_char * 0
-_KINDS: dict[type, Any] = {np.ndarray: memory_of, int: c_int64, bool: c_int64, float: c_double, np.float64: c_double}
-
-
-def doubles(array: Any) -> np.ndarray:
-    """An array as the library takes it: contiguous, of float64; itself where it is."""
-    return np.ascontiguousarray(array, np.float64)
-
-
-# The same of other types.
-floats, int32s, int64s, bools = (partial(np.ascontiguousarray, dtype=t) for t in (np.float32, np.int32, np.int64, bool))
+_KINDS: dict[type, Any] = {
+    np.ndarray: _memory_of, Out: lambda out: _memory_of(out.array), int: c_int64, bool: c_int64, float: c_double,
+    np.float64: c_double,
+}  # fmt: skip
+# Contiguous arrays of one type, as the library takes them; an array that is one already stays the same object.
+doubles, floats, int32s, int64s, bools = (
+    partial(np.ascontiguousarray, dtype=t) for t in (np.float64, np.float32, np.int32, np.int64, bool)
+)
 
 
 def instruction_sets() -> list[str]:
-    """Instruction sets that this build holds and this machine can run, best first."""
+    """Return the instruction sets that this build holds and this machine can run, best first."""
     return library().cs_isa_names().decode().split(",")
 
 
 def pointer_on(device: Any) -> Pointer:
-    """Gives addresses of arrays that an engine on this device, torch's or "cpu", can use; see `Pointer`."""
+    """Return a `Pointer` for the arrays that an engine on this device, torch's or "cpu", can use."""
 
     def pointer(array: Array, name: str, shape: tuple[int, ...], dtype: str) -> int | None:
         if array is None:
@@ -205,14 +231,13 @@ def pointer_on(device: Any) -> Pointer:
 
 
 _pointer = pointer_on("cpu")
-_FOUND = "gradient of "  # what messages put before the names of arrays to fill
 
 
 class CpuEngine(Engine):
-    """One native engine with its threads and scratch memory. Not to be shared between Python threads.
+    """A native engine with its threads and scratch memory. Python threads must not share one.
 
-    threads: worker threads, >= 1 (default: all the process may use). isa: one of `instruction_sets()` (default: the
-    best of them).
+    threads: worker threads, >= 1 (default: all that the process may use). isa: one of `instruction_sets()` (default:
+    the best of them).
     """
 
     name = "cpu"
@@ -234,7 +259,7 @@ class CpuEngine(Engine):
         return array
 
     def close(self) -> None:
-        """Frees the threads and the memory; the engine is of no use afterwards."""
+        """Free the threads and the memory; later calls raise EngineError."""
         if getattr(self, "_handle", None):
             self._library.cs_destroy(self._handle)
             self._handle = None
@@ -243,7 +268,7 @@ class CpuEngine(Engine):
         self.close()
 
     def _opened(self) -> int:
-        """The native engine. Raises EngineError where it is closed: the library would read freed memory."""
+        """Return the native engine. Raises EngineError if it is closed: the library would read freed memory."""
         if not self._handle:
             raise EngineError("the engine is closed; open another one")
         return int(self._handle)
@@ -251,114 +276,100 @@ class CpuEngine(Engine):
     def describe(self) -> dict[str, object]:
         return {"name": self.name, "isa": self.isa, "threads": self.threads}
 
-    def _scene(self, scene: EngineScene) -> _Scene:
-        return _Scene(
+    def _call(
+        self, function: str, scene: EngineScene, settings: RasterSettings, *further: ctypes.Structure,
+        importance: str | None = None, penalty: Penalty = SQUARED, **pictures: Array,
+    ) -> float:  # fmt: skip
+        """Call a function of the library that draws the scene. Return the loss.
+
+        further: its structures after the first three. pictures: by the names of the fields of `_Images`.
+        """
+        curves = _Scene(
             curves=scene.curves, segments=scene.points_per_curve // 3, closed=scene.mode is Mode.CLOSED,
             width=scene.width, height=scene.height, channels=scene.channels, rings=scene.most_rings,
             logits=scene.logits, background=(c_float * 4)(*(scene.background or ()), 0.0), most_stops=scene.most_stops,
             **scene.own_addresses(_pointer),
         )  # fmt: skip
-
-    def _images(self, scene: EngineScene, **pictures: Array) -> tuple[_Images, c_double]:
-        """Pictures by the names of the structure's fields, ground and metric, and where the loss will be."""
-        loss = c_double(0.0)
-        pictures |= {"ground": self.ground, "metric": self.metric}
-        return _Images(**scene.addresses(_pointer, pictures), loss=ctypes.addressof(loss)), loss
-
-    @staticmethod
-    def _settings(settings: RasterSettings, importance: str | None, penalty: Penalty = SQUARED) -> _Settings:
-        exact = settings.coverage == "exact"
-        return _Settings(
-            exact, settings.samples, settings.tolerance, settings.subdivide, settings.edge_width,
+        coverage = _Settings(
+            settings.coverage == "exact", settings.samples, settings.tolerance, settings.subdivide, settings.edge_width,
             IMPORTANCE[importance], *penalty,
         )  # fmt: skip
-
-    def _check(self, status: int) -> None:
-        if status:
+        loss = c_double(0.0)
+        pictures |= {"ground": self.ground, "metric": self.metric}
+        images = _Images(**scene.addresses(_pointer, pictures), loss=ctypes.addressof(loss))
+        if getattr(self._library, function)(self._opened(), curves, coverage, images, *further):
             raise EngineError(f"{self._failed}: {self._library.cs_error(self._opened()).decode()}")
+        return loss.value
 
     def render(self, scene: EngineScene, settings: RasterSettings) -> Array:
         xp = namespace(scene.points)
         image = xp.empty((scene.height, scene.width, scene.channels), dtype=xp.float32)
-        images, _ = self._images(scene, image=image)
-        s, t = self._scene(scene), self._settings(settings, None)
-        self._check(self._library.cs_render(self._opened(), s, t, images))
+        self._call("cs_render", scene, settings, image=image)
         return image
 
     def loss(
         self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
         penalty: Penalty = SQUARED,
     ) -> float:  # fmt: skip
-        images, loss = self._images(scene, target=target, weights=weights)
-        s, t = self._scene(scene), self._settings(settings, None, penalty)
-        self._check(self._library.cs_render(self._opened(), s, t, images))
-        return loss.value
+        return self._call("cs_render", scene, settings, penalty=penalty, target=target, weights=weights)
 
     def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
-        images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
-        s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
-        g = _Gradients(**scene.addresses(_pointer, wanted.out, _FOUND))
-        self._check(self._library.cs_gradients(self._opened(), s, t, images, g))
-        return loss.value
+        gradients = _Gradients(**scene.addresses(_pointer, wanted.out, "gradient of "))
+        return self._call(
+            "cs_gradients", scene, settings, gradients, importance=wanted.importance, penalty=wanted.penalty,
+            target=wanted.target, weights=wanted.weights, gradient=wanted.gradient,
+        )  # fmt: skip
 
-    def call(self, name: str, scene: EngineScene, settings: RasterSettings, *given: Any) -> None:
-        """Calls a function of the library that draws with the engine: it takes that, the scene and the settings, and
-        what is given, as by `native`.
-        """
-        s, t = self._scene(scene), self._settings(settings, None)
-        arguments = [_KINDS.get(each.__class__, _in_c)(each) for each in given]
-        self._check(_function(name, c_int32)(c_void_p(self._opened()), ctypes.byref(s), ctypes.byref(t), *arguments))
+    def step_frames(self, canvas: EngineScene, settings: RasterSettings, steps: FrameSteps) -> None:
+        """Do steps of the knots of moving curves. canvas: any scene on their canvas."""
+        self._call("cs_step_frames", canvas, settings, steps)
 
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float:
-        given, loss, _kept = self._for_steps(scene, settings, training)
-        self._check(self._library.cs_step(self._opened(), *given))
-        return loss.value
+        return self._train("cs_step", scene, settings, training)
 
     def steps(
         self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
         best: Checkpoint | None = None,
     ) -> np.ndarray:  # fmt: skip
-        given, _loss, _kept = self._for_steps(scene, settings, training)
         losses = np.empty(len(paces))
-        kept = {} if best is None else {n: getattr(best.curves, n) for n in OWN_ARRAYS if n != "ring_ends"}
+        kept = {} if best is None else {name: getattr(best.curves, name) for name in MOVED}
         run = _Run(
             len(paces), address_of(paces), seconds, address_of(losses), 0, math.inf if best is None else best.loss,
             **scene.addresses(_pointer, kept, "best "),
         )  # fmt: skip
         try:
-            self._check(self._library.cs_run(self._opened(), *given, run))
-        finally:  # as far as Ctrl-C is concerned, too, which comes after it
+            self._train("cs_run", scene, settings, training, run)
+        finally:  # Ctrl-C comes after the call, and must find the loss of the curves that were kept
             if best is not None:
                 best.loss = run.least
         return losses[: run.done]
 
-    def _for_steps(self, scene: EngineScene, settings: RasterSettings, training: Training) -> tuple[Any, Any, Any]:
-        """What the library takes for steps, where the loss of one will be, and what else must outlive the call."""
-        images, loss = self._images(
-            scene, target=training.target, weights=training.weights, gradient=training.image_gradient,
-            image=training.image,
-        )  # fmt: skip
+    def _train(
+        self, function: str, scene: EngineScene, settings: RasterSettings, training: Training, *run: _Run
+    ) -> float:  # fmt: skip
+        """Call a function of the library that does steps. Return the loss before the first."""
         found = {
             "points": training.of_points, "importance": training.importance, "frames": training.frames_gradient,
             "stops": training.stops_gradient,
         }  # fmt: skip
-        g = _Gradients(**scene.addresses(_pointer, found, _FOUND))
-        s, t = self._scene(scene), self._settings(settings, training.wanted_importance, training.penalty)
+        gradients = _Gradients(**scene.addresses(_pointer, found, "gradient of "))
         further = {"points_gradient": training.points_gradient, "rate_scale": training.rate_scale}
-        state, rates = training.state, training.rates
+        moved = {name: getattr(scene, name) for name in MOVED} | vars(training.state) | further
+        rates = training.rates
         update = _Training(
-            s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,
-            *scene.addresses(_pointer, vars(state) | further).values(),
-            rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
-            rates.epsilon, shared_opacity=training.shared_opacity,
+            *scene.addresses(_pointer, moved).values(), *rates.sizes, *rates.keep, rates.epsilon,
+            shared_opacity=training.shared_opacity,
         )  # fmt: skip
-        tied = None
         if training.tied is not None:
             tied = _Tied(*map(address_of, training.tied), training.tied[-1].shape[1])
             update.tied = ctypes.addressof(tied)
         if training.blunting is not None:
             update.blunting = ctypes.addressof(training.blunting)
-        return (s, t, images, g, update), loss, tied
+        return self._call(
+            function, scene, settings, gradients, update, *run, importance=training.wanted_importance,
+            penalty=training.penalty, target=training.target, weights=training.weights,
+            gradient=training.image_gradient, image=training.image,
+        )  # fmt: skip
 
     def timings(self) -> dict[str, float]:
         seconds = (c_double * 4)()
@@ -366,7 +377,7 @@ class CpuEngine(Engine):
         return dict(zip(("flatten", "bin", "raster", "update"), seconds, strict=True))
 
     def counts(self) -> dict[str, int]:
-        """Pairs by class, and the edges listed for the boundary pairs."""
+        """Return the pairs by class, and the number of edges listed for the boundary pairs."""
         counts = (c_int64 * 4)()
         self._library.cs_counts(self._opened(), counts)
         return dict(zip(("outside", "inside", "boundary", "edges"), counts, strict=True))

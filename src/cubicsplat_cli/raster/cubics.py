@@ -1,6 +1,6 @@
 """Outlines divided into lines and cubics and fitted to points, and feet of points on cubics, by the native library.
 
-All raise EngineError where the library or the memory is missing.
+All functions raise EngineError if the library or the memory is missing.
 """
 
 from __future__ import annotations
@@ -12,27 +12,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import bools, doubles, int64s, native
+from cubicsplat_cli.raster.cpu import Out, bools, doubles, int64s, native
 from cubicsplat_cli.record import record
 
 _native = partial(native, "outlines")
+# An outline of A anchors: these, and the handles before and after them, relative to them, (A, 2) px each.
 Outline = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The parameters u (P, K) after one Newton step towards the feet of points (P, K, 2) on cubics (P, 4, 2)."""
-    u = doubles(u)
-    out = np.empty_like(u)
-    _native("cs_nearer", *u.shape, doubles(cubics), doubles(points), u, out, result=None)
-    return out
+    """Return the parameters u (P, K) after one Newton step towards the feet of points (P, K, 2) on cubics (P, 4, 2)."""
+    return _native("cs_nearer", *u.shape, doubles(cubics), doubles(points), doubles(u), Out(u.shape), result=None)
 
 
 @record
 class Division:
-    """S lines and cubics in a row. sizes: (S,) how many points belong to each. anchors: (S, 2) px, where each starts.
-    handles: (S, 2, 2) px, of each its control points after its start and before its end, relative to these. lines: (S,)
-    bool. level: (S,) bool, whether the direction where a piece starts is exactly along an axis. from_corner: (S,) bool,
-    whether a piece starts at a corner."""
+    """S lines and cubics in a row. sizes: (S,) the number of points of each. anchors: (S, 2) px, the starts. handles:
+    (S, 2, 2) px, the control points after the start and before the end, relative to these. lines: (S,) bool. level:
+    (S,) bool, pieces that start exactly along an axis. from_corner: (S,) bool, pieces that start at a corner."""
 
     sizes: np.ndarray
     anchors: np.ndarray
@@ -41,13 +38,10 @@ class Division:
     level: np.ndarray
     from_corner: np.ndarray
 
-    @classmethod
-    def _room(cls, count: int) -> Division:
-        flags = (np.empty(count, dtype=bool) for _ in range(3))
-        return cls(np.empty(count, np.int64), np.empty((count, 2)), np.empty((count, 2, 2)), *flags)
-
-    def _first(self, count: int) -> Division:
-        return Division(*(array[:count].copy() for array in vars(self).values()))
+    @staticmethod
+    def room(count: int) -> list[Out]:
+        """Return arrays for the fields of at most so many pieces."""
+        return [Out(count, np.int64), Out((count, 2)), Out((count, 2, 2)), *(Out(count, bool) for _ in range(3))]
 
 
 def divided_run(
@@ -56,19 +50,17 @@ def divided_run(
     ends: tuple[np.ndarray, np.ndarray, np.ndarray],
     price: float,
 ) -> tuple[Division, float]:
-    """The cheapest division of a run of m points between two corners into lines and cubics, and its cost in nats: half
-    of Huber's chi^2 plus the price of a parameter times their number.
+    """Return the cheapest division of a run of m points between two corners into lines and cubics, and its cost in
+    nats: half of Huber's chi^2 plus the price of a parameter times their number.
 
     fits: of the points, positions (m, 2) px, unit tangents (m, 2), curvatures (m,) 1/px, and standard errors (m, 2), px
-    across the run and radians. weights: (m,) 1/px^2, 0 where points tell nothing. ends: positions, unit tangents and
-    standard errors, (2, 2) each, where the run starts and stops. price: nats.
+    across the run and radians. weights: (m,) 1/px^2, 0 for points that say nothing. ends: positions, unit tangents and
+    standard errors, (2, 2) each, of the start and the end of the run. price: nats.
     """
     count, cost = len(weights), c_double()
     given = [doubles(array) for array in (*fits, weights, *ends)]
-    found = Division._room(count + 2)
-    out = *vars(found).values(), byref(cost)
-    pieces = _native("cs_divide", count, *given, float(price), *out, result=c_int64)
-    return found._first(pieces), cost.value
+    out = *Division.room(count + 2), byref(cost)
+    return Division(*_native("cs_divide", count, *given, float(price), *out, result=c_int64)), cost.value
 
 
 def found_merges(
@@ -77,29 +69,30 @@ def found_merges(
     judged: tuple[float, float, float],
     runs: tuple[int, int, int],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The runs of pieces of a ring for which a line, or else a cubic, may stand: numbers (m, 4), the first piece, how
-    many there are, whether it is a line, and the parameters saved; its control points (m, 4, 2); and the nats (m,)
-    expected to be saved, which are more than none.
+    """Find the runs of pieces of a ring that a line, or else a cubic, may replace. Return numbers (m, 4): the first
+    piece, their number, 1 for a line, and the parameters saved; the control points (m, 4, 2) of the replacement; and
+    the nats (m,), above 0, that it is expected to save.
 
-    ring: the pieces (S, 4, 2), and (S,) bool whether each is a line, starts smoothly, starts at a place that stays, and
-    shows. samples: points along it (n, 2) px, weights (n,), and where those of each piece end (S,). judged: nats a
-    parameter, the share of half of chi^2 that counts against a run, and the least cosine of the angle between the
-    directions at its ends. runs: the longest where it shows, and where it does not; the fewest pieces of a ring.
+    ring: the pieces (S, 4, 2), and four (S,) bool: lines; pieces that start smoothly; pieces that start at a place that
+    stays; and pieces that show. samples: points along it (n, 2) px, weights (n,), and the end of each piece's points
+    (S,). judged: nats a parameter, the share of half of chi^2 that counts against a run, and the least cosine of the
+    angle between the directions at its ends. runs: the longest run that shows, and that does not; the fewest pieces of
+    a ring.
     """
     pieces, most = len(ring[0]), len(ring[0]) * runs[1]
-    numbers, cubics, nets = np.empty((most, 4), np.int64), np.empty((most, 4, 2)), np.empty(most)
-    flags = [bools(each) for each in ring[1:]]
     points, weights, ends = samples
-    given = int64s(ends), doubles(points), doubles(weights), *judged, np.array(runs, np.int64)
-    count = _native("cs_find_merges", pieces, doubles(ring[0]), *flags, *given, numbers, nets, cubics, result=c_int64)
-    return numbers[:count], cubics[:count], nets[:count]
+    given = int64s(ends), doubles(points), doubles(weights), *judged, int64s(runs)
+    numbers, nets, cubics = Out((most, 4), np.int64), Out(most), Out((most, 4, 2))
+    shape = pieces, doubles(ring[0]), *map(bools, ring[1:])
+    numbers, nets, cubics = _native("cs_find_merges", *shape, *given, numbers, nets, cubics, result=c_int64)
+    return numbers, cubics, nets
 
 
 @record
 class Joints:
     """The constraints that an outline of A anchors and S pieces (A when closed, else A - 1) keeps while it is fitted.
-    lines: (S,) bool. smooth: (A,) bool, whether feet pass from piece to piece there, and handles lie in line. level:
-    (A,) bool, smooth ones whose direction stays. tied: (A, 2) int, the variable of each coordinate of an anchor, -1 for
+    lines: (S,) bool. smooth: (A,) bool, joints across which feet pass, and at which handles lie in line. level: (A,)
+    bool, smooth joints whose direction stays. tied: (A, 2) int, the variable of each coordinate of an anchor, -1 for
     none."""
 
     lines: np.ndarray
@@ -115,19 +108,17 @@ class Joints:
     @cached_property
     def variables(self) -> int:
         """The number of variables that move the outline."""
-        return int(_native("cs_count_variables", *self._given, result=c_int64))
+        return _native("cs_count_variables", *self._given, result=c_int64)
 
     @cached_property
     def numbers(self) -> JointNumbers:
         """The variables of the joints."""
-        out = np.empty((len(self.smooth), 5), np.int64)
-        _native("cs_number_joints", *self._given, out)
-        return JointNumbers(*out.T)
+        return JointNumbers(*_native("cs_number_joints", *self._given, Out((len(self.smooth), 5), np.int64)).T)
 
 
 class JointNumbers(NamedTuple):
-    """The variables of joints by number, (A,) each, -1 for none: the angle and the lengths of the handles of smooth
-    ones; and the first of two, of a handle at a corner."""
+    """The numbers of the variables of joints, (A,) each, -1 for none: the angle and the lengths of the handles of
+    smooth joints; and the first of the two variables of a handle at a corner."""
 
     angle: np.ndarray
     length_in: np.ndarray
@@ -137,30 +128,24 @@ class JointNumbers(NamedTuple):
 
 
 def tied_coordinates(anchors: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """(A, 2) int64 the variable of each coordinate of anchors (A, 2): one for both ends of a piece that is a level or
-    upright line; lines: (S,) bool.
+    """Return (A, 2) int64: the variable of each coordinate of anchors (A, 2), one for both ends of a piece that is a
+    level or upright line; lines: (S,) bool.
     """
-    tied = np.empty(anchors.shape, np.int64)
-    _native("cs_tie", len(anchors), len(lines), doubles(anchors), bools(lines), tied)
-    return tied
+    given = len(anchors), len(lines), doubles(anchors), bools(lines)
+    return _native("cs_tie", *given, Out(anchors.shape, np.int64))
 
 
 def held_ring(
-    anchors: np.ndarray,
-    controls: np.ndarray,
-    lines: np.ndarray,
-    smooth: np.ndarray,
-    size: tuple[int, int],
-    on_border: float,
-    pins: tuple[Sequence[float], Sequence[float]],
-) -> tuple[Outline, Joints]:
-    """A ring of anchors (A, 2), px, and control points (A, 2, 2) with what is held in place, and its joints: those that
-    are no smooth ones by their handles are corners.
+    anchors: np.ndarray, controls: np.ndarray, lines: np.ndarray, smooth: np.ndarray, size: tuple[int, int],
+    on_border: float, pins: tuple[Sequence[float], Sequence[float]],
+) -> tuple[Outline, Joints]:  # fmt: skip
+    """Return a ring of anchors (A, 2), px, and control points (A, 2, 2) with the held coordinates in place, and its
+    joints: those with handles out of line become corners.
 
-    size: px of the canvas, on whose border what lies nearer to it than `on_border` px is brought; pins: the x, and the
-    y, that stay.
+    size: px of the canvas; anchors within `on_border` px of its border are moved onto it. pins: the x, and the y, that
+    stay.
     """
-    outline = np.array(anchors, np.float64, order="C"), np.empty(anchors.shape), np.empty(anchors.shape)
+    outline = _copies((anchors, np.empty(anchors.shape), np.empty(anchors.shape)))
     joints = Joints(lines, np.array(smooth, bool), np.empty(len(smooth), bool), np.empty(anchors.shape, np.int64))
     held = *size, float(on_border), len(pins[0]), len(pins[1]), doubles([*pins[0], *pins[1]])
     given = len(anchors), doubles(controls), bools(lines), *held
@@ -169,61 +154,50 @@ def held_ring(
 
 
 def outline_directions(joints: Joints, outline: Outline) -> np.ndarray:
-    """(A, 2) unit tangents of the smooth joints. outline: as for `moved_outline`."""
-    out = np.empty(outline[0].shape)
-    _native("cs_directions", *joints._given, *map(doubles, outline), out)
-    return out
+    """Return (A, 2): the unit tangents of the smooth joints."""
+    return _native("cs_directions", *joints._given, *map(doubles, outline), Out(outline[0].shape))
 
 
 def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> tuple[Outline, np.ndarray]:
-    """An outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian each, and
-    its control points, as `outline_cubics` gives them.
-
-    outline: anchors, and handles before and after them, relative to them, (A, 2) px each.
+    """Return an outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian
+    each, and its control points, as of `outline_cubics`.
     """
-    parts = [np.array(part, dtype=np.float64, order="C") for part in outline]
-    cubics = np.empty((len(joints.lines), 4, 2))
-    _native("cs_move_outline", *joints._given, doubles(step), *parts, cubics)
-    return (parts[0], parts[1], parts[2]), cubics
+    parts = _copies(outline)
+    return parts, _native("cs_move_outline", *joints._given, doubles(step), *parts, Out((len(joints.lines), 4, 2)))
 
 
 def outline_cubics(lines: np.ndarray, outline: Outline) -> np.ndarray:
-    """(S, 4, 2) the control points of an outline of S pieces, some of them lines (S,) bool, whose control points lie at
-    their thirds. outline: as for `moved_outline`.
-    """
-    out = np.empty((len(lines), 4, 2))
-    flags = bools(lines)
-    _native("cs_outline_cubics", len(outline[0]), len(lines), flags, *map(doubles, outline), out, result=None)
-    return out
+    """Return (S, 4, 2): the control points of an outline of S pieces; those of lines (S,) bool lie at their thirds."""
+    given = len(outline[0]), len(lines), bools(lines), *map(doubles, outline)
+    return _native("cs_outline_cubics", *given, Out((len(lines), 4, 2)), result=None)
 
 
 def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Jacobian of the 8 coordinates of each piece's control points by the variables: the values, columns and row
-    starts of a sparse matrix. outline: as for `moved_outline`.
+    """Return the Jacobian of the 8 coordinates of each piece's control points by the variables: the values, columns and
+    row starts of a sparse matrix.
     """
     rows = 8 * len(joints.lines)
-    values, columns, starts = np.empty(8 * rows), np.empty(8 * rows, np.int32), np.empty(rows + 1, np.int32)
-    given = *joints._given, *map(doubles, outline)
-    count = _native("cs_outline_jacobian", *given, starts, columns, values, result=c_int64)
-    return values[:count].copy(), columns[:count].copy(), starts
+    starts, out = np.empty(rows + 1, np.int32), (Out(8 * rows, np.int32), Out(8 * rows))
+    given = *joints._given, *map(doubles, outline), starts
+    columns, values = _native("cs_outline_jacobian", *given, *out, result=c_int64)
+    return values, columns, starts
 
 
 def refined(
-    joints: Joints,
-    outline: Outline,
-    points: np.ndarray,
-    weights: np.ndarray,
-    feet: tuple[np.ndarray, np.ndarray],
+    joints: Joints, outline: Outline, points: np.ndarray, weights: np.ndarray, feet: tuple[np.ndarray, np.ndarray],
     rounds: int,
-) -> tuple[Outline, tuple[np.ndarray, np.ndarray], float]:
-    """An outline nearest to points (n, 2) along its normals, by at most `rounds` damped Gauss-Newton steps, their feet,
-    and chi^2: Huber's, of distances in standard errors, linear beyond 3.
+) -> tuple[Outline, tuple[np.ndarray, np.ndarray], float]:  # fmt: skip
+    """Fit an outline to points (n, 2) along its normals by at most `rounds` damped Gauss-Newton steps. Return it, the
+    feet of the points, and chi^2: Huber's, of distances in standard errors, linear beyond 3.
 
-    outline: anchors, and handles before and after them, relative to them, (A, 2) px each; those at smooth joints are
-    turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and parameter (n,) to start from.
+    The handles at smooth joints are turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and
+    parameter (n,) to start from.
     """
-    parts = tuple(np.array(part, dtype=np.float64, order="C") for part in outline)
-    piece, u = np.array(feet[0], dtype=np.int64), np.array(feet[1], dtype=np.float64)
+    parts, piece, u = _copies(outline), np.array(feet[0], np.int64), np.array(feet[1], np.float64)
     places = len(u), doubles(points), doubles(weights), piece, u
-    chi = _native("cs_refine", *joints._given, *parts, *places, rounds, result=c_double)
-    return (parts[0], parts[1], parts[2]), (piece, u), float(chi)
+    return parts, (piece, u), _native("cs_refine", *joints._given, *parts, *places, rounds, result=c_double)
+
+
+def _copies(outline: Outline) -> Outline:
+    anchors, incoming, outgoing = (np.array(part, np.float64, order="C") for part in outline)
+    return anchors, incoming, outgoing

@@ -20,16 +20,16 @@ from cubicsplat_cli.settings import Recipe
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 RATED = 5  # groups of parameters with a rate of their own, in the order of `Rates`
-OWN_ARRAYS = ("points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends")
+MOVED = ("points", "colours", "opacities", "half_widths", "edge_widths")  # arrays of a scene that steps move
 INTEGERS = ("ring_ends", "kinds", "counts", "ages")  # int32, all others float32
-# Of an array, its name for messages, its shape and type: the address of its values, None of None. Raises EngineError
-# where the engine cannot use it.
+# A function of an array, its name for messages, its shape and type: the address of its values, None for None. It raises
+# EngineError if the engine cannot use the array.
 Pointer = Callable[[Array, str, tuple[int, ...], str], "int | None"]
 PAINTS = 5  # values of a curve beside its points: three of its colour, opacity, half-width
 
 
 def values_per_curve(points_per_curve: int) -> int:
-    """Values of a curve that the optimiser keeps side by side: its points' coordinates, colour, opacity, half-width."""
+    """Return the number of values of a curve in the optimiser: its points' coordinates, colour, opacity, half-width."""
     return 2 * points_per_curve + PAINTS
 
 
@@ -49,22 +49,22 @@ def _shapes(n: int, k: int, rings: int, stops: int, picture: tuple[int, int, int
 
 @dataclass(eq=False)
 class EngineScene(Scene):
-    """A scene as an engine takes it: float32, contiguous, on its device.
+    """A scene as an engine takes it: float32, contiguous, on the engine's device.
 
-    logits: colours and opacities are logits of the values that are drawn; the gradients' stops are values all the same.
-    edge_widths: (N,) px, each curve's own relaxed edge in place of the settings' one, or None.
+    logits: colours and opacities are logits of the drawn values; the gradients' stops are values in any case.
+    edge_widths: (N,) px, each curve's relaxed edge in place of that of the settings, or None.
     """
 
     logits: bool = False
     edge_widths: Array | None = None
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Of every array that may go with the scene to an engine, by name: of curves, gradients, steps and pictures."""
+        """Return the shapes of all arrays that an engine may take, by name: of curves, gradients, steps, pictures."""
         picture = self.height, self.width, self.channels
         return _shapes(self.curves, self.points_per_curve, self.most_rings, self.most_stops, picture)
 
     def addresses(self, pointer: Pointer, arrays: dict[str, Array], prefix: str = "") -> dict[str, int | None]:
-        """The addresses of arrays, whose names are those of `shapes`; messages put a prefix before them."""
+        """Return the addresses of arrays, by the names of `shapes`; messages put a prefix before these."""
         shapes = self.shapes()
         return {
             name: pointer(array, prefix + name, shapes[name], "int32" if name in INTEGERS else "float32")
@@ -72,18 +72,17 @@ class EngineScene(Scene):
         }
 
     def own_addresses(self, pointer: Pointer) -> dict[str, int | None]:
-        """Those of the scene's own arrays and of its gradients'."""
-        found = self.addresses(pointer, {name: getattr(self, name) for name in OWN_ARRAYS})
-        if self.gradients is not None:
-            found |= self.addresses(pointer, vars(self.gradients), "gradients.")
-        return found
+        """Return the addresses of the arrays of the scene and of its gradients."""
+        fills = {} if self.gradients is None else vars(self.gradients)
+        own = {name: getattr(self, name) for name in (*MOVED, "ring_ends")}
+        return self.addresses(pointer, own) | self.addresses(pointer, fills, "gradients.")
 
 
 @dataclass(eq=False)
 class Rates:
     """Step sizes (0 freezes a group, its moments included) and constants of one Adan update.
 
-    keep: fractions of the running means of gradient, change and square that stay from step to step (one minus the betas
+    keep: shares of the running means of gradient, change and square that stay from step to step (one minus the betas
     of Xie et al., 2022). epsilon: added to the gradient's scale.
     """
 
@@ -94,6 +93,11 @@ class Rates:
     edge_widths: float = 0.0
     keep: tuple[float, float, float] = (Recipe.keep_mean, Recipe.keep_change, Recipe.keep_square)
     epsilon: float = Recipe.epsilon
+
+    @property
+    def sizes(self) -> tuple[float, float, float, float, float]:
+        """The step size of each group, in the order of `MOVED`."""
+        return self.points, self.colours, self.opacities, self.half_widths, self.edge_widths
 
 
 @dataclass(eq=False)
@@ -109,7 +113,7 @@ class OptimiserState(CurveArrays):
 
     @classmethod
     def zeros_for(cls, points: Array) -> OptimiserState:
-        """That of new curves with control points (N, K, 2), arrays of the same kind in the same place."""
+        """Return the state of new curves with control points (N, K, 2), in arrays of the same kind and device."""
         xp, (n, k) = namespace(points), points.shape[:2]
 
         def zeros(*shape: int, dtype: Any = xp.float32) -> Array:
@@ -118,7 +122,7 @@ class OptimiserState(CurveArrays):
         return cls(zeros(n, values_per_curve(k), 4), zeros(n, 4), zeros(n, dtype=xp.int32))
 
     def resize(self, across: float, down: float) -> None:
-        """Goes over, in place, to a picture whose sides are so many times as long.
+        """Adapt, in place, to a picture whose sides are multiplied by these factors.
 
         The loss is a sum over the pixels: gradients of lengths grow with the scale, those of paints with the pixels.
         """
@@ -126,12 +130,17 @@ class OptimiserState(CurveArrays):
         growth = xp.full_like(self.moments[0, :, 0], pixels)
         growth[:-PAINTS] = scale
         growth[-1] = scale  # the half-width
-        self.moments *= xp.stack([growth, growth, growth * growth, growth], axis=-1)
+        grow(self.moments, growth)
+
+
+def grow(moments: Array, growth: Array) -> None:
+    """Adapt Adan's moments (N, V, 4), in place, to gradients that grow by factors (V,)."""
+    moments *= namespace(moments).stack([growth, growth, growth * growth, growth], axis=-1)
 
 
 @dataclass(eq=False)
 class Backward:
-    """One backward pass: where its gradient comes from, and the tensors to fill; see `Engine.gradients`."""
+    """A backward pass: the sources of its gradient, and the tensors to fill; see `Engine.gradients`."""
 
     gradient: Array | None
     target: Array | None
@@ -143,22 +152,20 @@ class Backward:
 
 @dataclass(eq=False)
 class Training:
-    """The inputs of training steps, their rates, and what else they write or add. Made once for a fit and changed in
-    place.
+    """The inputs of training steps, their rates, and the arrays that they fill. A fit makes it once and changes it.
 
-    target (H, W, C): the picture; penalty: what its pixels' errors cost. Filled where given: image (H, W, C) and, of
-    importance_kind ("visibility" or "loo"), importance (N,). Read where given: weights (H, W), at least 0, factors of
-    the pixels' losses and importances; image_gradient (H, W, C), dL/dF of another loss, which the step follows in place
-    of the target's; points_gradient (N, K, 2), that of a further loss term, added to the picture's; rate_scale (N, 5),
-    each curve's factors of the step sizes, in the order of `Rates`. of_points (N, K, 2): filled where given, with dL/d
-    of the control points. Filled where the scene has gradients, whose frames and stops a step leaves to its caller:
-    frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either. blunting: a penalty on spikes and slivers,
-    `raster.cpu.Blunting`, whose gradient is added too.
+    target (H, W, C): the picture; penalty: the cost of its pixels' errors. importance_kind: "visibility" or "loo".
+    Read unless None: weights (H, W), at least 0, factors of the pixels' losses and importances; image_gradient (H, W,
+    C), dL/dF of another loss, which the step follows in place of the target's; points_gradient (N, K, 2), of a further
+    loss term, added to the picture's; rate_scale (N, 5), each curve's factors of the step sizes, in the order of
+    `Rates`. Filled unless None: image (H, W, C); importance (N,); of_points (N, K, 2), dL/d of the control points; and
+    if the scene has gradients, whose frames and stops a step leaves to its caller, frames_gradient (N, 2, 3) and
+    stops_gradient (N, S, 4), dL/d of either. blunting: the penalty on spikes and slivers, whose gradient is added too
+    (`raster.cpu.Blunting`).
 
-    Only the CPU's engine knows these. tied:
-    arrays of numpy that the control points follow from, which are moved in their place: values (N, V, 2), Adan's
-    moments (N, 2 V, 4) and ages (N,) for them, and map (K, V), with points = map values. shared_opacity: after a step
-    all curves have the mean of their opacities.
+    Only the CPU's engine has these. tied: arrays of numpy that determine the control points and are moved in their
+    place: values (N, V, 2), Adan's moments (N, 2 V, 4) and ages (N,) for them, and map (K, V), with points = map
+    values. shared_opacity: after a step all curves have the mean of their opacities.
     """
 
     target: Array
@@ -197,11 +204,12 @@ class Checkpoint(Protocol):
 class Engine(ABC):
     """Draws scenes and fits them.
 
-    The CPU's takes arrays of either kind and gives what it is given, a GPU's takes torch tensors on its device. device:
-    where they are, in the terms of their kind. runs_ahead: calls return before all is done, so that a look at a value
-    waits. at_once: how many `steps` it may do in a row, 1 where it has none. Only the CPU's knows these, or None:
-    ground (H, W, C), what lies behind all curves in place of a scene's background; and metric (2, H, W, 3), what the
-    error e of a pixel costs in place of its penalty: e' M e, of M the diagonal, then (0, 1), (0, 2) and (1, 2).
+    The CPU's takes arrays of either kind and returns the same kind; a GPU's takes torch tensors on its device. device:
+    that of the arrays, as their kind names it. runs_ahead: calls return before all is done, and a look at a value
+    waits. at_once: the number of `steps` that it may do in a row, 1 if it has no such method. Only the CPU's has these,
+    or None: ground (H, W, C), a picture behind all curves in place of a scene's background; and metric (2, H, W, 3),
+    the cost of the error e of a pixel in place of its penalty: e' M e, of M the diagonal, then (0, 1), (0, 2) and (1,
+    2).
     """
 
     name: str
@@ -213,7 +221,7 @@ class Engine(ABC):
 
     @abstractmethod
     def take(self, array: Array) -> Array:
-        """An array of the host as one that it can work on; the same one, or in the same memory, where it is that."""
+        """Return an array of the host as one that the engine can use, if possible the same or in the same memory."""
 
     @property
     def _failed(self) -> str:
@@ -221,32 +229,32 @@ class Engine(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Frees what the engine holds beside the tensors of its caller."""
+        """Free all that the engine holds; the tensors of its caller stay."""
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """The engine's properties for the user, as plain values."""
+        """Return the engine's properties for the user, as plain values."""
 
     def guarded(self) -> AbstractContextManager[Any]:
-        """Within, what torch says of a failing device is an EngineError: around reads of what a step returned."""
+        """Return a context in which torch's errors of a failing device become EngineErrors, for reads of results."""
         return nullcontext()
 
     def fault(self, wait: bool = True) -> tuple[int, int] | None:
-        """(curve, step) of the first parameter that ceased to be finite, where the engine itself looks for it.
+        """Return (curve, step) of the first parameter that ceased to be finite, if the engine itself looks for it.
 
-        Without `wait`, as it was known some steps ago, so that nothing waits for the device.
+        Without `wait` the state of some steps ago counts, so that nothing waits for the device.
         """
         return None
 
     @abstractmethod
     def render(self, scene: EngineScene, settings: RasterSettings) -> Array:
-        """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
+        """Draw the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
 
     def loss(
         self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
         penalty: Penalty = SQUARED,
     ) -> float:  # fmt: skip
-        """The loss of the picture against `target` (H, W, C), without gradients; weights (H, W)."""
+        """Return the loss of the picture against `target` (H, W, C), without gradients; weights (H, W)."""
         return float(image_loss(self.render(scene, settings), target, weights, penalty))
 
     def gradients(
@@ -260,19 +268,19 @@ class Engine(ABC):
         weights: Array | None = None,
         penalty: Penalty = SQUARED,
     ) -> tuple[float, dict[str, Array]]:
-        """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the penalty of the error
-        against `target`, both (H, W, C), by default squared. weights (H, W): factors, at least 0, of the pixels' losses
-        and importances. Returns the loss (0 without a target) and points, colours, opacities, half_widths, background,
-        edge_widths and the gradients' frames and stops where the scene has them and, if asked for ("visibility" or
-        "loo"), importance (N,).
-        Raises EngineError without either, and for leave-one-out importance without a target.
+        """Return the loss (0 without a target), and the gradients of all parameters as given, for an incoming dL/dF
+        (`gradient`) or for the penalty of the error against `target`, both (H, W, C); by default the square.
+
+        The gradients are of points, colours, opacities, half_widths, background, and edge_widths and the gradients'
+        frames and stops if the scene has them. With `importance` ("visibility" or "loo") they include importance (N,).
+        weights (H, W): factors, at least 0, of the pixels' losses and importances. Raises EngineError without gradient
+        and target, and for leave-one-out importance without a target.
         """
         if gradient is None and target is None:
             raise EngineError(f"{self._failed}: a backward pass needs a target or an incoming gradient")
         if importance == "loo" and target is None:
             raise EngineError(f"{self._failed}: leave-one-out importance needs a target")
-        names = ["points", "colours", "opacities", "half_widths", "background"]
-        names += ["edge_widths"] * (scene.edge_widths is not None)
+        names = [*MOVED[:4], "background"] + ["edge_widths"] * (scene.edge_widths is not None)
         names += ["frames", "stops"] * (scene.gradients is not None)
         names += ["importance"] * (importance is not None)
         xp, place = namespace(scene.points), scene.points.device
@@ -282,13 +290,13 @@ class Engine(ABC):
 
     @abstractmethod
     def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
-        """Fills `wanted.out`, whose tensors are zero, and returns the loss."""
+        """Fill `wanted.out`, whose tensors are zero, and return the loss."""
 
     @abstractmethod
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float | Array:
-        """One fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
+        """Do a fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
 
-        Returns the loss (sum over the pixels) before the update. A parameter whose rate is 0 is not written. Raises
+        Return the loss (sum over the pixels) before the update. A parameter with rate 0 is not written. Raises
         EngineError.
         """
 
@@ -296,16 +304,16 @@ class Engine(ABC):
         self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
         best: Checkpoint | None = None,
     ) -> np.ndarray:  # fmt: skip
-        """Steps in a row, of which each has an edge width and rates of its own: paces (n, 6) float32, which go before
-        those of the settings and of the training. After so many seconds no other step begins, nor after a value that is
-        not finite. best: is kept up to date, in place. Returns the losses before those steps that were done.
+        """Do steps in a row. paces: (n, 6) float32, the edge width and rates of each, in place of those of the settings
+        and of the training. No step begins after so many seconds, nor after a value that is not finite. best: is kept
+        up to date, in place. Return the losses before the steps that were done.
         """
         raise EngineError(f"{self._failed}: it does one step at a time")
 
     def timings(self) -> dict[str, float]:
-        """Seconds the last call spent in each stage; none where the engine does not measure them."""
+        """Return the seconds of the last call in each stage; none if the engine does not measure them."""
         return {}
 
     def counts(self) -> dict[str, int]:
-        """(primitive, tile) pairs of the last call by class; none where the engine does not count them."""
+        """Return the (primitive, tile) pairs of the last call by class; none if the engine does not count them."""
         return {}

@@ -32,10 +32,10 @@ _lock = threading.Lock()
 
 
 class Gpus:
-    """The GPUs as `open_engine` sees them; makes engines."""
+    """The GPUs of this machine, for `open_engine`."""
 
     def usable(self) -> bool:
-        """Whether there is one for torch."""
+        """Return whether torch can use one."""
         if gpus() == 0:  # asked first, since the import of torch takes seconds
             return False
         from cubicsplat_cli.raster.cuda.driver import missing_piece
@@ -43,7 +43,7 @@ class Gpus:
         return missing_piece() is None
 
     def engine(self, program: Program) -> Engine:
-        """CUDA's engine, for a program at first. Raises EngineError where it cannot run."""
+        """Return CUDA's engine, for a program at first. Raises EngineError if it cannot run."""
         return cuda_engine(program=program)
 
 
@@ -59,14 +59,13 @@ def open_engine(
     samples: int = 1,
     gpus: Gpus | None = None,
 ) -> Engine:
-    """Opens the engine for `device`: "cpu", "cuda", or "auto", CUDA's where there is a GPU that passes its self-test.
+    """Open the engine for `device`: "cpu", "cuda", or "auto", CUDA's if there is a GPU that passes its self-test.
 
-    mode, channels, painted (with gradients): what it will draw first, which CUDA compiles and tests at once. subdivide:
-    it has to know de Casteljau subdivision, which is the CPU's alone. segments: of the longest curve. samples: edges
-    per cubic at most. gpus: default this machine's. Raises EngineError with the reason where the engine that was asked
-    for cannot run or draw this. Where "auto" finds a GPU that it cannot use, it logs why.
+    mode, channels, painted (with gradients): of the first scene, whose kernels CUDA compiles and tests at once.
+    subdivide: de Casteljau subdivision is needed, which only the CPU's engine has. segments: of the longest curve.
+    samples: edges per cubic at most. gpus: default this machine's. Raises EngineError with the reason if the requested
+    engine cannot run or draw this. If "auto" finds a GPU that it cannot use, it logs why.
     """
-
     gpus = gpus or Gpus()
 
     def cuda() -> Engine:
@@ -89,16 +88,16 @@ def open_engine(
 
 
 def cuda_engine(index: int | None = None, program: Program | None = None) -> CudaEngine:
-    """CUDA's engine, whose import is that of torch. Raises EngineError where it cannot run."""
+    """Return CUDA's engine, whose import is that of torch. Raises EngineError if it cannot run."""
     from cubicsplat_cli.raster.cuda.engine import CudaEngine
 
     return CudaEngine(index, program)
 
 
 def shared_engine(device: torch.device) -> Engine:
-    """An engine for tensors on a device, for calls that keep nothing (`render`, `gradients`).
+    """Return an engine for tensors on a device, for calls that keep nothing (`render`, `gradients`).
 
-    The GPU's is shared by all threads, of which autograd has its own; a CPU engine belongs to the calling thread.
+    All threads share the GPU's, since autograd has threads of its own; a CPU engine belongs to the calling thread.
     """
     if device.type == "cpu":
         if not hasattr(_of_thread, "engine"):
@@ -114,7 +113,7 @@ def shared_engine(device: torch.device) -> Engine:
 
 
 def scene_arrays(scene: Scene) -> EngineScene:
-    """A scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
+    """Return a scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
 
     def plain(array: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(array, np.int32 if array.dtype == np.int32 else np.float32)
@@ -128,10 +127,10 @@ def scene_arrays(scene: Scene) -> EngineScene:
 def render_scene(
     scene: Scene, coverage: str = "exact", samples: int = 24, threads: int | None = None, edge_width: float = 1.0
 ) -> np.ndarray:
-    """The engine's own picture of a scene: (H, W, 3), or (H, W, 4) premultiplied without a background; float32.
+    """Return the engine's own picture of a scene: (H, W, 3), or (H, W, 4) premultiplied without a background.
 
-    samples: edges per cubic at most; fewer where they keep within FLATNESS of it. edge_width: px, for relaxed coverage.
-    Raises InputError for a scene that is not valid.
+    It is float32. samples: edges per cubic at most; fewer if these stay within FLATNESS of it. edge_width: px, for
+    relaxed coverage. Raises InputError for a scene that is not valid.
     """
     scene.validate()
     with closing(CpuEngine(threads)) as engine:
@@ -141,8 +140,8 @@ def render_scene(
 def leave_one_out_importance(
     scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None = None
 ) -> tuple[float, np.ndarray]:
-    """The squared error of the exact picture against a target (H, W, C) of the scene's size, and (N,) how much it would
-    rise without each curve. weights (H, W): of the pixels. samples: edges per cubic at most.
+    """Return the squared error of the exact picture against a target (H, W, C) of the scene's size, and its rise (N,)
+    without each curve. weights (H, W): of the pixels. samples: edges per cubic at most.
     """
     goal = with_channels(np.ascontiguousarray(target, dtype=np.float32), scene.channels)
     with closing(CpuEngine(threads)) as engine:
@@ -154,22 +153,18 @@ def leave_one_out_importance(
 
 
 def describe(cuda: Callable[[], Engine] = cuda_engine) -> dict[str, Any]:
-    """The engines that this installation can run, and why others do not: for `cubicsplat doctor`. cuda: opens
-    CUDA's."""
-    engines = {"cpu": _describe(CpuEngine), "cuda": _describe(cuda)}
+    """Describe the engines that this installation can run, and say why others cannot run: for `cubicsplat doctor`.
+    cuda: opens CUDA's."""
+    engines: dict[str, Any] = {}
+    opened: dict[str, Callable[[], Engine]] = {"cpu": CpuEngine, "cuda": cuda}
+    for name, open_it in opened.items():
+        try:
+            with closing(open_it()) as engine:
+                engines[name] = {"available": True, **engine.describe()}
+        except EngineError as error:
+            engines[name] = {"available": False, "reason": str(error)}
     if engines["cpu"]["available"]:
         engines["cpu"]["instruction_sets"] = instruction_sets()
-    # What `--device auto` takes.
-    chosen = "cuda" if engines["cuda"]["available"] else "cpu"
-    for name, state in engines.items():
-        state["used"] = name == chosen
+    for name, state in engines.items():  # as `--device auto` chooses
+        state["used"] = name == ("cuda" if engines["cuda"]["available"] else "cpu")
     return engines
-
-
-def _describe(opened: Callable[[], Engine]) -> dict[str, Any]:
-    """The engine itself, or the reason why there is none."""
-    try:
-        with closing(opened()) as engine:
-            return {"available": True, **engine.describe()}
-    except EngineError as error:
-        return {"available": False, "reason": str(error)}

@@ -1,7 +1,8 @@
 """The functions of scipy.ndimage that drawings need, natively: with its names, arguments and results.
 
 It takes half a second to import scipy.ndimage, as long as a small drawing takes. Arrays are pictures (H, W) or
-(H, W, C), or lines. All raise EngineError where the native library or the memory is missing.
+(H, W, C), or lines; masks may be of any type, and are true if not 0. All functions raise EngineError if the native
+library or the memory is missing.
 """
 
 from __future__ import annotations
@@ -10,14 +11,13 @@ import math
 from collections.abc import Iterable, Sequence
 from ctypes import c_int64
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import bools, doubles, native
+from cubicsplat_cli.raster.cpu import Out, bools, doubles, native
 
 _native = partial(native, "filters")
-_Line: TypeAlias = "tuple[int, int, int, np.ndarray | None]"  # an axis, the neighbours before and after, and weights
 # The numbers that kernels/cpu/line_filters.cpp has for them.
 _SMALLEST, _LARGEST, _MEAN, _SUM = range(4)
 _FLOATS = {np.dtype(np.float32): 3, np.dtype(np.float64): 4}
@@ -28,55 +28,61 @@ SQUARE = np.ones((3, 3), dtype=bool)  # the structure of a pixel and the eight a
 
 
 def maximum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
-    """The largest of the neighbours in a box, `size` along all axes or along each, of which size // 2 come before.
+    """Return the largest of the neighbours in a box, `size` along all axes or along each, of which size // 2 come
+    before.
 
-    values: bools, uint8, int32, int64 or floats. mode: what lies beyond the ends: "reflect" (c b a | a b c | c b a),
+    values: bools, uint8, int32, int64 or floats. mode: the values beyond the ends: "reflect" (c b a | a b c | c b a),
     "nearest" (a a a | a b c | c c c) or "constant", which is 0.
     """
     return _filtered(_LARGEST, values, _boxes(size, values.ndim), mode)
 
 
 def minimum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
-    """The smallest of the neighbours in a box; see maximum_filter."""
+    """Return the smallest of the neighbours in a box; see maximum_filter."""
     return _filtered(_SMALLEST, values, _boxes(size, values.ndim), mode)
 
 
 def alike(values: np.ndarray, size: int | Sequence[int]) -> np.ndarray:
-    """(H, W) bool: whether all neighbours in a box, see maximum_filter, have one value. None of scipy's."""
+    """Return (H, W) bool: true if all neighbours in a box, see maximum_filter, have one value. None of scipy's."""
     return np.asarray(maximum_filter(values, size) == minimum_filter(values, size))
 
 
 def uniform_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
-    """The mean of the neighbours in a box, of floats and in their type; see maximum_filter."""
+    """Return the mean of the neighbours in a box, of floats and in their type; see maximum_filter."""
     return _filtered(_MEAN, values, _boxes(size, values.ndim), mode)
 
 
 def correlate1d(values: np.ndarray, weights: np.ndarray, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
-    """The sum of the neighbours along an axis times weights (n,), of floats and in their type; see maximum_filter."""
-    return _filtered(_SUM, values, [_weighted(weights, axis)], mode)
+    """Return the sum of the neighbours along an axis times weights (n,), of floats and in their type; see
+    maximum_filter."""
+    return _filtered(_SUM, values, [(axis, len(weights), weights)], mode)
 
 
 def gaussian_filter(
     values: np.ndarray, sigma: float | Sequence[float], *, mode: str = "reflect", truncate: float = 4.0
 ) -> np.ndarray:
-    """Floats through a Gaussian, in their type. sigma: px, along all axes or along each, 0 for none; truncate: sigmas
+    """Blur floats by a Gaussian, in their type. sigma: px, along all axes or along each, 0 for none; truncate: sigmas
     beyond which it is cut off; mode: see maximum_filter."""
-    wide = [(own, axis) for own, axis in _per_axis(sigma, values.ndim) if own > 0.0]
-    return _filtered(_SUM, values, [_weighted(_gaussian(own, truncate), axis) for own, axis in wide], mode)
+    windows = []
+    for axis, width in enumerate(np.broadcast_to(sigma, values.ndim).tolist()):
+        if width > 0.0:
+            reach = int(truncate * width + 0.5)
+            weights = np.exp(-0.5 / (width * width) * np.arange(-reach, reach + 1) ** 2)
+            windows.append((axis, len(weights), weights / weights.sum()))
+    return _filtered(_SUM, values, windows, mode)
 
 
 def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.ndarray, int]:
-    """The parts of what is not 0 in (H, W), numbered (H, W) int32 from 1 on in the order of their first pixels, and how
-    many there are. structure: (3, 3), whose corners are set where pixels touch diagonally too, as they do not without.
+    """Return the parts of a mask (H, W), numbered (H, W) int32 from 1 on in the order of their first pixels, and their
+    number. structure: (3, 3); if its corners are set, pixels also touch diagonally.
     """
-    mask = _mask(pixels)
-    found = np.empty(mask.shape, np.int32)
-    diagonally = structure is not None and bool(structure[0, 0])
-    return found, _native("cs_label", *mask.shape, mask, diagonally, found, result=c_int64)
+    labels, diagonally = np.empty(pixels.shape, np.int32), structure is not None and bool(structure[0, 0])
+    return labels, _native("cs_label", *pixels.shape, _mask(pixels), diagonally, labels, result=c_int64)
 
 
 def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
-    """The same of at least so many pixels, numbered (H, W) int32 from 1 on, 0 elsewhere. None of scipy's."""
+    """Return the same for parts of at least so many pixels, numbered (H, W) int32 from 1 on, 0 elsewhere. None of
+    scipy's."""
     labels, count = label(pixels)
     kept = np.bincount(labels.ravel(), minlength=count + 1) >= least
     kept[0] = False
@@ -84,47 +90,47 @@ def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
 
 
 def find_objects(labels: np.ndarray, max_label: int = 0) -> list[Any]:
-    """The least box around the pixels of each label from 1 to the largest in (H, W) integers, or to max_label: the
-    slices of its rows and columns, None where there are none."""
+    """Return the least box around the pixels of each label from 1 to the largest in (H, W) integers, or to max_label:
+    the slices of its rows and columns, None for a label without pixels."""
     labels = np.ascontiguousarray(labels, dtype=np.int64 if labels.dtype == np.int64 else np.int32)
-    boxes = np.empty((max_label or max(0, int(labels.max(initial=0))), 4), np.int64)
-    _native("cs_boxes", *labels.shape, labels, labels.dtype == np.int64, len(boxes), boxes, result=None)
+    out = Out((max_label or max(0, int(labels.max(initial=0))), 4), np.int64)
+    boxes = _native("cs_boxes", *labels.shape, labels, labels.dtype == np.int64, len(out.array), out, result=None)
     return [(slice(y, bottom), slice(x, right)) if bottom else None for y, x, bottom, right in boxes.tolist()]
 
 
 def binary_dilation(
     pixels: np.ndarray, structure: np.ndarray | None = None, iterations: int = 1, mask: np.ndarray | None = None
 ) -> np.ndarray:
-    """(H, W) bool: pixels that are not 0, with their neighbours in a structure (h, w) of odd sides, by default those
-    along edges; `iterations` times. mask: which pixels may change."""
+    """Return (H, W) bool: a mask, with the neighbours of its pixels in a structure (h, w) of odd sides, by default the
+    neighbours along edges; `iterations` times. mask: pixels that may change."""
     return _dilated(_mask(pixels), _structure(structure)[::-1, ::-1], iterations, mask, False)
 
 
 def binary_erosion(
     pixels: np.ndarray, structure: np.ndarray | None = None, iterations: int = 1, *, border_value: int = 0
 ) -> np.ndarray:
-    """(H, W) bool: pixels that are not 0, and whose neighbours in a structure are not either; see binary_dilation.
+    """Return (H, W) bool: the pixels of a mask whose neighbours in a structure are in it too; see binary_dilation.
 
-    border_value: what lies beyond the picture.
+    border_value: the mask beyond the picture.
     """
     return ~_dilated(~_mask(pixels), _structure(structure), iterations, None, not border_value)
 
 
 def binary_opening(pixels: np.ndarray, structure: np.ndarray | None = None) -> np.ndarray:
-    """(H, W) bool: pixels that are not 0, as far as structures lie within them; see binary_dilation."""
+    """Return (H, W) bool: the part of a mask that structures within it cover; see binary_dilation."""
     return binary_dilation(binary_erosion(pixels, structure), structure)
 
 
 def skeletonize(pixels: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the skeleton of what is not 0, one pixel wide, with the same parts, which touch diagonally too, and
-    the same holes. None of scipy's."""
+    """Return (H, W) bool: the skeleton of a mask, one pixel wide, with the same holes and the same parts, which touch
+    diagonally too. None of scipy's."""
     thinned = np.pad(_mask(pixels), 1)
     _native("cs_thin", *thinned.shape, thinned)
     return thinned[1:-1, 1:-1]
 
 
 def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels that are not 0, with those linked to them through a mask; structure: see label."""
+    """Return (H, W) bool: the pixels, with those linked to them through a mask; structure: see label."""
     pixels = _mask(pixels)
     parts, count = label(pixels | mask, structure)
     linked = np.zeros(count + 1, dtype=bool)
@@ -133,56 +139,47 @@ def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: n
 
 
 def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels that are not 0, and those that they enclose; see holes_of."""
+    """Return (H, W) bool: a mask, with the pixels that it encloses; see holes_of."""
     mask = _mask(pixels)
     return mask | holes_of(mask)
 
 
 def holes_of(mask: np.ndarray) -> np.ndarray:
-    """(H, W) bool: what a mask's pixels enclose without being it, connected along the sides of pixels. Of scipy's
-    functions the nearest is binary_fill_holes, which has the mask in it."""
-    mask = bools(mask)
-    holes = np.empty_like(mask)
-    _native("cs_holes", mask, *mask.shape, holes)
-    return holes
+    """Return (H, W) bool: the pixels that a mask encloses and that are not in it, connected along the sides of pixels.
+    None of scipy's."""
+    return _native("cs_holes", bools(mask), *mask.shape, Out(mask.shape, bool))
 
 
 def reached(shown: np.ndarray, above: np.ndarray, hull: np.ndarray | None, steps: int) -> np.ndarray:
-    """(H, W) bool: a mask, what of another one lies within so many steps along rows and columns of it or in a third
-    one, None for none, and holes in all this that are of the other one alone; each (H, W) bool. None of scipy's.
+    """Return (H, W) bool: the mask `shown`; the pixels of `above` within so many steps along rows and columns of it, or
+    in `hull`, None for none; and the holes in all this that lie wholly in `above`. None of scipy's.
     """
     masks = [None if mask is None else bools(mask) for mask in (shown, above, hull)]
-    out = np.empty(shown.shape, bool)
-    _native("cs_reach", *shown.shape, *masks, steps, out)
-    return out
+    return _native("cs_reach", *shown.shape, *masks, steps, Out(shown.shape, bool))
 
 
 def distance_transform_edt(pixels: np.ndarray) -> np.ndarray:
-    """(H, W) px: the distance of each pixel to the nearest that is 0; inf where none is."""
-    mask = _mask(pixels)
-    found = np.empty(mask.shape)
-    _native("cs_distances", *mask.shape, mask, found)
-    return found
+    """Return (H, W) px: the distance of each pixel to the nearest that is 0; inf if there is none."""
+    return _native("cs_distances", *pixels.shape, _mask(pixels), Out(pixels.shape))
 
 
 def distance_transform_cdt(pixels: np.ndarray) -> np.ndarray:
-    """The same by the larger of the distances along rows and columns, int32; -1 where no pixel is 0."""
-    mask = _mask(pixels)
-    found = np.empty(mask.shape, np.int32)
-    _native("cs_chessboard", *mask.shape, mask, found, result=None)
-    return found
+    """Return the same by the larger of the distances along rows and columns, int32; -1 if no pixel is 0."""
+    return _native("cs_chessboard", *pixels.shape, _mask(pixels), Out(pixels.shape, np.int32), result=None)
 
 
 def maximum(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """(n,) the largest of the floats (H, W) with each of the labels in index (n,), all >= 0; 0 where there are none."""
+    """Return (n,): the largest of the floats (H, W) with each of the labels in index (n,), all >= 0; 0 for a label
+    without pixels."""
     count = int(max(labels.max(initial=0), index.max(initial=0))) + 1
-    found = np.full(count, -np.inf, values.dtype)
-    np.maximum.at(found, labels.ravel(), values.ravel())
-    return np.where(np.bincount(labels.ravel(), minlength=count) > 0, found, 0)[index]
+    largest = np.full(count, -np.inf, values.dtype)
+    np.maximum.at(largest, labels.ravel(), values.ravel())
+    return np.where(np.bincount(labels.ravel(), minlength=count) > 0, largest, 0)[index]
 
 
 def center_of_mass(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> list[tuple[float, float]]:
-    """The mean y and x of the pixels (H, W) with each of the labels in index (n,), all >= 0, weighted by values."""
+    """Return the mean y and x of the pixels (H, W) with each of the labels in index (n,), all >= 0, weighted by
+    values."""
     y, x = np.nonzero(values)
     own, weights = labels[y, x], values[y, x].astype(float)
     count = int(index.max(initial=0)) + 1
@@ -190,42 +187,28 @@ def center_of_mass(values: np.ndarray, labels: np.ndarray, index: np.ndarray) ->
     return [*zip((down / mass).tolist(), (across / mass).tolist(), strict=True)]
 
 
-def _per_axis(size: Any, count: int) -> list[tuple[Any, int]]:
-    return [*zip(np.broadcast_to(size, count).tolist(), range(count), strict=True)]
+# A window of a filter along a line: its axis, its size, and its weights if it has any.
+_Window = tuple[int, int, "np.ndarray | None"]
 
 
-def _gaussian(sigma: float, truncate: float) -> np.ndarray:
-    reach = int(truncate * sigma + 0.5)
-    weights = np.exp(-0.5 / (sigma * sigma) * np.arange(-reach, reach + 1) ** 2)
-    return weights / weights.sum()
+def _boxes(size: int | Sequence[int], count: int) -> Iterable[_Window]:
+    return [(axis, side, None) for axis, side in enumerate(np.broadcast_to(size, count).tolist())]
 
 
-def _boxes(size: int | Sequence[int], count: int) -> list[_Line]:
-    return [_line(own, axis) for own, axis in _per_axis(size, count)]
-
-
-def _line(size: int, axis: int) -> _Line:
-    if size < 1:
-        raise ValueError(f"there are no {size} neighbours; the least size is 1")
-    return axis, size // 2, (size - 1) // 2, None
-
-
-def _weighted(weights: np.ndarray, axis: int) -> _Line:
-    return axis, len(weights) // 2, (len(weights) - 1) // 2, doubles(weights)
-
-
-def _filtered(operation: int, values: np.ndarray, lines: Iterable[_Line], mode: str) -> np.ndarray:
+def _filtered(operation: int, values: np.ndarray, windows: Iterable[_Window], mode: str) -> np.ndarray:
     out = np.array(values, order="C")
     kinds = _NUMBERS if operation in (_SMALLEST, _LARGEST) else _FLOATS
     if out.dtype not in kinds:
         raise TypeError(f"there is no such filter of {out.dtype}, but of {', '.join(str(each) for each in kinds)}")
     if mode not in _MODES:
         raise ValueError(f"there is no mode {mode!r}, but {', '.join(_MODES)}")
-    for axis, before, after, weights in lines:
-        if out.size and (before or after or weights is not None):
+    for axis, size, weights in windows:
+        if size < 1:
+            raise ValueError(f"there are no {size} neighbours; the least size is 1")
+        if out.size and (size > 1 or weights is not None):
             shape = math.prod(out.shape[:axis]), out.shape[axis], math.prod(out.shape[axis:][1:])
-            given = operation, kinds[out.dtype], _MODES.index(mode), *shape, before, after, weights
-            _native("cs_filter_lines", *given, out)
+            given = operation, kinds[out.dtype], _MODES.index(mode), *shape, size // 2, (size - 1) // 2
+            _native("cs_filter_lines", *given, None if weights is None else doubles(weights), out)
     return out
 
 
@@ -234,10 +217,10 @@ def _mask(pixels: np.ndarray) -> np.ndarray:
 
 
 def _structure(structure: np.ndarray | None) -> np.ndarray:
-    found = _CROSS if structure is None else np.asarray(structure, dtype=bool)
-    if not (found.shape[0] % 2 and found.shape[1] % 2):
-        raise ValueError(f"a structure has odd sides, not {found.shape}")
-    return found
+    structure = _CROSS if structure is None else np.asarray(structure, dtype=bool)
+    if not (structure.shape[0] % 2 and structure.shape[1] % 2):
+        raise ValueError(f"a structure has odd sides, not {structure.shape}")
+    return structure
 
 
 def _dilated(
@@ -245,8 +228,6 @@ def _dilated(
 ) -> np.ndarray:
     if iterations < 1:
         raise ValueError(f"nothing is dilated {iterations} times; the least is 1")
-    out, structure = np.empty_like(mask), np.ascontiguousarray(structure)
-    where = None if where is None else _mask(where)
-    high, wide = (side // 2 for side in structure.shape)
-    _native("cs_dilate", *mask.shape, mask, high, wide, structure, where, iterations, border, out)
-    return out
+    where, (high, wide) = None if where is None else _mask(where), (side // 2 for side in structure.shape)
+    given = *mask.shape, mask, high, wide, bools(structure), where, iterations, border
+    return _native("cs_dilate", *given, Out(mask.shape, bool))

@@ -1,8 +1,8 @@
 """The engines as one differentiable torch operator, `cubicsplat::render`, for any loss.
 
 The backward operator runs the same tile code with the incoming image gradient in place of the squared error's. It goes
-forward again: what each pixel met on its way is kept for one tile at a time, in the nearest cache, and keeping it for
-the whole picture between the two operators would cost more than it saves.
+forward again: the shapes over each pixel are kept for one tile at a time, in the nearest cache. Keeping them for the
+whole picture between the two operators would cost more than it saves.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from cubicsplat_cli.scene.arrays import Array
 from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
-# The tensors that the operators take, by their names among the scene's arrays; the first six are differentiable, and of
-# all but the first four any may be missing. Plain numbers follow: canvas: closed (0 or 1), width, height. background:
-# empty, or RGB. counts: exact (0 or 1), samples, subdivide (0 or 1). lengths: edge width and tolerance, px.
+# The tensors that the operators take, by their names among the scene's arrays. The first six are differentiable; all
+# but the first four may be missing. Plain numbers follow: canvas: closed (0 or 1), width, height. background: empty, or
+# RGB. counts: exact (0 or 1), samples, subdivide (0 or 1). lengths: edge width and tolerance, px.
 _TENSORS = (
     "points", "colours", "opacities", "half_widths", "gradients.frames", "gradients.stops", "gradients.offsets",
     "gradients.kinds", "gradients.counts", "ring_ends",
@@ -52,7 +52,7 @@ def _inputs(scene: Scene, settings: RasterSettings) -> list[Any]:
 
 
 def _given(*inputs: Any) -> tuple[EngineScene, RasterSettings]:
-    """The operators' inputs, as the engines take them."""
+    """Return the operators' inputs as the engines take them."""
     tensors = dict(zip(_TENSORS, map(_plain, inputs), strict=False))
     (closed, width, height), background, (exact, samples, subdivide), (edge_width, tolerance) = inputs[len(_TENSORS) :]
     fills = {name.partition(".")[2]: t for name, t in tensors.items() if "." in name}
@@ -121,13 +121,13 @@ render_op.register_autograd(_backward, setup_context=_remember)
 
 
 def render(scene: Scene, settings: RasterSettings | None = None) -> Tensor:
-    """Draws a scene, differentiably: (H, W, 3) over its background, or (H, W, 4) premultiplied RGBA without one.
+    """Draw a scene, differentiably: (H, W, 3) over its background, or (H, W, 4) premultiplied RGBA without one.
 
     Gradients of any loss reach the scene's points, colours, opacities and half_widths, and its gradients' frames and
-    stops, wherever those require them. The picture is made by the CPU engine or CUDA's, on the device where the tensors
-    live; float32. settings: relaxed edges of 1 px by default; with exact coverage the gradient is that of the relaxed
-    edge. A scene of numpy arrays is drawn on the CPU. Raises EngineError, and InputError for shapes and, on the CPU,
-    for ranges and non-finite values: on a GPU nothing here waits for values.
+    stops, if these require them. The CPU engine or CUDA's makes the picture, on the tensors' device, in float32.
+    settings: relaxed edges of 1 px by default; with exact coverage the gradient is that of the relaxed edge. A scene of
+    numpy arrays is drawn on the CPU. Raises EngineError, and InputError for shapes and, on the CPU, for ranges and
+    non-finite values: on a GPU nothing here waits for values.
     """
     if isinstance(scene.points, np.ndarray):
         scene = scene.as_torch()

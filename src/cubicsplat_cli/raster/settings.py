@@ -8,8 +8,8 @@ from typing import NamedTuple
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene.arrays import Array, namespace
 
-# Px between a cubic and its polyline where a finished picture is drawn: coverage is wrong by at most a fiftieth. A
-# drawing has tens of thousands of short cubics, which would otherwise take as many edges each as a long one.
+# Px between a cubic and its polyline in a finished picture: coverage is wrong by at most a fiftieth. A drawing has
+# tens of thousands of short cubics, which would otherwise take as many edges each as a long one.
 FLATNESS = 0.02
 
 
@@ -29,7 +29,7 @@ SQUARED = Penalty()
 
 
 def penalty_of(error: Array, penalty: Penalty) -> Array:
-    """The penalty of each error; see `Penalty`."""
+    """Return the penalty of each error; see `Penalty`."""
     xp = namespace(error)
     size = xp.abs(error)
     bent = xp.clip(size, max=penalty.knee)
@@ -37,7 +37,7 @@ def penalty_of(error: Array, penalty: Penalty) -> Array:
 
 
 def image_loss(image: Array, target: Array, weights: Array | None = None, penalty: Penalty = SQUARED) -> Array:
-    """Sum over the pixels of what their error costs: a scalar, differentiable in torch's arrays.
+    """Return the sum of the costs of all pixels' errors: a scalar, differentiable in torch's arrays.
 
     image and target: (H, W, C), C = 3 or 4.
 

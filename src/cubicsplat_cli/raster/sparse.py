@@ -1,4 +1,4 @@
-"""Sparse matrices by rows: how many numbers move with few of them; and groups of things that are linked, natively:
+"""Sparse matrices by rows, of numbers that move with few others; and groups of linked things, natively:
 scipy.sparse.csgraph takes a third of a second to import.
 """
 
@@ -15,8 +15,8 @@ from cubicsplat_cli.record import record
 
 @record
 class SparseRows:
-    """A matrix of `count` columns. starts: (rows + 1,) where the entries of each row begin; columns, values: (n,) of
-    the entries, of which several in one place are summed."""
+    """A matrix of `count` columns. starts: (rows + 1,) the beginning of the entries of each row; columns, values: (n,)
+    of the entries; several in one place are summed."""
 
     starts: np.ndarray
     columns: np.ndarray
@@ -25,7 +25,8 @@ class SparseRows:
 
     @classmethod
     def of(cls, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> SparseRows:
-        """That of entries in any order; rows, columns, values: (n,); those in one place become one, zeros none."""
+        """Return the matrix of entries in any order; rows, columns, values: (n,). Entries in one place become one, and
+        zeros none."""
         places, number = np.unique(np.asarray(rows, dtype=np.int64) * shape[1] + columns, return_inverse=True)
         sums = np.bincount(number, values, len(places))
         places, sums = places[sums != 0.0], sums[sums != 0.0]
@@ -34,7 +35,7 @@ class SparseRows:
 
     @classmethod
     def identity(cls, count: int) -> SparseRows:
-        """The matrix that changes nothing."""
+        """Return the matrix that changes nothing."""
         return cls(np.arange(count + 1), np.arange(count), np.ones(count), count)
 
     @property
@@ -48,22 +49,22 @@ class SparseRows:
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
     def toarray(self) -> np.ndarray:
-        """(rows, columns) all values."""
+        """Return all values, (rows, columns)."""
         out = np.zeros(self.shape)
         np.add.at(out, (self.rows, self.columns), self.values)
         return out
 
     def row(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """The columns and the values of the entries of a row."""
+        """Return the columns and the values of the entries of a row."""
         own = slice(self.starts[number], self.starts[number + 1])
         return self.columns[own], self.values[own]
 
     def times(self, vector: np.ndarray) -> np.ndarray:
-        """(rows,) the product with a vector (columns,)."""
+        """Return the product (rows,) with a vector (columns,)."""
         return np.bincount(self.rows, self.values * vector[self.columns], len(self.starts) - 1)
 
     def after(self, other: SparseRows) -> SparseRows:
-        """The product with another matrix, which has a row for each column of this one."""
+        """Return the product with another matrix, which has a row for each column of this one."""
         sizes = np.diff(other.starts)[self.columns]
         place = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         place += np.repeat(other.starts[self.columns], sizes)
@@ -71,24 +72,19 @@ class SparseRows:
         return SparseRows.of(np.repeat(self.rows, sizes), other.columns[place], values, (self.shape[0], other.count))
 
 
-def linked_groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
-    """The number of groups that links make of `count` things, and the number (count,) int32 of each thing's group: in
-    the order of their first things.
+def linked_groups(
+    count: int, first: np.ndarray, second: np.ndarray, *, directed: bool = False
+) -> tuple[int, np.ndarray]:
+    """Return the number of groups that links make of `count` things, and the number (count,) int32 of each thing's
+    group, in the order of their first things.
 
-    first, second: (k,) the things that links join, from 0 on. Raises ValueError for others, and EngineError where the
+    first, second: (k,) the things that links join, from 0 on. directed: links lead from first to second, the things of
+    a group lead to each other, and groups come in any order. Raises ValueError for other things, and EngineError if the
     library or the memory is missing.
     """
-    return _groups("cs_linked", count, first, second)
-
-
-def strong_groups(count: int, start: np.ndarray, end: np.ndarray) -> tuple[int, np.ndarray]:
-    """The same for links that lead one way: the things of a group lead to each other. In any order."""
-    return _groups("cs_linked_both_ways", count, start, end)
-
-
-def _groups(name: str, count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
-    ends = [int64s(each) for each in (first, second)]
-    if len(ends[0]) != len(ends[1]) or any(len(each) and not 0 <= each.min() <= each.max() < count for each in ends):
+    ends = [int64s(things) for things in (first, second)]
+    if len(ends[0]) != len(ends[1]) or any(len(e) and not 0 <= e.min() <= e.max() < count for e in ends):
         raise ValueError(f"links lead from and to things 0 to {count - 1}")
-    found = np.empty(count, np.int32)
-    return native("parts", name, count, len(ends[0]), *ends, found, result=c_int64), found
+    groups = np.empty(count, np.int32)
+    name = "cs_linked_both_ways" if directed else "cs_linked"
+    return native("parts", name, count, len(ends[0]), *ends, groups, result=c_int64), groups

@@ -1,4 +1,4 @@
-"""Stacks of shapes in double precision: their picture, and steps that bring it nearer to another one.
+"""Stacks of shapes in double precision: their picture, and steps that bring it nearer to a target.
 
 The structures mirror kernels/cpu/stack.h field by field. Pictures are (H, W, 4) float64, premultiplied, in [0, 1].
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import address_of, int32s, members, native
+from cubicsplat_cli.raster.cpu import Out, address_of, int32s, int64s, members, native
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
@@ -49,11 +49,11 @@ class _Unknowns(ctypes.Structure):
 class Goal:
     """The target of a stack and its error model. target: (H, W, 4); channels: the weights of the four; bound: of a
     pixel's weighted residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel;
-    taps: (reach + 1,) weights along a row or column, from the middle on, of what blurs the stack's picture before it is
-    compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which fills are too.
-    leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that, so it
-    counts without one. share_error: standard deviation of the shares of pixels that shapes cover in the target; error:
-    that of pixels on edges beyond that of a clean picture, of full scale."""
+    taps: (reach + 1,) weights along a row or column, from the middle on, of the blur of the stack's picture before it
+    is compared; space: (4, 4) the factor of RGBA that gives the coordinates of the target, in which fills are too.
+    leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that share, so it
+    counts only without one. share_error: standard deviation of the shares of pixels that shapes cover in the target;
+    error: that of pixels on edges, of full scale, beyond that of a clean picture."""
 
     target: np.ndarray
     channels: Sequence[float]
@@ -67,12 +67,12 @@ class Goal:
 
     @property
     def reach(self) -> int:
-        """Px to either side that a blur carries, 0 without one."""
+        """The px to either side that the blur reaches, 0 without one."""
         return len(self.taps) - 1
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """(H, W) bool: pixels of the target that are opaque and lie next to no others, as at the edge of a drawing."""
+        """(H, W) bool: opaque pixels of the target with opaque neighbours alone, unlike those at its edges."""
         opaque = np.pad(self.target[..., 3] >= _OPAQUE, 1, mode="edge")
         wide = opaque[:, :-2] & opaque[:, 1:-1] & opaque[:, 2:]
         return np.ascontiguousarray(wide[:-2] & wide[1:-1] & wide[2:])
@@ -88,9 +88,9 @@ class Goal:
 
 @record
 class StackPieces:
-    """S lines and cubics of L layers, back to front. ends: (L,) int32, how many pieces there are up to and with each
-    layer; cubics: (S, 4, 2) px, closed outlines; lines: (S,) bool; signs: (S,) 1, or -1 where an outline runs the wrong
-    way round; fills: (L, 4) premultiplied."""
+    """S lines and cubics of L layers, back to front. ends: (L,) int32, the number of pieces up to and with each layer;
+    cubics: (S, 4, 2) px, closed outlines; lines: (S,) bool; signs: (S,) 1, or -1 in an outline that runs the wrong way
+    round; fills: (L, 4) premultiplied."""
 
     ends: np.ndarray
     cubics: np.ndarray
@@ -101,9 +101,9 @@ class StackPieces:
 
 @record
 class CoverageJacobian:
-    """Of m crossings of a piece and a pixel: piece (m,) and pixel (m,) int32, row times width plus column; t (m,) the
-    parameter; change (m, 8) of the pixel's coverage with the piece's control points; slope (m, 4) of the sharp picture
-    with that coverage. In the order of the pieces."""
+    """m crossings of a piece and a pixel, in the order of the pieces: piece (m,) and pixel (m,) int32, row times width
+    plus column; t (m,) the parameter; change (m, 8) of the pixel's coverage with the piece's control points; slope (m,
+    4) of the sharp picture with that coverage."""
 
     piece: np.ndarray
     pixel: np.ndarray
@@ -114,10 +114,10 @@ class CoverageJacobian:
 
 @record
 class Unknowns:
-    """The variables of n outlines, which may share them. first, count: (n,) the first of an outline's pieces, and how
-    many it has; start: (n,) its first variable; jacobians: (n,) how the control points of its pieces move with them,
-    (8 count, own variables); damping: (variables,) what is added to the diagonal
-    of the Gram matrix, times that; keep: what is added besides."""
+    """The variables of n outlines, which may share them. first, count: (n,) the first of an outline's pieces, and their
+    number; start: (n,) its first variable; jacobians: (n,) the derivatives of the control points of its pieces by its
+    variables, (8 count, own variables); damping: (variables,) what is added to the diagonal of the Gram matrix, as a
+    factor of that; keep: what is added besides."""
 
     first: np.ndarray
     count: np.ndarray
@@ -130,7 +130,8 @@ class Unknowns:
 @record
 class Step:
     """values: (variables,) of a damped Gauss-Newton step; gradient: (variables,) of half of the cost; moves:
-    (outlines,) px that the control points of each move at most; misfits: (outlines,) of the pixels that they cross."""
+    (outlines,) px by which the control points of each move at most; misfits: (outlines,) of the pixels that it
+    crosses."""
 
     values: np.ndarray
     gradient: np.ndarray
@@ -141,10 +142,10 @@ class Step:
 class DrawnStack:
     """A stack as it is drawn for a goal: the exact coverages of its shapes, composited, and compared with the target.
 
-    previous: a stack drawn for the same goal and over the same base, or None; only the tiles are drawn in which
-    something differs from that. over: a stack drawn for the same goal, the base, whose layers are in this one too, and
-    (L,) int32 the layer of that right above which each lies, ascending, -1 for none; only the pieces of the L count.
-    The same for any number of threads. Raises EngineError where the library or the memory is missing.
+    previous: a stack drawn for the same goal and over the same base, or None; only tiles that differ from it are drawn
+    again. over: a base, a stack drawn for the same goal, whose layers this stack has too, beneath its own; and (L,)
+    int32, ascending, the layer of the base right below each own layer, -1 for none. The pieces of the base have no
+    numbers here. The same for any number of threads. Raises EngineError if the library or the memory is missing.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class DrawnStack:
             _at(pieces.fills, np.float64, (layers, 4)),
             None if over is None else over[0]._handle, None if over is None else _at(over[1], np.int32, (layers,)),
         )  # fmt: skip
-        old: int | None = previous._handle if previous is not None and previous.goal is goal else None
+        old = previous._handle if previous is not None and previous.goal is goal else None
         self._handle: int = _native("cs_stack_draw", byref(goal._pointers()), byref(stack), old, result=c_void_p)
 
     def __del__(self) -> None:
@@ -172,74 +173,66 @@ class DrawnStack:
     @cached_property
     def cost(self) -> float:
         """The sum of the misfit of all pixels, and of the leaks."""
-        return float(_native("cs_stack_cost", self._handle, result=c_double))
+        return _native("cs_stack_cost", self._handle, result=c_double)
 
     @cached_property
     def picture(self) -> tuple[np.ndarray, np.ndarray]:
-        """The picture (H, W, 4), blurred where the goal is, and the misfit (H, W) of its pixels."""
-        height, width, _ = self.goal.target.shape
-        image, misfit = np.empty((height, width, 4)), np.empty((height, width))
-        _native("cs_stack_picture", self._handle, image, misfit, result=None)
-        return image, misfit
+        """The picture (H, W, 4), blurred if the goal is, and the misfit (H, W) of its pixels."""
+        shape = self.goal.target.shape
+        return _native("cs_stack_picture", self._handle, Out(shape), Out(shape[:2]), result=None)
 
     def uppermost(self, rows: slice, columns: slice, least: float) -> np.ndarray:
-        """(h, w) int32 the uppermost layer that covers so much, more than nothing, of each pixel of a window of the
-        canvas; -1 for none."""
-        out = np.empty((rows.stop - rows.start, columns.stop - columns.start), np.int32)
-        box = columns.start, rows.start, *out.shape[::-1]
-        _native("cs_stack_uppermost", self._handle, *box, float(least), out, result=None)
-        return out
+        """Return (h, w) int32: the uppermost layer that covers so much, more than nothing, of each pixel of a window of
+        the canvas; -1 for none."""
+        height, width = rows.stop - rows.start, columns.stop - columns.start
+        box = columns.start, rows.start, width, height, float(least)
+        return _native("cs_stack_uppermost", self._handle, *box, Out((height, width), np.int32), result=None)
 
     @cached_property
     def crossings(self) -> CoverageJacobian:
-        """The pixels that the pieces cross, and how these change with them: as exact areas do in any case."""
+        """The pixels that the pieces cross, and the changes of these as of exact areas, whatever the goal's grid."""
         m = _native("cs_stack_crossings", self._handle, None, result=c_int64)
         parts = np.empty(m, np.int32), np.empty(m, np.int32), np.empty(m), np.empty((m, 8)), np.empty((m, 4))
-        out = _Crossings(*(address_of(part) for part in parts))
-        _native("cs_stack_crossings", self._handle, byref(out), result=c_int64)
+        _native("cs_stack_crossings", self._handle, byref(_Crossings(*map(address_of, parts))), result=c_int64)
         return CoverageJacobian(*parts)
 
     def growth(
         self, after: DrawnStack, group: np.ndarray, other: np.ndarray, count: int, spread: int = 0, leaks: bool = False
     ) -> np.ndarray:
-        """(count,) by how much the misfit, and with `leaks` the cost, is more in another drawn stack on the pixels
-        that the pieces of a group change in either: those that they cross and all within `spread` px.
+        """Return (count,): the rise of the misfit, and with `leaks` of the cost, from this to another drawn stack on
+        the pixels that the pieces of a group change in either: those that they cross and all within `spread` px.
 
         group, other: (pieces,) the group of each piece here and there, or -1.
         """
-        group, other, found = int32s(group), int32s(other), np.empty(count)
-        _native("cs_stack_growth", self._handle, after._handle, group, other, count, spread, leaks, found)
-        return found
+        given = self._handle, after._handle, int32s(group), int32s(other), count, spread, leaks
+        return _native("cs_stack_growth", *given, Out(count))
 
     def changed(self, before: DrawnStack, group: np.ndarray, groups: int, least: float) -> np.ndarray:
-        """(groups,) bool: whether the picture has changed by more than `least` at a pixel that a piece of the group
-        crosses. group: (pieces,) of each piece, or -1."""
-        group, found = int32s(group), np.zeros(groups, dtype=bool)
-        _native("cs_stack_changed", before._handle, self._handle, group, float(least), found, result=None)
-        return found
+        """Return (groups,) bool: true if the picture has changed by more than `least` at a pixel that a piece of the
+        group crosses. group: (pieces,) of each piece, or -1."""
+        given = before._handle, self._handle, int32s(group), float(least)
+        return _native("cs_stack_changed", *given, Out(groups, bool), result=None)
 
     def step(self, unknowns: Unknowns, chance: float = 0.0) -> Step:
-        """The damped Gauss-Newton step of some variables, all others as they are. chance: what is added to the misfit
-        of each pixel that an outline crosses."""
+        """Return the damped Gauss-Newton step of some variables, with all others fixed. chance: added to the misfit of
+        each pixel that an outline crosses."""
         parts = unknowns.jacobians
         ends = np.cumsum([0, *(part.starts[-1] for part in parts)])
-        row = np.concatenate([[0], *(part.starts[1:] + end for part, end in zip(parts, ends, strict=False))])
-        row, column = row.astype(np.int64), int32s(np.concatenate([part.columns for part in parts]))
-        value = np.concatenate([part.values for part in parts])
-        first, count, start = (int32s(each) for each in (unknowns.first, unknowns.count, unknowns.start))
-        variables, outlines = len(unknowns.damping), len(first)
-        found = Step(np.empty(variables), np.empty(variables), np.empty(outlines), np.empty(outlines))
+        rows = np.concatenate([[0], *(part.starts[1:] + end for part, end in zip(parts, ends, strict=False))])
+        columns = np.concatenate([part.columns for part in parts])
+        values = np.concatenate([part.values for part in parts])
+        variables, outlines = len(unknowns.damping), len(unknowns.first)
+        numbers = *map(int32s, (unknowns.first, unknowns.count, unknowns.start)), int64s(rows), int32s(columns)
         given = _Unknowns(
-            outlines, variables, address_of(first), address_of(count), address_of(start), address_of(row),
-            address_of(column), _at(value, np.float64, value.shape),
+            outlines, variables, *map(address_of, numbers), _at(values, np.float64, values.shape),
             _at(unknowns.damping, np.float64, (variables,)), unknowns.keep,
         )  # fmt: skip
-        _native("cs_stack_step", self._handle, byref(given), float(chance), *vars(found).values())
-        return found
+        out = Out(variables), Out(variables), Out(outlines), Out(outlines)
+        return Step(*_native("cs_stack_step", self._handle, byref(given), float(chance), *out))
 
 
 def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:
-    """The address of an array, which must be contiguous, of this type and shape."""
+    """Return the address of an array. Raises EngineError unless it is contiguous, of this type and shape."""
     if array.dtype != kind or array.shape != shape or not array.flags.c_contiguous:
         raise EngineError(f"expected a contiguous {np.dtype(kind)} array {shape}, not {array.dtype} {array.shape}")
     return address_of(array)

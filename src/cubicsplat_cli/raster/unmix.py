@@ -1,8 +1,8 @@
-"""What pixels tell of fills and edges, by the native library: which fills are near, the shares of at most three of them
-in a blend, where in its pixel each lies, and how colours change.
+"""The fills and edges that pixels show, by the native library: the fills near a pixel, the shares of at most three of
+them in a blend, the place of each in its pixel, and changes of colour.
 
-Colours are premultiplied RGBA in levels of 0..255, pictures (H, W, 4) float32, palettes (P, 4) float64. All raise
-EngineError where the library or the memory is missing.
+Colours are premultiplied RGBA in levels of 0..255, pictures (H, W, 4) float32, palettes (P, 4) float64, and distances
+and residuals levels. All functions raise EngineError if the library or the memory is missing.
 """
 
 from __future__ import annotations
@@ -13,297 +13,256 @@ from functools import partial
 import numpy as np
 
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import doubles, floats, int32s, int64s, native
+from cubicsplat_cli.raster.cpu import Out, doubles, floats, int32s, int64s, native
 
 _native = partial(native, "regions")
-SLOTS, REACH = 4, 3  # colours that are looked at near a pixel, and px up to which they lie away
+SLOTS, REACH = 4, 3  # fills that are looked at near a pixel, and px up to which they lie away
 SEAM_STEPS = 32  # of the share of a fill beside a seam
-CLEARLY = 0.5  # levels by which what comes later must explain better
+CLEARLY = 0.5  # levels by which a later ground must explain a seam better than an earlier one
 STRANGE = 24.0  # levels of residual that the colours near a pixel do not explain: something thin lies there
-# Px of the width of an edge, and the weight of the well: of a step between two fills as if its pixel's share were off
-# by so much in squares.
-EDGE, WELL = 0.5, 0.1
-ROUNDS = 100
+# Of the phase field of `finer_labels`: px of the width of an edge; the weight of the well, which makes a step between
+# two fills cost as much as if its pixel's share were off by so much in squares; and rounds of descent.
+EDGE, WELL, ROUNDS = 0.5, 0.1, 100
 
 
 def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """(H, W) float32 by how much the values (H, W, C) of a window of rows x columns px around each pixel, both odd,
-    differ, in the channel with most; what lies beyond the border does not count.
+    """Return (H, W) float32: the range of the values (H, W, C) in a window of rows x columns px around each pixel, both
+    odd, in the channel with the largest range. Places beyond the border do not count.
     """
-    values = floats(values)
-    out = np.empty(values.shape[:2], np.float32)
-    _native("cs_spread", values, *values.shape, rows, columns, out)
-    return out
+    return _native("cs_spread", floats(values), *values.shape, rows, columns, Out(values.shape[:2], np.float32))
 
 
 def nearest_fills(values: np.ndarray, palette: np.ndarray, *, straight: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """(...) int32 index of the fill nearest to values (..., 4), and (...) float32 its distance in levels: Euclid's if
-    that is to be `straight`, else that of the channel that is farthest off.
+    """Return the index (...) int32 of the fill nearest to each of values (..., 4), and its distance (...) float32:
+    Euclid's if `straight`, else that of the channel that is farthest off.
     """
-    values, palette = (floats(each) for each in (values, palette))
-    index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
-    _native("cs_nearest_fills", index.size, values, len(palette), palette, straight, index, gap, result=None)
-    return index, gap
+    shape = values.shape[:-1]
+    index, gap = Out(shape, np.int32), Out(shape, np.float32)
+    given = index.array.size, floats(values), len(palette), floats(palette), straight
+    return _native("cs_nearest_fills", *given, index, gap, result=None)
 
 
 def near_fills(fills: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> np.ndarray:
-    """(n, SLOTS) int32 the different fills >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away along
-    rows and columns; -1 where there are fewer.
+    """Return (n, SLOTS) int32: the different fills >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px
+    away along rows and columns; -1 in slots that are left.
     """
-    fills, pixels = int32s(fills), int64s(y * fills.shape[1] + x)
-    near = np.empty((len(pixels), SLOTS), np.int32)
-    _native("cs_near", fills, *fills.shape, len(pixels), pixels, reach, SLOTS, near, None)
-    return near
+    pixels = int64s(y * fills.shape[1] + x)
+    near = Out((len(pixels), SLOTS), np.int32)
+    return _native("cs_near", int32s(fills), *fills.shape, len(pixels), pixels, reach, SLOTS, near, None)
 
 
 def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (n, 4) as blends of the pair of near fills (n, SLOTS) that explains them best: the fill with the greater
-    share (n,) int32, and the residual (n,) in levels; -1 and infinity where there is no fill near.
+    """Explain values (n, 4) as blends of two fills near them (n, SLOTS): of the best pair return the fill (n,) int32
+    with the greater share, and the residual (n,); -1 and infinity if no fill is near.
 
     Fills farther away must explain clearly better than nearer ones.
     """
-    values, palette, near = floats(values), doubles(palette), int32s(near)
-    winner, residual = np.empty(len(values), np.int32), np.empty(len(values))
-    _native("cs_unmix", len(values), values, palette, near.shape[1], near, winner, residual, result=None)
-    return winner, residual
+    given = len(values), floats(values), doubles(palette), near.shape[1], int32s(near)
+    return _native("cs_unmix", *given, Out(len(values), np.int32), Out(len(values)), result=None)
 
 
 def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """(n,) levels that values (n, 4) are off the nearest blend of three of the fills near them (n, SLOTS) int32, or of
-    two that explain them about as well; infinity where there are fewer fills.
+    """Return (n,): the distance of values (n, 4) to the nearest blend of three of the fills near them (n, SLOTS) int32,
+    or of two that explain them about as well; infinity if there are fewer fills.
     """
-    values, palette, near = floats(values), doubles(palette), int32s(near)
-    residual = np.empty(len(values))
-    _native("cs_unmix_three", len(values), values, palette, near.shape[1], near, residual, result=None)
-    return residual
+    given = len(values), floats(values), doubles(palette), near.shape[1], int32s(near)
+    return _native("cs_unmix_three", *given, Out(len(values)), result=None)
 
 
 def blend_with(
     values: np.ndarray, fill: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The share (n,) of a fill in values that are its blends with one or both of two others, and the residual (n,) in
-    levels. Each of the four is (n, 4), or (4,) for all; two fills are taken where they explain about as well as three.
+    """Return the share (n,) of a fill in values that are its blends with one or both of two others, and the residual
+    (n,). Each of the four is (n, 4), or (4,) for all; two fills are taken if they explain about as well as three.
     """
-    given = [doubles(each) for each in (values, fill, first, second)]
-    count = max((len(each) for each in given if each.ndim == 2), default=1)
-    share, residual = np.empty(count), np.empty(count)
-    steps = [part for each in given for part in (each, 4 * (each.ndim - 1))]
-    _native("cs_blend_with", count, *steps, share, residual, result=None)
-    return share, residual
+    given = [doubles(array) for array in (values, fill, first, second)]
+    count = max((len(array) for array in given if array.ndim == 2), default=1)
+    steps = [part for array in given for part in (array, 4 * (array.ndim - 1))]
+    return _native("cs_blend_with", count, *steps, Out(count), Out(count), result=None)
 
 
 def seam_shares(
     values: np.ndarray, own: np.ndarray, beside: np.ndarray, grounds: np.ndarray, odd: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values (n, 4) as seams of two fills (n, 4) each, the one in front with a share a, the other with (1 - a)^2, over
-    what is left of one of the grounds (G, 4): the share (n,) of the fill beside, in SEAM_STEPS, and the residual (n,)
-    in levels, inf where all grounds are within `odd` levels of one of the two.
+    """Explain values (n, 4) as seams of two fills (n, 4) each: the one in front has a share a, the other one (1 - a)^2,
+    and one of the grounds (G, 4) the rest. Return the share (n,) of the fill beside, in SEAM_STEPS, and the residual
+    (n,), inf if all grounds are within `odd` levels of one of the two fills.
 
     Later grounds must explain clearly better than earlier ones.
     """
-    values, share, rest = floats(values), np.empty(len(values)), np.empty(len(values))
-    given = len(values), values, doubles(own), doubles(beside), len(grounds), doubles(grounds)
-    _native("cs_seam_shares", *given, SEAM_STEPS, float(odd), CLEARLY, share, rest, result=None)
-    return share, rest
+    given = len(values), floats(values), doubles(own), doubles(beside), len(grounds), doubles(grounds)
+    out = Out(len(values)), Out(len(values))
+    return _native("cs_seam_shares", *given, SEAM_STEPS, float(odd), CLEARLY, *out, result=None)
 
 
 def fills_of_lines(
-    values: np.ndarray,
-    place: tuple[np.ndarray, np.ndarray],
-    palette: np.ndarray,
-    beside: tuple[np.ndarray, np.ndarray],
-    window: int,
-    costs: tuple[float, float, float],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of values (n, 4) at rows and columns (n,) the fill (n,) that explains those in a window of so many px around each
-    best, as blends with the two fills beside them, two of (n, 4); its share (n,) in the value, and the residual (n,).
+    values: np.ndarray, place: tuple[np.ndarray, np.ndarray], palette: np.ndarray,
+    beside: tuple[np.ndarray, np.ndarray], window: int, costs: tuple[float, float, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Explain values (n, 4) at rows and columns (n,) as blends of one more fill with the two fills beside them, two of
+    (n, 4). Return the fill (n,) that explains the values in a window of so many px around each best, its share (n,) in
+    the value, and the residual (n,).
 
-    costs: levels beyond which a residual costs no more, those that a fill costs that has no share, and those that it
-    costs for each fill before it in the palette.
+    costs: levels beyond which a residual costs no more; levels that a fill without any share costs; and levels that a
+    fill costs for each one before it in the palette.
     """
-    values, palette = floats(values), doubles(palette)
-    (y, x), (first, second) = (int64s(each) for each in place), (doubles(each) for each in beside)
-    fill, share, residual = np.empty(len(values), np.int64), np.empty(len(values)), np.empty(len(values))
-    found = (window, *costs, fill, share, residual)
-    _native("cs_line_fills", len(values), values, y, x, len(palette), palette, first, second, *found)
-    return fill, share, residual
+    count = len(values)
+    places = [*map(int64s, place), len(palette), doubles(palette), *map(doubles, beside)]
+    out = Out(count, np.int64), Out(count), Out(count)
+    return _native("cs_line_fills", count, floats(values), *places, window, *costs, *out)
 
 
 def distance_to_blends(values: np.ndarray, fills: np.ndarray, first: int = 0) -> np.ndarray:
-    """(n,) the Euclidean distance of values (n, 4) to the nearest blend of two fills of (P, 4), one of them from
-    `first` on; infinite where there is none.
+    """Return (n,): the Euclidean distance of values (n, 4) to the nearest blend of two fills of (P, 4), one of them
+    from the number `first` on; infinite if there is none.
     """
-    values, fills = floats(values), doubles(fills)
-    square = np.empty(len(values))
-    _native("cs_off_blends", len(values), values, len(fills), fills, first, square, result=None)
-    return np.sqrt(square)
+    given = len(values), floats(values), len(fills), doubles(fills), first
+    return np.sqrt(_native("cs_off_blends", *given, Out(len(values)), result=None))
 
 
 def part_fills(levels: np.ndarray, owner: np.ndarray, even: float, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 4) the fills that the parts of a picture show, and how many px (P,) each has.
+    """Return the fills (P, 4) that the parts of a picture show, and the number of pixels (P,) of each.
 
     owner: (H, W) int32 the part of each pixel, from 1 on, 0 for none. even: levels up to which the colours of a part
-    may differ for it to show one fill, the commonest colour, or the median where none has a quarter of it; others show
-    the mean in every cell of `side` levels.
+    may differ for it to show one fill, the commonest colour, or the median if no colour has a quarter of it; other
+    parts show the mean of the colours in each cell of `side` levels.
     """
-    levels, owner = floats(levels), int32s(owner)
-    room = int(np.count_nonzero(owner))
-    fills, sizes = np.empty((room, 4)), np.empty(room)
-    parts = int(owner.max(initial=0))
-    count = _native("cs_part_fills", owner.size, levels, owner, parts, float(even), side, fills, sizes, result=c_int64)
-    return fills[:count].copy(), sizes[:count].copy()
+    room, parts = int(np.count_nonzero(owner)), int(owner.max(initial=0))
+    given = owner.size, floats(levels), int32s(owner), parts, float(even), side
+    return _native("cs_part_fills", *given, Out((room, 4)), Out(room), result=c_int64)
 
 
 def joined_fills(fills: np.ndarray, weights: np.ndarray, same: float, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most so many of the fills (P, 4), and their weights: in the given order each joins the nearest one before it
-    that is within `same` levels, or is kept.
+    """Return at most so many of the fills (P, 4), and their weights: in the given order each fill joins the nearest one
+    before it that is within `same` levels, or is kept.
     """
     fills, weights = doubles(fills), np.array(weights, np.float64)
-    kept = np.empty(min(len(fills), most), np.int64)
-    count = _native("cs_join_fills", len(fills), fills, weights, same, most, kept, result=c_int64)
-    return fills[kept[:count]], weights[kept[:count]]
+    room = Out(min(len(fills), most), np.int64)
+    kept = _native("cs_join_fills", len(fills), fills, weights, same, most, room, result=c_int64)
+    return fills[kept], weights[kept]
 
 
 def components(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """(H, W) int32 the parts of equal values (H, W) >= -1, connected along the sides of pixels, numbered from 0 on by
-    their values and then their first pixels; and how many there are.
+    """Return the parts (H, W) int32 of equal values (H, W) >= -1, connected along the sides of pixels and numbered from
+    0 on by their values and then their first pixels; and their number.
     """
-    values = int32s(values)
-    labels = np.empty_like(values)
-    return labels, _native("cs_components", values, *values.shape, labels, result=c_int64)
+    labels = np.empty(values.shape, np.int32)
+    return labels, _native("cs_components", int32s(values), *values.shape, labels, result=c_int64)
 
 
 def blend_pairs(
     values: np.ndarray, parts: np.ndarray, palette: np.ndarray, near: np.ndarray, farther: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values (n, 4) as blends of a fill near them (n, SLOTS) and another one of the palette (P, 4): both (n,) int32,
-    and the share (n,) float32 of the latter. In a small part, a letter, these are of as few fills as explain it all.
+    """Explain values (n, 4) as blends of a fill near them (n, SLOTS) and another one of the palette (P, 4): return both
+    (n,) int32, and the share (n,) float32 of the latter. A small part, such as a letter, gets as few fills as possible.
 
     parts: (n,) int32 the part of each value, from 0 on. farther: levels by which a fill that is not near must explain a
     value better, and by which fewer fills may explain a part worse.
     """
-    values, parts, palette, near = floats(values), int32s(parts), doubles(palette), int32s(near)
-    first, second = (np.empty(len(values), np.int32) for _ in range(2))
-    share = np.empty(len(values), np.float32)
-    given = parts, len(palette), palette, near.shape[1], near, float(farther)
-    _native("cs_blend_pairs", len(values), values, *given, first, second, share)
-    return first, second, share
+    n = len(values)
+    given = n, floats(values), int32s(parts), len(palette), doubles(palette), near.shape[1], int32s(near)
+    out = Out(n, np.int32), Out(n, np.int32), Out(n, np.float32)
+    return _native("cs_blend_pairs", *given, float(farther), *out)
 
 
 def finer_labels(
     first: np.ndarray, second: np.ndarray, share: np.ndarray, palette: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The labels (H steps, W steps) int32 and levels (H steps, W steps, 4) float32 of a picture in so many steps a
-    pixel each way. first, second: (H, W) int32 the fills of each pixel, of a palette (P, 4), the same where it has one;
+    """Return the labels (H steps, W steps) int32 and levels (H steps, W steps, 4) float32 of a picture in so many steps
+    a pixel each way. first, second: (H, W) int32 the fills of each pixel, of a palette (P, 4), the same if it has one;
     share: (H, W) float32 of the second.
 
-    The shares of a pixel's two fills are known, but not where they lie in it. They lie so that borders are short: of
-    all fields u in [0, 1], the share of the second fill in each step of a pixel, that one is sought whose mean over
-    each pixel is its share, which is hardly ever between 0 and 1, and which is smooth. It is found by descent on
+    The shares of a pixel's two fills are known, but not their places in it. Borders shall be short: of all fields u in
+    [0, 1], the share of the second fill in each step of a pixel, this finds the smooth one that is hardly ever between
+    0 and 1 and whose mean over each pixel is its share. It minimises by descent
 
         1/2 |mean of u - share|^2 + w (u (1 - u) + (e / pi)^2 |grad u|^2)
 
     (the phase field of Allen and Cahn 1979 with the double obstacle potential of Blowey and Elliott 1991, whose edges
-    are half a sine wave e px wide), of which the well u (1 - u) grows from nothing, so that it settles what the shares
-    have left open, and not the other way round. The same for any number of threads.
+    are half a sine wave e px wide). The well u (1 - u) grows from nothing, so that it decides only what the shares
+    leave open. The result is the same for any number of threads.
     """
-    (height, width), palette = first.shape, doubles(palette)
-    labels = np.empty((height * steps, width * steps), np.int32)
-    levels = np.empty((*labels.shape, 4), np.float32)
-    given = int32s(first), int32s(second), floats(share), palette, ROUNDS, EDGE, WELL, work().threads
-    _native("cs_phase_field", height, width, steps, *given, labels, levels)
-    return labels, levels
+    height, width = first.shape
+    fine = height * steps, width * steps
+    given = int32s(first), int32s(second), floats(share), doubles(palette), ROUNDS, EDGE, WELL, work().threads
+    return _native("cs_phase_field", height, width, steps, *given, Out(fine, np.int32), Out((*fine, 4), np.float32))
 
 
 def edge_variances(
     levels: np.ndarray, luma: np.ndarray, most: int, even: float, contrast: float, off: float
 ) -> np.ndarray:
-    """(n,) variances, px^2, of the blur of level or upright edges between two even places of a picture (H, W, 4).
+    """Return (n,) variances, px^2, of the blur of level or upright edges between two even places of a picture (H, W,
+    4).
 
     luma: (H, W) the light in which edges are sought, at most so many each way. even: levels by which places are even;
     contrast: levels of an edge; off: share of the contrast by which an edge's pixels may be off the line between the
-    colours that they blend, as those of a thin line between two areas are.
+    colours that they blend, as the pixels of a thin line between two areas are.
     """
-    levels, luma = (floats(each) for each in (levels, luma))
-    out = np.empty(2 * most)
-    limits = (float(even), float(contrast), float(off))
-    return out[: _native("cs_edge_widths", levels, luma, *luma.shape, most, *limits, out, result=c_int64)].copy()
+    given = floats(levels), floats(luma), *luma.shape, most, float(even), float(contrast), float(off)
+    return _native("cs_edge_widths", *given, Out(2 * most), result=c_int64)
 
 
 def planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, C) the means of windows of size x size px, odd, of values (H, W, C), whose border goes on beyond it; and
-    (H, W) by how much the planes through them change per px, in the channel with most; float32.
+    """Fit planes to windows of size x size px, odd, of values (H, W, C), whose border goes on beyond it. Return their
+    means (H, W, C), and their slopes (H, W) per px in the channel with the largest; float32.
     """
-    values = floats(values)
-    means, slopes = np.empty_like(values), np.empty(values.shape[:2], np.float32)
-    _native("cs_planes", values, *values.shape, size, means, slopes)
-    return means, slopes
+    out = Out(values.shape, np.float32), Out(values.shape[:2], np.float32)
+    return _native("cs_planes", floats(values), *values.shape, size, *out)
 
 
 def second_differences(levels: np.ndarray) -> np.ndarray:
-    """(H, W) float32 the larger one of those along the row and along the column, of the colour channel of a picture
-    (H, W, 4) that has the largest; 0 where a pixel has no neighbours.
+    """Return (H, W) float32: the larger one of the second differences along the row and along the column of a picture
+    (H, W, 4), in the colour channel with the largest; 0 for a pixel without neighbours.
     """
-    levels = floats(levels)
-    out = np.empty(levels.shape[:2], np.float32)
-    _native("cs_second_differences", levels, *levels.shape[:2], out, result=None)
-    return out
+    size = levels.shape[:2]
+    return _native("cs_second_differences", floats(levels), *size, Out(size, np.float32), result=None)
 
 
 def steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H - 1, W) and (H, W - 1) float32 how far each pixel of a picture (H, W, C) is from the one below, and from the
-    one to the right, in the channel with most.
+    """Return (H - 1, W) and (H, W - 1) float32: the distance of each pixel of a picture (H, W, C) from the one below,
+    and from the one to the right, in the channel with the largest.
     """
-    levels = floats(levels)
     height, width, channels = levels.shape
-    down = np.empty((max(height - 1, 0), width), np.float32)
-    along = np.empty((height, max(width - 1, 0)), np.float32)
-    for out, apart in ((down, width * channels), (along, channels)):
-        _native("cs_steps", levels, *out.shape, channels, width * channels, apart, out, result=None)
+    down, along = (
+        _native(
+            "cs_steps", floats(levels), *size, channels, width * channels, apart, Out(size, np.float32), result=None
+        )
+        for size, apart in (((max(height - 1, 0), width), width * channels), ((height, max(width - 1, 0)), channels))
+    )
     return down, along
 
 
 def off_palette(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """(H, W) how far each pixel of a picture (H, W, 4) is from the colour of a palette (P, 4) that its label (H, W)
-    says, in the channel with most.
+    """Return (H, W): the distance of each pixel of a picture (H, W, 4) from the colour that its label (H, W) names in a
+    palette (P, 4), in the channel with the largest.
     """
-    out = np.empty(labels.shape)
-    given = floats(levels), labels.size, doubles(palette)
-    _native("cs_off_palette", *given, int32s(labels), out, result=None)
-    return out
+    given = floats(levels), labels.size, doubles(palette), int32s(labels)
+    return _native("cs_off_palette", *given, Out(labels.shape), result=None)
 
 
 def distinct(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The places (K,) at which the different ones of uint64 keys are first, in the order of the keys, and which of them
-    each key is, of their shape.
+    """Return the place (K,) of the first of each of the different uint64 keys, in the order of the keys, and the number
+    of each key among these, in the shape of the keys.
     """
+    numbers, room = np.empty(keys.shape, np.int64), Out(keys.size, np.int64)
     keys = np.ascontiguousarray(keys, np.uint64)
-    numbers, first = np.empty(keys.shape, np.int64), np.empty(keys.size, np.int64)
-    return first[: _native("cs_distinct", keys.size, keys, numbers, first, result=c_int64)].copy(), numbers
+    return _native("cs_distinct", keys.size, keys, numbers, room, result=c_int64), numbers
 
 
 def unexplained(
-    levels: np.ndarray,
-    painted: np.ndarray,
-    space: np.ndarray,
-    ringing: np.ndarray,
-    reach: int,
-    seam: float,
-    unlike: float,
-    own: float,
-    allowed: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) by how many levels a picture (H, W, 4) is off what is painted (H, W, 4), in the channel with most; and
-    (H, W) bool: the pixels that no colour painted near them explains, and those painted in a colour that the picture
-    does not have near them.
+    levels: np.ndarray, painted: np.ndarray, space: np.ndarray, ringing: np.ndarray, reach: int, seam: float,
+    unlike: float, own: float, allowed: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return (H, W): by how many levels a picture (H, W, 4) is off the painted one (H, W, 4), in the channel with the
+    largest; and (H, W) bool: the pixels that no colour painted near them explains, and the pixels painted in a colour
+    that the picture does not have near them.
 
-    Both are compared after they were multiplied by `space` (4, 4). A pixel is off by as much as it lies outside of the
-    colours that the other picture has within `reach` px, and by `seam` less where that has an edge, a range of more
-    than `unlike`. It is unexplained if the mean over 3 x 3 px, or over a line of 5 px, is off by more than `allowed`
-    plus its `ringing` (H, W, 4), and itself by more than the share `own` of that mean, and of `unlike`.
+    Both pictures are compared after they are multiplied by `space` (4, 4). A pixel is off by as much as it lies outside
+    the range of colours that the other picture has within `reach` px, and by `seam` less if that has an edge, a range
+    of more than `unlike`. It is unexplained if the mean over 3 x 3 px, or over a line of 5 px, is off by more than
+    `allowed` plus its `ringing` (H, W, 4), and itself by more than the share `own` of that mean, and of `unlike`.
     """
-    gap, where = np.empty(levels.shape[:2]), np.empty(levels.shape[:2], bool)
-    given = floats(levels), doubles(painted), *levels.shape[:2], doubles(space)
-    judged = reach, float(seam), float(unlike), float(own), float(allowed)
-    _native("cs_unexplained", *given, floats(ringing), *judged, gap, where)
-    return gap, where
+    size = levels.shape[:2]
+    given = floats(levels), doubles(painted), *size, doubles(space), floats(ringing), reach
+    limits = float(seam), float(unlike), float(own), float(allowed)
+    return _native("cs_unexplained", *given, *limits, Out(size), Out(size, bool))

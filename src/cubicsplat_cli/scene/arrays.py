@@ -1,8 +1,8 @@
 """Arrays of two kinds for one code: numpy's, on which the CPU works, and torch's, for a GPU and for autograd.
 
-Both are spoken to in the terms of the array API standard (https://data-apis.org/array-api), which numpy follows by
-itself, and torch through array-api-compat. torch takes seconds to import, so nothing here imports it before there is a
-tensor of it. On a GPU `xp.where` and `xp.clip` take plain numbers without waiting for it, `xp.maximum` does not.
+Code uses the functions of the array API standard (https://data-apis.org/array-api), which numpy has by itself, and
+torch through array-api-compat. torch takes seconds to import, so nothing here imports it before there is a tensor of
+it. On a GPU `xp.where` and `xp.clip` take plain numbers without waiting for it, `xp.maximum` does not.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ Array: TypeAlias = Any  # a numpy array or a torch tensor, whose types have no c
 
 
 def is_array(value: object) -> bool:
-    """Whether it is an array of either kind."""
+    """Return whether a value is an array of either kind."""
     torch = sys.modules.get("torch")
     return isinstance(value, np.ndarray) or (torch is not None and isinstance(value, torch.Tensor))
 
 
 def namespace(array: Array) -> Any:
-    """The functions for arrays of this kind, under the standard's names."""
+    """Return the functions for arrays of this kind, under the standard's names."""
     if isinstance(array, np.ndarray):
         return np
     # Its import of numpy's names takes as long as half of torch's, and numpy 2 has them itself.
@@ -41,26 +41,26 @@ def namespace(array: Array) -> Any:
 
 
 def kind_of(array: Array) -> str:
-    """Kind and place of an array, for messages."""
+    """Return the kind and device of an array, for messages."""
     return "a numpy array" if isinstance(array, np.ndarray) else f"a torch.Tensor on {array.device}"
 
 
 def like(array: Array, values: Any, dtype: str | None = None) -> Array:
-    """Numbers from the host as an array of another's kind, in its place, and of its type or the one named.
+    """Return numbers from the host as an array of another's kind, on its device, and of its type or the one named.
 
-    A GPU is waited for.
+    Waits for a GPU.
     """
     xp = namespace(array)
     return xp.asarray(values, dtype=getattr(xp, dtype) if dtype else array.dtype, device=array.device)
 
 
 def copied(array: Array) -> Array:
-    """The same values in a place of their own."""
+    """Return the same values in memory of their own."""
     return array.copy() if isinstance(array, np.ndarray) else array.clone()
 
 
 def with_channels(picture: Array, channels: int, whole: float = 1.0) -> Array:
-    """A picture (H, W, 3) or (H, W, 4) with so many channels at least: of RGB alone the fourth is a whole opacity."""
+    """Return a picture (H, W, 3) or (H, W, 4) with at least so many channels: RGB gets a whole opacity."""
     xp = namespace(picture)
     if picture.shape[-1] >= channels:
         return picture
@@ -68,57 +68,53 @@ def with_channels(picture: Array, channels: int, whole: float = 1.0) -> Array:
 
 
 def contiguous(array: Array) -> Array:
-    """The same values row after row; the same array where they are."""
+    """Return the same values row after row; the same array if they are."""
     return np.ascontiguousarray(array) if isinstance(array, np.ndarray) else array.contiguous()
 
 
 def as_numpy(array: Array) -> np.ndarray:
-    """The values on the host, without autograd; in the same memory where they are there already."""
+    """Return the values on the host, without autograd; in the same memory if they are there already."""
     return array if isinstance(array, np.ndarray) else array.detach().cpu().numpy()
 
 
 def as_torch(array: Array, device: torch.device | str = "cpu") -> torch.Tensor:
-    """The values as a tensor on a device; in the same memory where they are there already."""
+    """Return the values as a tensor on a device; in the same memory if they are there already."""
     import torch
 
     return torch.as_tensor(array, device=device)
 
 
 def sigmoid(values: Array) -> Array:
-    """1 / (1 + exp(-x)), by the hyperbolic tangent, which cannot overflow."""
+    """Return 1 / (1 + exp(-x)), by the hyperbolic tangent, which cannot overflow."""
     return 0.5 + 0.5 * namespace(values).tanh(0.5 * values)
 
 
 def logit(shares: Array) -> Array:
-    """The inverse of `sigmoid`, for values in (0, 1)."""
+    """Return the inverse of `sigmoid`, for values in (0, 1)."""
     return namespace(shares).log(shares / (1.0 - shares))
 
 
 def padded(points: Array, used: Array, room: int | None = None) -> Array:
-    """(N, K, 2): the control points (P, 2) of N curves, `used` (N,) int64 of them each, in rows that end with zeros.
+    """Return (N, K, 2): the control points (P, 2) of N curves, `used` (N,) int64 of each, in rows that end with zeros.
 
-    room: K, by default as many as the longest curve needs. The inverse of `Scene.unpadded`.
+    room: K, by default the points of the longest curve. The inverse of `Scene.unpadded`.
     """
     room = int(used.max()) if room is None else room
     if room * used.shape[0] == points.shape[0]:
         return points.reshape(-1, room, 2)
-    rows = _zeros((used.shape[0] * room, 2), points)
+    shape = used.shape[0] * room, 2
+    if isinstance(points, np.ndarray):
+        # Pages that take no memory before they are written: most of the padding of a drawing with one long shape is
+        # never touched. numpy's own zeros take huge pages, of which each row fills one.
+        rows = np.ndarray(shape, points.dtype, buffer=mmap.mmap(-1, math.prod(shape) * points.itemsize))
+    else:
+        rows = namespace(points).zeros(shape, dtype=points.dtype, device=points.device)
     rows[places_used(used, room)] = points
     return rows.reshape(-1, room, 2)
 
 
-def _zeros(shape: tuple[int, int], array: Array) -> Array:
-    """Zeros of another's kind, type and place, which on the host take no memory before they are written.
-
-    The padding of a drawing with one long shape is most of it. numpy asks for huge pages, of which each row fills one.
-    """
-    if not isinstance(array, np.ndarray):
-        return namespace(array).zeros(shape, dtype=array.dtype, device=array.device)
-    return np.ndarray(shape, array.dtype, buffer=mmap.mmap(-1, math.prod(shape) * array.itemsize))
-
-
 def places_used(used: Array, room: int) -> Array:
-    """(P,) int64: the rows of (N K, 2) that are in use, where the first `used` (N,) of every `room`, K, are."""
+    """Return (P,) int64: the rows of (N K, 2) in use, which are the first `used` (N,) of every `room`, K."""
     counts = as_numpy(used)
     ends = counts.cumsum()
     before = np.arange(len(counts)) * room - (ends - counts)
@@ -127,10 +123,10 @@ def places_used(used: Array, room: int) -> Array:
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Within, torch computes on the calling thread alone, where it is in use at all.
+    """Let torch, if it is in use, compute on the calling thread alone within this context.
 
-    The few tensor operations between the engine's steps are small, and OpenMP's threads go on spinning after each of
-    them: on two cores that took 8 % of a fit.
+    The few tensor operations between the engine's steps are small, and OpenMP's threads spin on after each: on two
+    cores that took 8 % of a fit.
     """
     torch = sys.modules.get("torch")
     if torch is None:
@@ -152,7 +148,7 @@ class CurveArrays:
     """
 
     def arrays_by_name(self) -> dict[str, Array]:
-        """The arrays that there are; `field.name` of a field's own."""
+        """Return the arrays by name, without missing ones; those of a field's arrays as `field.name`."""
         found: dict[str, Array] = {}
         for f in fields(self):
             value = getattr(self, f.name)
@@ -163,7 +159,7 @@ class CurveArrays:
         return found
 
     def with_arrays(self, tensors: dict[str, Array]) -> Self:
-        """The same with other arrays in the place of those of these names, as `arrays_by_name` gives them."""
+        """Return the same with other arrays under these names, as `arrays_by_name` gives them."""
         changes: dict[str, object] = {}
         for f in fields(self):
             value = getattr(self, f.name)
@@ -175,37 +171,35 @@ class CurveArrays:
         return replace(self, **changes)
 
     def changed(self, change: Callable[[Array], Array]) -> Self:
-        """All arrays changed alike."""
+        """Return the same with all arrays changed alike."""
         return self.with_arrays({name: change(t) for name, t in self.arrays_by_name().items()})
 
     def copy(self) -> Self:
         return self.changed(copied)
 
     def as_numpy(self) -> Self:
-        """The same in numpy arrays on the host, without autograd; in the same memory where it is there already."""
+        """Return the same in numpy arrays on the host, without autograd; in the same memory if it is there already."""
         return self.changed(as_numpy)
 
     def as_torch(self, device: torch.device | str = "cpu") -> Self:
-        """The same in torch tensors on a device; in the same memory where it is there already."""
+        """Return the same in torch tensors on a device; in the same memory if it is there already."""
         return self.changed(lambda t: as_torch(t, device))
 
     def as_kind_of(self, array: Array) -> Self:
-        """The same in arrays of another's kind, in its place."""
+        """Return the same in arrays of another's kind, on its device."""
         return self.as_numpy() if isinstance(array, np.ndarray) else self.as_torch(array.device)
 
     def chosen(self, index: Array | slice) -> Self:
-        """The curves of an index (n,), a mask (N,) or a slice, in their order."""
+        """Return the curves of an index (n,), a mask (N,) or a slice, in their order."""
         return self.changed(lambda t: contiguous(t[index]))
 
     def joined(self, behind: Self) -> Self:
-        """These curves in front of others."""
-        theirs = behind.arrays_by_name()
-        return self.with_arrays(
-            {name: namespace(t).concat((t, theirs[name])) for name, t in self.arrays_by_name().items()}
-        )
+        """Return these curves in front of others."""
+        mine, theirs = self.arrays_by_name(), behind.arrays_by_name()
+        return self.with_arrays({name: namespace(t).concat((t, theirs[name])) for name, t in mine.items()})
 
     def overwrite(self, other: Self) -> None:
-        """Takes over other curves' values in place: a captured CUDA graph keeps the addresses."""
+        """Take over other curves' values in place: a captured CUDA graph keeps the addresses."""
         theirs = other.arrays_by_name()
         for name, mine in self.arrays_by_name().items():
             mine[...] = theirs[name]

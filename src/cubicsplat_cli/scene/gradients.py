@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 FLAT, LINEAR, RADIAL = 0, 1, 2  # values of `Gradients.kinds`
-# Of the way between two stops: where they are nearer, the second takes over at once.
+# Of the way between two stops: the second of nearer ones takes over at once.
 LEAST_LENGTH = 1e-6
 
 
@@ -49,15 +49,15 @@ class Gradients(CurveArrays):
         return int(self.stops.shape[1])
 
     def floating(self, change: Callable[[Array], Array]) -> Gradients:
-        """The three arrays of floats changed alike, the others as they are."""
+        """Return the same with the three arrays of floats changed alike."""
         return replace(self, **{name: change(getattr(self, name)) for name in ("frames", "offsets", "stops")})
 
     def scaled(self, across: float, down: float) -> Gradients:
-        """The same fills of curves whose x and y are multiplied by these factors."""
+        """Return the same fills for curves whose x and y are multiplied by these factors."""
         return replace(self, frames=self.frames / like(self.frames, [across, down, 1.0]))
 
     def seen_from(self, left: float, top: float) -> Gradients:
-        """The same fills where px count from (left, top)."""
+        """Return the same fills in coordinates relative to (left, top), px."""
         moved = copied(self.frames)
         moved[:, :, 2] += self.frames[:, :, :2] @ like(self.frames, [left, top])
         return replace(self, frames=moved)
@@ -75,9 +75,8 @@ class Gradients(CurveArrays):
         # Written so that NaN fails as well.
         inside = (self.offsets >= 0.0) & (self.offsets <= 1.0)
         rising = xp.concat((xp.ones_like(inside[:, :1]), xp.diff(self.offsets, axis=1) >= 0.0), axis=1)
-        self._refuse(
-            xp.any((~inside | ~rising) & used, axis=1) & painted, "offsets must rise from 0 to 1 along each row"
-        )
+        falling = xp.any((~inside | ~rising) & used, axis=1)
+        self._refuse(falling & painted, "offsets must rise from 0 to 1 along each row")
         within = xp.all((self.stops >= 0.0) & (self.stops <= 1.0), axis=2)
         self._refuse(xp.any(~within & used, axis=1) & painted, "stops must be between 0 and 1")
 
@@ -87,7 +86,7 @@ class Gradients(CurveArrays):
             raise InputError(f"gradients.{what}, but those of curve {int(namespace(bad).nonzero(bad)[0][0])} are not")
 
     def validate_form(self, points: Array) -> None:
-        """`validate` of types, shapes and devices only, for a scene with these control points."""
+        """Validate types, shapes and devices only, for a scene with these control points."""
         n = points.shape[0]
         if not is_array(self.stops) or self.stops.ndim != 3 or self.stops.shape[1] < 1:
             raise InputError(f"gradients.stops must be an array of shape ({n}, S, 4) with S >= 1")
@@ -109,7 +108,7 @@ class Gradients(CurveArrays):
 
 
 def linear_frames(starts: Array, ends: Array) -> Array:
-    """Frames (N, 2, 3) of linear gradients from `starts` to `ends`, (N, 2) px; differentiable in both."""
+    """Return frames (N, 2, 3) of linear gradients from `starts` to `ends`, (N, 2) px; differentiable in both."""
     xp = namespace(starts)
     along = ends - starts
     slope = along / xp.clip(xp.sum(along * along, axis=1, keepdims=True), min=1e-12)
@@ -118,7 +117,7 @@ def linear_frames(starts: Array, ends: Array) -> Array:
 
 
 def ends_of(frames: Array, near: Array) -> tuple[Array, Array]:
-    """Starts and ends (N, 2) px of linear gradients with these frames, on the line through the points `near` (N, 2)."""
+    """Return starts and ends (N, 2) px of linear gradients with these frames, on lines through points `near` (N, 2)."""
     xp = namespace(frames)
     row = frames[:, 0]
     along = row[:, :2] / xp.sum(row[:, :2] * row[:, :2], axis=1, keepdims=True)
@@ -127,7 +126,7 @@ def ends_of(frames: Array, near: Array) -> tuple[Array, Array]:
 
 
 def paint_at(gradients: Gradients, curve: int, places: Array) -> Array:
-    """Colour and opacity (P, 4) of one curve, which is not flat, at places (P, 2) px; differentiable."""
+    """Return colour and opacity (P, 4) of one curve that is not flat at places (P, 2) px; differentiable."""
     xp = namespace(places)
     frame = xp.astype(gradients.frames[curve], places.dtype)
     plane = places @ frame[:, :2].T + frame[:, 2]
@@ -151,7 +150,7 @@ def paint_at(gradients: Gradients, curve: int, places: Array) -> Array:
 
 
 def gradients_of(paints: Sequence[Gradient | None]) -> Gradients | None:
-    """The gradients of a scene (numpy arrays) from those of its curves, in px; None where all are flat."""
+    """Return the gradients of a scene (numpy arrays) from those of its curves, in px; None if all are flat."""
     if not any(paints):
         return None
     n, room = len(paints), max(len(paint.stops) for paint in paints if paint)

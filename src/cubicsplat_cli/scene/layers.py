@@ -1,4 +1,4 @@
-"""Scenes on one another, some of them clipped: what a drawing with shading is."""
+"""Scenes on one another, some of them clipped: drawings with shading."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class EmbeddedImage:
     curves = 0
 
     def scaled(self, width: int, height: int) -> EmbeddedImage:
-        """The same on a canvas of another size."""
+        """Return the same on a canvas of another size."""
         across, down = width / self.canvas[0], height / self.canvas[1]
         box = self.left * across, self.top * down, self.width * across, self.height * down
         return EmbeddedImage((width, height), *box, self.data)
 
     def rows(self, top: int, bottom: int) -> np.ndarray:
-        """(bottom - top, canvas[0], 4) float32 premultiplied RGBA in [0, 1] of some rows, at the nearest whole px."""
+        """Return (bottom - top, canvas[0], 4) float32: rows of premultiplied RGBA in [0, 1], at the nearest px."""
         left, first, pixels = round(self.left), round(self.top), self._pixels
         height, width = pixels.shape[:2]
         out = np.zeros((self.canvas[1], self.canvas[0], 4), np.float32)
@@ -44,7 +44,7 @@ class EmbeddedImage:
 
     @cached_property
     def _pixels(self) -> np.ndarray:
-        """(h, w, 3) float32 in [0, 1] of the box: rows are asked for strip by strip."""
+        """(h, w, 3) float32 in [0, 1] of the box, kept since rows are requested strip by strip."""
         left, top = round(self.left), round(self.top)
         size = max(1, round(self.left + self.width) - left), max(1, round(self.top + self.height) - top)
         with Image.open(io.BytesIO(self.data), formats=("PNG", "JPEG")) as image:
@@ -54,9 +54,8 @@ class EmbeddedImage:
 
 @record
 class SceneLayer:
-    """A scene, or one or a picture over another one, of which only what lies within `clip` is seen: the curves, filled,
-    of a further scene; all of it with None. All are of one size and without a background. name: of what is shaded,
-    empty for shapes.
+    """A scene, and a scene or picture `over` it, if any, visible only within `clip`: the filled curves of a scene,
+    or None for no limit. All are of one size and without a background. name: of the shaded object, empty for shapes.
     """
 
     scene: Scene
@@ -66,7 +65,7 @@ class SceneLayer:
 
     @property
     def scenes(self) -> tuple[Scene | EmbeddedImage, ...]:
-        """What is drawn, back to front."""
+        """The scenes and pictures to draw, back to front."""
         return (self.scene,) if self.over is None else (self.scene, self.over)
 
 
@@ -80,23 +79,19 @@ class LayeredScene:
 
     @property
     def curves(self) -> int:
-        """The primitives of all layers."""
+        """The number of primitives in all layers."""
         return sum(scene.curves for layer in self.layers for scene in layer.scenes)
 
     def scaled(self, width: int, height: int) -> LayeredScene:
-        """The same on a canvas of another size; see `scaled_scene`."""
-        layers = tuple(
-            replace(
-                layer,
-                scene=scaled_scene(layer.scene, width, height),
-                over=layer.over and resized(layer.over, width, height),
-                clip=layer.clip and scaled_scene(layer.clip, width, height),
-            )
-            for layer in self.layers
-        )
-        return LayeredScene(width, height, layers)
+        """Return the same on a canvas of another size; see `scaled_scene`."""
+        layers = []
+        for layer in self.layers:
+            over = layer.over and resized(layer.over, width, height)
+            clip = layer.clip and scaled_scene(layer.clip, width, height)
+            layers.append(replace(layer, scene=scaled_scene(layer.scene, width, height), over=over, clip=clip))
+        return LayeredScene(width, height, tuple(layers))
 
 
 def resized(content: Scene | EmbeddedImage, width: int, height: int) -> Scene | EmbeddedImage:
-    """The content of a layer on a canvas of another size."""
+    """Return the content of a layer on a canvas of another size."""
     return scaled_scene(content, width, height) if isinstance(content, Scene) else content.scaled(width, height)

@@ -2,8 +2,8 @@
 
 A gradient gives every place a parameter t, 0 at the start of a line or at the focus of an ellipse, which most often is
 its middle, and 1 at its end or on its rim. Its stops say the colour at some t; between two stops colour and opacity are
-interpolated linearly in sRGB, not premultiplied, and before the first and beyond the last they stay (SVG 1.1, section
-13.2, spread method "pad").
+interpolated linearly in sRGB, not premultiplied; before the first and beyond the last they stay constant (SVG 1.1,
+section 13.2, spread method "pad").
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class LinearGradient:
     stops: tuple[Stop, ...]
 
     def frame(self) -> np.ndarray:
-        """(2, 3) affine map of px; t is the first coordinate of what it gives."""
+        """Return (2, 3), an affine map of px; t is the first coordinate of its result."""
         dx, dy = self.x2 - self.x1, self.y2 - self.y1
         square = max(dx * dx + dy * dy, 1e-18)
         along = np.array([dx, dy]) / square
         return np.array([[*along, -along @ (self.x1, self.y1)], [0.0, 0.0, 0.0]])
 
     def scaled(self, across: float, down: float) -> LinearGradient:
-        """The gradient of a picture with its x times `across` and its y times `down`."""
+        """Return the gradient of a picture with its x times `across` and its y times `down`."""
         start, slope = (self.x1 * across, self.y1 * down), self.frame()[0, :2] / (across, down)
         step = slope / max(float(slope @ slope), 1e-18)
         return replace(self, x1=start[0], y1=start[1], x2=start[0] + float(step[0]), y2=start[1] + float(step[1]))
@@ -63,23 +63,23 @@ class RadialGradient:
     focus: tuple[float, float] | None = None
 
     def frame(self) -> np.ndarray:
-        """(2, 3) affine map of px that takes the ellipse to the unit circle; without a focus t is the length of what it
-        gives."""
+        """Return (2, 3), an affine map of px that takes the ellipse to the unit circle; without a focus t is the length
+        of its result."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         turn = np.array([[cos / self.rx, sin / self.rx], [-sin / self.ry, cos / self.ry]])
         return np.column_stack([turn, -turn @ (self.cx, self.cy)])
 
     def unit_focus(self) -> np.ndarray:
-        """(2,) the focus in the unit circle, as `frame` maps it."""
+        """Return (2,): the focus in the unit circle, as `frame` maps it."""
         return np.zeros(2) if self.focus is None else self.frame() @ (*self.focus, 1.0)
 
     def matrix(self) -> np.ndarray:
-        """(2, 3) affine map that takes the unit circle to the ellipse, the inverse of the frame."""
+        """Return (2, 3), an affine map that takes the unit circle to the ellipse, the inverse of the frame."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         return np.array([[cos * self.rx, -sin * self.ry, self.cx], [sin * self.rx, cos * self.ry, self.cy]])
 
     def scaled(self, across: float, down: float) -> RadialGradient:
-        """The gradient of a picture with its x times `across` and its y times `down`."""
+        """Return the gradient of a picture with its x times `across` and its y times `down`."""
         focus = None if self.focus is None else (self.focus[0] * across, self.focus[1] * down)
         return radial_from(np.array([[across], [down]]) * self.matrix(), self.stops, focus)
 
@@ -90,7 +90,7 @@ Gradient = LinearGradient | RadialGradient
 def radial_from(
     matrix: np.ndarray, stops: tuple[Stop, ...], focus: tuple[float, float] | None = None
 ) -> RadialGradient:
-    """The gradient whose t = 1 is the image of the unit circle under an affine map (2, 3). focus: in px."""
+    """Return the gradient whose t = 1 is the image of the unit circle under an affine map (2, 3). focus: in px."""
     axes, lengths, _ = np.linalg.svd(matrix[:, :2])
     angle = math.atan2(axes[1, 0], axes[0, 0])
     if lengths[0] - lengths[1] < 1e-9 * lengths[0]:
@@ -101,7 +101,7 @@ def radial_from(
 
 
 def parameter(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """t at places x, y in px, not clipped."""
+    """Return t at places x, y in px, not clipped."""
     (a, b, c), (d, e, f) = gradient.frame()
     first = a * x + b * y + c
     if not isinstance(gradient, RadialGradient):
@@ -117,7 +117,7 @@ def parameter(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(..., 4) premultiplied colours in [0, 1] of a gradient at places x, y in px."""
+    """Return (..., 4): premultiplied colours in [0, 1] of a gradient at places x, y in px."""
     t = parameter(gradient, x, y)
     offsets = [stop.offset for stop in gradient.stops]
     fills = np.array([stop.colour for stop in gradient.stops]) / 255.0
@@ -127,7 +127,7 @@ def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def mean_fill(gradient: Gradient) -> Rgba:
-    """About what a gradient looks like from far away: the mean of its stops."""
+    """Return about the colour of a gradient seen from far away: the mean of its stops."""
     fills = np.array([stop.colour for stop in gradient.stops], dtype=float)
     share = fills[:, 3:] / max(float(fills[:, 3].sum()), 1e-9)
     red, green, blue = (round(float(v)) for v in (fills[:, :3] * share).sum(axis=0))

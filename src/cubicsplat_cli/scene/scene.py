@@ -14,22 +14,20 @@ from cubicsplat_cli.settings import Mode
 
 
 def segments_from_points(mode: Mode, points_per_curve: int) -> int:
-    """Number M of cubic segments of a curve with K control points: K = 3M (closed) or 3M + 1 (open).
+    """Return the number M of cubic segments of a curve with K control points: K = 3M (closed) or 3M + 1 (open).
 
-    Raises InputError when no whole number of segments, at least one, has that many control points.
+    Raises InputError if no whole number of segments, at least one, has that many control points.
     """
     shared = 0 if mode is Mode.CLOSED else 1
     segments, rest = divmod(points_per_curve - shared, 3)
     if segments < 1 or rest:
-        wanted = "3M" if mode is Mode.CLOSED else "3M + 1"
-        raise InputError(
-            f"{mode.value} curves need {wanted} control points for M >= 1 segments, not {points_per_curve}"
-        )
+        count = "3M + 1" if shared else "3M"
+        raise InputError(f"{mode.value} curves need {count} control points for M >= 1 segments, not {points_per_curve}")
     return segments
 
 
 def points_from_segments(mode: Mode, segments: int) -> int:
-    """Number K of control points of a curve with M cubic segments; the inverse of `segments_from_points`."""
+    """Return the number K of control points of a curve with M cubic segments: the inverse of `segments_from_points`."""
     if segments < 1:
         raise InputError(f"a curve needs at least 1 segment, not {segments}")
     return 3 * segments if mode is Mode.CLOSED else 3 * segments + 1
@@ -102,7 +100,7 @@ class Scene(CurveArrays):
         return 0 if self.gradients is None else self.gradients.most_stops
 
     def rings(self, curve: int) -> list[Array]:
-        """Control points of each ring of a curve, views of `points`: (3m, 2) closed, (3m + 1, 2) open, m segments."""
+        """Return the points of each ring of a curve, views of `points`: closed (3m, 2), open (3m + 1, 2)."""
         if self.ring_ends is None:
             return [self.points[curve]]
         shared = 0 if self.mode is Mode.CLOSED else 1
@@ -111,7 +109,7 @@ class Scene(CurveArrays):
         return [self.points[curve, 3 * begin : 3 * end + shared] for begin, end in pairs]
 
     def points_used(self) -> Array:
-        """(N,) int64: how many control points of each curve are in its rings; the rest of its row is padding."""
+        """Return (N,) int64: the number of control points in the rings of each curve; the others are padding."""
         xp = namespace(self.points)
         if self.ring_ends is None:
             return like(self.points, [self.points_per_curve] * self.curves, "int64")
@@ -119,7 +117,7 @@ class Scene(CurveArrays):
         return 3 * xp.astype(self.ring_ends[:, -1], xp.int64) + shared
 
     def unpadded(self) -> Array:
-        """(P, 2): the control points of all rings, curve after curve."""
+        """Return (P, 2): the control points of all rings, curve after curve."""
         if self.ring_ends is None:
             return self.points.reshape(-1, 2)
         return self.points.reshape(-1, 2)[places_used(self.points_used(), self.points_per_curve)]
@@ -132,33 +130,32 @@ class Scene(CurveArrays):
         self.validate_form()
         if self.ring_ends is not None:
             _check_ring_ends(self.ring_ends, self.segments)
-        self._check_points()
+        xp = namespace(self.points)
+        bad = ~xp.isfinite(self.unpadded()).all(axis=1)
+        if bad.any():
+            curve = int((xp.cumsum(self.points_used(), axis=0) <= _first_curve(bad)).sum())
+            raise InputError(f"points must be finite, but curve {curve} holds NaN or infinity")
         _check_range("colours", self.colours, 1.0, "between 0 and 1")
         _check_range("opacities", self.opacities, 1.0, "between 0 and 1")
-        if self.mode is Mode.CLOSED:
-            _check_range("half_widths", self.half_widths, 0.0, "0 for closed curves")
-        else:
-            _check_range("half_widths", self.half_widths, math.inf, "at least 0")
+        most, allowed = (0.0, "0 for closed curves") if self.mode is Mode.CLOSED else (math.inf, "at least 0")
+        _check_range("half_widths", self.half_widths, most, allowed)
         if self.gradients is not None:
             self.gradients.validate()
 
     def validate_form(self) -> None:
-        """`validate` without a look at the arrays' values: types, shapes and devices only."""
+        """Validate types, shapes and devices only, without a look at the arrays' values."""
         if not isinstance(self.mode, Mode):
             raise InputError(f"mode must be Mode.CLOSED or Mode.OPEN, not {self.mode!r}")
         for name, size in (("width", self.width), ("height", self.height)):
             if isinstance(size, bool) or not isinstance(size, int) or size < 1:
                 raise InputError(f"{name} must be a whole number of pixels, at least 1, not {size!r}")
         self._validate_shapes()
-        if self.background is not None:
-            _check_background(self.background)
-
-    def _check_points(self) -> None:
-        bad = ~namespace(self.points).isfinite(self.unpadded()).all(axis=1)
-        if bad.any():
-            ends = namespace(self.points).cumsum(self.points_used(), axis=0)
-            curve = int((ends <= _first_curve(bad)).sum())
-            raise InputError(f"points must be finite, but curve {curve} holds NaN or infinity")
+        ground = self.background
+        if ground is not None and (not isinstance(ground, tuple) or len(ground) != 3):
+            raise InputError(f"background must be None or a tuple of three numbers, not {ground!r}")
+        # Written so that NaN fails as well.
+        if not all(isinstance(c, (int, float)) and math.isfinite(c) and 0.0 <= c <= 1.0 for c in ground or ()):
+            raise InputError(f"background must hold sRGB values between 0 and 1, not {ground!r}")
 
     def _validate_shapes(self) -> None:
         of_one = {"colours": (3,), "opacities": (), "half_widths": ()}  # the shape of a curve's own values
@@ -181,28 +178,23 @@ class Scene(CurveArrays):
             shape, wanted = tuple(getattr(self, name).shape), (self.curves, *own)
             if shape != wanted:
                 raise InputError(f"{name} must have shape {wanted} for {self.curves} curves, not {shape}")
-        self._validate_ring_shape()
+        if (ends := self.ring_ends) is not None:
+            like_points = is_array(ends) and kind_of(ends) == kind_of(self.points)
+            if not like_points or ends.dtype != namespace(ends).int32:
+                raise InputError(f"ring_ends must be {kind_of(self.points)} like points, of int32")
+            most, form = (self.segments, "(N, R)") if self.mode is Mode.CLOSED else (1, "(N, 1)")
+            if ends.ndim != 2 or ends.shape[0] != self.curves or not 1 <= ends.shape[1] <= most:
+                raise InputError(f"ring_ends must have shape {form} for {self.curves} curves, not {tuple(ends.shape)}")
         if self.gradients is not None:
             self.gradients.validate_form(self.points)
 
-    def _validate_ring_shape(self) -> None:
-        ends = self.ring_ends
-        if ends is None:
-            return
-        like_points = is_array(ends) and kind_of(ends) == kind_of(self.points)
-        if not like_points or ends.dtype != namespace(ends).int32:
-            raise InputError(f"ring_ends must be {kind_of(self.points)} like points, of int32")
-        most, wanted = (self.segments, "(N, R)") if self.mode is Mode.CLOSED else (1, "(N, 1)")
-        if ends.ndim != 2 or ends.shape[0] != self.curves or not 1 <= ends.shape[1] <= most:
-            raise InputError(f"ring_ends must have shape {wanted} for {self.curves} curves, not {tuple(ends.shape)}")
-
 
 def pack_rings(mode: Mode, curves: Sequence[Sequence[Array]]) -> tuple[Array, Array | None]:
-    """`points` and `ring_ends` of a scene, from the rings of each curve: (3m, 2), open (3m + 1, 2), of any type.
+    """Return `points` and `ring_ends` of a scene, from the rings of each curve: (3m, 2), open (3m + 1, 2), of any type.
 
-    Returns points (N, K, 2), padded with zeros and differentiable in the rings, and (N, R) int32 or, where every curve
-    is one ring of the same length, None. Raises InputError for no curve, a curve without rings, an open one of several,
-    or a ring whose points are of no whole number of segments.
+    points: (N, K, 2), padded with zeros and differentiable in the rings; ring_ends: (N, R) int32, or None if every
+    curve is one ring of the same length. Raises InputError for no curve, a curve without rings, an open curve of
+    several, or a ring without a whole number of segments.
     """
     if not curves:
         raise InputError("a scene needs at least 1 curve")
@@ -234,7 +226,7 @@ def _check_ring_ends(ends: Array, segments: int) -> None:
 
 
 def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
-    """The scene on a canvas of width x height px; the same object when it has that size already.
+    """Return the scene on a canvas of width x height px; the same object if it has that size already.
 
     Sides are scaled independently, so that a canvas whose sides were rounded to whole pixels fits again; half-widths
     by the geometric mean of both factors.
@@ -244,18 +236,13 @@ def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
     across, down = width / scene.width, height / scene.height
     points = scene.unpadded() * like(scene.points, [across, down])
     points = padded(points, scene.points_used(), scene.points_per_curve)
-    return replace(
-        scene,
-        width=width,
-        height=height,
-        points=points,
-        half_widths=scene.half_widths * math.sqrt(across * down),
-        gradients=None if scene.gradients is None else scene.gradients.scaled(across, down),
-    )
+    gradients = None if scene.gradients is None else scene.gradients.scaled(across, down)
+    half_widths = scene.half_widths * math.sqrt(across * down)
+    return replace(scene, width=width, height=height, points=points, half_widths=half_widths, gradients=gradients)
 
 
 def _check_range(name: str, values: Array, high: float, wanted: str) -> None:
-    """Raise InputError where a value is not finite, below 0 or above `high`, that is, not what is `wanted`."""
+    """Raise InputError if a value is not finite, below 0 or above `high`; `wanted` says in words what it must be."""
     bad = ~namespace(values).isfinite(values)
     if bad.any():
         raise InputError(f"{name} must be finite, but curve {_first_curve(bad)} holds NaN or infinity")
@@ -266,11 +253,3 @@ def _check_range(name: str, values: Array, high: float, wanted: str) -> None:
 
 def _first_curve(bad: Array) -> int:
     return int(namespace(bad).nonzero(bad)[0][0])
-
-
-def _check_background(background: tuple[float, float, float]) -> None:
-    if not isinstance(background, tuple) or len(background) != 3:
-        raise InputError(f"background must be None or a tuple of three numbers, not {background!r}")
-    # Written so that NaN fails as well.
-    if not all(isinstance(c, (int, float)) and math.isfinite(c) and 0.0 <= c <= 1.0 for c in background):
-        raise InputError(f"background must hold sRGB values between 0 and 1, not {background!r}")

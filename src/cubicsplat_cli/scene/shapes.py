@@ -16,7 +16,7 @@ KAPPA = 4.0 / 3.0 * (2.0**0.5 - 1.0)
 
 
 def _around(quarter: list[tuple[float, float]]) -> np.ndarray:
-    """(12, 3): 1, and three control points of a quarter, and the same turned by 90, 180 and 270 degrees."""
+    """Return (12, 3): 1 and the three control points of a quarter, and these turned by 90, 180 and 270 degrees."""
     x, y = np.array(quarter, np.float32).T
     return np.concatenate([np.stack((np.ones_like(u), u, v), 1) for u, v in ((x, y), (-y, x), (-x, -y), (y, -x))])
 
@@ -29,7 +29,7 @@ TEMPLATES = {
 
 
 def shape_points(kind: str, values: Array) -> Array:
-    """The control points (N, K, 2) of shapes with these parameters."""
+    """Return the control points (N, K, 2) of shapes with these parameters."""
     xp = namespace(values)
     if kind not in TEMPLATES:
         return contiguous(polygon_points(xp.reshape(values, (len(values), -1, 2))))
@@ -38,21 +38,21 @@ def shape_points(kind: str, values: Array) -> Array:
 
 
 def shape_gradient(kind: str, values: Array, of_points: Array) -> Array:
-    """dL/d of the parameters from that of the control points (N, K, 2), by the map's Jacobian."""
+    """Return dL/d of the parameters from dL/d of the control points (N, K, 2), by the map's Jacobian."""
     xp = namespace(values)
     if kind not in TEMPLATES:
         return xp.reshape(vertices_gradient(of_points), values.shape)
     of_frames = xp.matmul(xp.matrix_transpose(like(values, TEMPLATES[kind])), of_points)
     normal, across = normals(values), of_frames[:, 2]
     of_h = xp.sum(across * normal, axis=1, keepdims=True)
-    # n is u turned by 90 degrees over |u|, so that it changes only at right angles to itself.
+    # n is u turned by 90 degrees over |u|, so it changes only at right angles to itself.
     turning = values[:, 4:] / lengths(values) * (across - of_h * normal)
     of_first = of_frames[:, 1] + xp.stack((turning[:, 1], -turning[:, 0]), axis=1)
     return xp.concat((of_frames[:, 0], of_first, of_h), axis=1)
 
 
 def nearest_shape(kind: str, points: Array) -> Array:
-    """The parameters of curves (N, K, 2), exact for those of this kind; K = 12 for ellipses and rectangles."""
+    """Return the parameters of curves (N, K, 2), exact for curves of this kind; K = 12 for ellipses and rectangles."""
     xp, anchors = namespace(points), points[:, ::3]
     if kind not in TEMPLATES:
         return xp.reshape(anchors, (len(points), -1))
@@ -65,18 +65,18 @@ def nearest_shape(kind: str, points: Array) -> Array:
 
 
 def lengths(values: Array) -> Array:
-    """(N, 1): of the first half axis, above 0."""
+    """Return the lengths (N, 1), above 0, of the first half axes."""
     xp = namespace(values)
     return xp.clip(xp.hypot(values[:, 2:3], values[:, 3:4]), min=1e-6)
 
 
 def normals(values: Array) -> Array:
-    """(N, 2): the unit normal of the first axis."""
+    """Return the unit normals (N, 2) of the first axes."""
     return namespace(values).stack((-values[:, 3], values[:, 2]), axis=1) / lengths(values)
 
 
 def polygon_points(vertices: Array) -> Array:
-    """The control points (N, 3 n, 2) of polygons with vertices (N, n, 2)."""
+    """Return the control points (N, 3 n, 2) of polygons with vertices (N, n, 2)."""
     xp = namespace(vertices)
     step = (xp.concat((vertices[:, 1:], vertices[:, :1]), axis=1) - vertices) / 3.0
     sides = xp.stack((vertices, vertices + step, vertices + 2.0 * step), axis=2)
@@ -84,7 +84,7 @@ def polygon_points(vertices: Array) -> Array:
 
 
 def vertices_gradient(of_points: Array) -> Array:
-    """dL/d of the vertices (N, n, 2) of polygons from that of their control points (N, 3 n, 2)."""
+    """Return dL/d of the vertices (N, n, 2) of polygons from dL/d of their control points (N, 3 n, 2)."""
     xp = namespace(of_points)
     sides = xp.reshape(of_points, (len(of_points), -1, 3, 2))
     own = sides[:, :, 0] + (2.0 * sides[:, :, 1] + sides[:, :, 2]) / 3.0

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
-from cubicsplat_cli.raster.sparse import strong_groups
+from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
@@ -251,7 +251,7 @@ def _without_cycles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of `count` groups that one lies above another, cycles broken where the evidence is weakest."""
     while True:
-        _, knot = strong_groups(count, above, below)
+        _, knot = linked_groups(count, above, below, directed=True)
         inside = np.flatnonzero(knot[above] == knot[below])
         if not len(inside):
             return above, below

@@ -122,6 +122,17 @@ struct CsKnotTrack {
   int32_t* ages;                    // F x N: updates of each
 };
 
+// Adam's steps of the knots of moving curves by the gradients of frames, one after the other.
+struct CsFrameSteps {
+  int64_t curves;               // N
+  const CsKnotTrack* tracks;    // of shapes, offsets, colours and opacities
+  int64_t count;                // of steps
+  const int64_t* frames;        // count
+  const float* const* targets;  // count, each H x W x C
+  const double* rates;          // count x 2: px of shapes and offsets, and of colours and opacities
+  double keep_mean, keep_square, epsilon;
+};
+
 struct CsEngine;
 
 CS_EXPORT int32_t cs_abi_version();
@@ -139,6 +150,9 @@ CS_EXPORT int32_t cs_step(CsEngine*, const CsScene*, const CsSettings*, const Cs
 CS_EXPORT int32_t cs_run(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*,
                          const CsTraining*, CsRun*);
 // Seconds spent in flatten, bin, raster and update by the last call.
+// canvas: its curves do not count.
+CS_EXPORT int32_t cs_step_frames(CsEngine*, const CsScene* canvas, const CsSettings*, const CsImages*,
+                                 const CsFrameSteps*);
 CS_EXPORT void cs_timings(const CsEngine*, double* seconds);
 // Pairs of the last call: outside (skipped), inside, boundary, and edges in the boundary pairs.
 CS_EXPORT void cs_counts(const CsEngine*, int64_t* counts);

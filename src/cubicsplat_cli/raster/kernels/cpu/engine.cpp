@@ -361,6 +361,16 @@ int32_t cs_gradients(CsEngine* e, const CsScene* scene, const CsSettings* settin
                  [&] { e->run(*scene, *settings, *images, true, gradients, nullptr); });
 }
 
+int32_t cs_step_frames(CsEngine* e, const CsScene* canvas, const CsSettings* settings, const CsImages* images,
+                       const CsFrameSteps* steps) {
+  return guarded(e, canvas, settings, images, false, [&] {
+    cs::step_frames(*canvas, *images, *steps,
+                    [&](const CsScene& scene, const CsImages& with, const CsGradients& gradients) {
+                      e->run(scene, *settings, with, true, &gradients, nullptr);
+                    });
+  });
+}
+
 int32_t cs_step(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
                 const CsGradients* gradients, const CsTraining* training) {
   return guarded(e, scene, settings, images, true,

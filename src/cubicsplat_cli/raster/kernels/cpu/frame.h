@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <vector>
 
 #include "../shared/spikes.h"
@@ -75,6 +76,10 @@ void flatten(Frame&, int chunk);
 // Pairs -> for each tile its pairs, front to back. No sort: the order of the primitives is the order of the lists.
 void bin(Frame&);
 // The gradient of the penalty on spikes and slivers, of one chunk.
+// Draws a scene and finds the gradients of its loss.
+using Draw = std::function<void(const CsScene&, const CsImages&, const CsGradients&)>;
+void step_frames(const CsScene& canvas, const CsImages&, const CsFrameSteps&, const Draw&);
+
 void blunt(const Frame&, int chunk, const Blunting&);
 // Pair gradients -> parameter gradients of one chunk, and the optimiser's step.
 void update(Frame&, int chunk, const CsGradients*, const CsTraining*);

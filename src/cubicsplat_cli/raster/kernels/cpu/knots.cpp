@@ -2,10 +2,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <new>
 #include <vector>
 
-#include "abi.h"
+#include "frame.h"
 
 namespace {
 
@@ -57,9 +56,9 @@ void step(const Adam& adam, const CsKnotTrack& track, int64_t curves, int64_t fr
 }
 
 // The curves of one frame, and the gradients of its loss.
-class Frame {
+class FrameCurves {
  public:
-  Frame(const CsScene& canvas, int64_t curves, const CsKnotTrack* tracks)
+  FrameCurves(const CsScene& canvas, int64_t curves, const CsKnotTrack* tracks)
       : scene_(canvas), curves_(curves), tracks_(tracks), shape_(tracks[0].numbers), points_(curves * (shape_ - 1)),
         colours_(3 * curves), opacities_(curves), half_widths_(curves), of_points_(points_.size()),
         of_colours_(3 * curves), of_opacities_(curves), of_half_widths_(curves) {}
@@ -136,26 +135,16 @@ CS_EXPORT void cs_between_knots(int64_t curves, int64_t numbers, const float* va
             found + numbers * curve);
 }
 
-// Adam's steps of the knots of curves by the gradients of frames, one after the other. canvas: with any curves. tracks:
-// four, of shapes, offsets, colours and opacities. frames, targets (H x W x C): `count` of them. rates: count x 2, of
-// shapes and offsets, and of colours and opacities. adam: kept shares of mean and square, epsilon. Returns 0, or 1 as
-// `cs_gradients` does.
-CS_EXPORT int32_t cs_step_frames(CsEngine* engine, const CsScene* canvas, const CsSettings* settings, int64_t curves,
-                                 const CsKnotTrack* tracks, int64_t count, const int64_t* frames,
-                                 const float* const* targets, const double* rates, const double* adam) {
-  try {
-    Frame own(*canvas, curves, tracks);
-    for (int64_t i = 0; i < count; i++) {
-      CsImages images{};
-      images.target = targets[i];
-      const CsScene& scene = own.at(frames[i]);
-      const CsGradients gradients = own.gradients();
-      if (cs_gradients(engine, &scene, settings, &images, &gradients)) return 1;
-      const Adam adams[] = {{rates[2 * i], adam[0], adam[1], adam[2]}, {rates[2 * i + 1], adam[0], adam[1], adam[2]}};
-      own.step_knots(frames[i], adams);
-    }
-  } catch (const std::bad_alloc&) {
-    return -1;
+void cs::step_frames(const CsScene& canvas, const CsImages& images, const CsFrameSteps& steps, const Draw& draw) {
+  FrameCurves own(canvas, steps.curves, steps.tracks);
+  CsImages each = images;
+  for (int64_t i = 0; i < steps.count; i++) {
+    each.target = steps.targets[i];
+    const CsScene& scene = own.at(steps.frames[i]);
+    draw(scene, each, own.gradients());
+    const Adam adam{0.0, steps.keep_mean, steps.keep_square, steps.epsilon};
+    Adam adams[] = {adam, adam};
+    for (int k = 0; k < 2; k++) adams[k].rate = steps.rates[2 * i + k];
+    own.step_knots(steps.frames[i], adams);
   }
-  return 0;
 }
