@@ -18,8 +18,8 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.markup import format_number
-from cubicsplat_cli.svg.quantise import MAX_COORDINATE, quantise_scene
-from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.scene_reader import quantise_scene, read_svg
 from cubicsplat_cli.svg.scene_writer import path_strings, write_svg
 
 COMMENT = "cubicsplat 9.9.9, seed 7, settings 0123456789ab"

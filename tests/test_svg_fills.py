@@ -22,8 +22,7 @@ from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_writer import write_drawing
-from cubicsplat_cli.svg.quantise import quantise_scene
-from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.scene_reader import quantise_scene, read_svg
 from cubicsplat_cli.svg.scene_writer import bytes_by_curve, write_svg
 
 

@@ -16,8 +16,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.quantise import quantise_scene
-from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.scene_reader import quantise_scene, read_svg
 from cubicsplat_cli.svg.scene_writer import write_svg
 
 
