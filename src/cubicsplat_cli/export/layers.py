@@ -27,6 +27,7 @@ def layers(svg: str | bytes) -> dict[str, str]:
     text = svg.encode() if isinstance(svg, str) else svg
     elements = own_elements(text)
     width, height = elements[0].canvas_size()
+    margin = max(1, round(_MARGIN * max(width, height)))
     gradients = GradientReader(elements)
     root = ElementTree.fromstring(text)
     for element in root.iter():
@@ -47,20 +48,18 @@ def layers(svg: str | bytes) -> dict[str, str]:
             rgba = mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
             shapes = [definitions[reference[1]], *shapes]
         colour = colour_group(rgba).partition("-")[2]
-        layer = _layer_document(root, width, height, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
+        layer = _layer_document(root, (width, height), margin, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
         layer.extend(copy.deepcopy(shapes))
-        layer.append(_register_marks(width, height))
+        layer.append(_register_marks(width, height, margin))
         made[f"{number:0{len(str(max(10, len(by_paint))))}d}-{colour}"] = with_checksum(document(layer))
     return made
 
 
-def _margin(width: int, height: int) -> int:
-    return max(1, round(_MARGIN * max(width, height)))
-
-
-def _layer_document(root: ElementTree.Element, width: int, height: int, title: str, mark: str) -> ElementTree.Element:
-    """Return an empty document of the same scale for a picture of width x height px and its margin."""
-    margin = _margin(width, height)
+def _layer_document(
+    root: ElementTree.Element, size: tuple[int, int], margin: int, title: str, mark: str
+) -> ElementTree.Element:
+    """Return an empty document of the same scale for a picture of a size in px and its margin."""
+    width, height = size
     across, down = width + 2 * margin, height + 2 * margin
     sheet = empty_document(across, down, title, mark)
     sheet.set("viewBox", f"{-margin} {-margin} {across} {down}")
@@ -70,9 +69,8 @@ def _layer_document(root: ElementTree.Element, width: int, height: int, title: s
     return sheet
 
 
-def _register_marks(width: int, height: int) -> ElementTree.Element:
+def _register_marks(width: int, height: int, margin: int) -> ElementTree.Element:
     """Return a black circle with a cross for each corner of the margin."""
-    margin = _margin(width, height)
     radius, arm = _RADIUS * margin, _ARM * margin
     data = ""
     for x in (-margin / 2.0, width + margin / 2.0):

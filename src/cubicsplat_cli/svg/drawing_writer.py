@@ -50,7 +50,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     it. comment: one line for an XML comment, by which the command line recognises its own files. Raises UsageError for
     a bad precision.
     """
-    precision = _checked(precision, drawing)
+    precision = _precision_of(drawing, precision)
     root = empty_document(drawing.width, drawing.height, title, comment)
     names = Identifiers()
     gradients = GradientElements(lambda: names.unique("gradient"), precision)
@@ -69,7 +69,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     return document(root)
 
 
-def _checked(precision: int | None, canvas: Drawing | Mosaic) -> int:
+def _precision_of(canvas: Drawing | Mosaic, precision: int | None) -> int:
     """Return the precision, by default the suggested one. Raises UsageError for a bad one."""
     precision = suggested_precision(canvas.width, canvas.height) if precision is None else precision
     check_precision(precision)
@@ -141,6 +141,7 @@ class _GridRings:
 
 
 def _turned_to(ring: Ring, clockwise: bool) -> Ring:
+    """Return a ring that runs clockwise as seen or not."""
     return ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
 
 
@@ -249,7 +250,7 @@ def write_mosaic(
     mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str, grouped: bool = False
 ) -> str:
     """Return the SVG text of a mosaic. grouped: whether each colour is in a group. Otherwise like `write_drawing`."""
-    precision = _checked(precision, mosaic)
+    precision = _precision_of(mosaic, precision)
     root, names = empty_document(mosaic.width, mosaic.height, title, comment), Identifiers()
     for layer in mosaic.layers:
         data = _layer_path(layer, precision)

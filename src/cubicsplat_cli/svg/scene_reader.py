@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -92,12 +92,8 @@ class _SceneReader:
         self.shift = 0  # the paths' unit is 10^-shift px
         self.enlarged: set[int] = set()  # powers of ten by which gradients are enlarged
         self.gradients = GradientReader(self._in_px(element) for element in elements if "Gradient" in element.place)
-        # In the order of the file, the last curve at the front.
-        self.curves: list[list[np.ndarray]] = []  # the rings of each
-        self.colours: list[tuple[float, float, float]] = []
-        self.opacities: list[float] = []
-        self.half_widths: list[float] = []
-        self.paints: list[Gradient | None] = []
+        # Rings, colour, opacity, half-width and gradient of each curve, the last one at the front.
+        self.curves: list[tuple[list[np.ndarray], list[float], float, float, Gradient | None]] = []
 
     def add(self, element: OwnElement) -> None:
         """Add one element. Raises ValueError for what `write_svg` does not write."""
@@ -146,20 +142,16 @@ class _SceneReader:
 
     def _add_curve(self, element: OwnElement, mode: Mode, rings: list[np.ndarray]) -> None:
         given, kind = element.attributes, "fill" if mode is Mode.CLOSED else "stroke"
-        self.curves.append(rings)
         match = REFERENCE.fullmatch(given.get(kind, ""))
         gradient = None
         if match is not None:
             gradient = _without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
-            red, green, blue, _ = mean_fill(gradient)
-        else:
-            red, green, blue = hex_colour(given.get(kind, ""))
-        self.paints.append(gradient)
-        self.colours.append((red / 255, green / 255, blue / 255))
-        self.opacities.append(_at_most(given.get(f"{kind}-opacity", self.opacity), 1.0))
+        levels = hex_colour(given.get(kind, "")) if gradient is None else mean_fill(gradient)[:3]
+        opacity = _at_most(given.get(f"{kind}-opacity", self.opacity), 1.0)
         unit = 10.0**self.shift
         width = _at_most(given.get("stroke-width", ""), 2.0 * MAX_COORDINATE * unit) if mode is Mode.OPEN else 0.0
-        self.half_widths.append(round(width / unit, _WIDTH_DECIMALS) / 2.0)
+        half_width = round(width / unit, _WIDTH_DECIMALS) / 2.0
+        self.curves.append((rings, [level / 255 for level in levels], opacity, half_width, gradient))
 
     def _in_px(self, element: OwnElement) -> OwnElement:
         """Return a gradient without the transform to the unit of the paths; other elements stay the same.
@@ -181,18 +173,19 @@ class _SceneReader:
         """Return the scene of all elements, in reverse order so that index 0 is the front."""
         if self.mode is None or not self.curves:
             raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
-        points, ring_ends = pack_rings(self.mode, self.curves[::-1])
+        rings, colours, opacities, half_widths, gradients = zip(*self.curves[::-1], strict=True)
+        points, ring_ends = pack_rings(self.mode, rings)
         scene = Scene(
             mode=self.mode,
             width=self.width,
             height=self.height,
             points=points.astype(np.float32),
-            colours=_reversed(self.colours),
-            opacities=_reversed(self.opacities),
-            half_widths=_reversed(self.half_widths),
+            colours=np.array(colours, np.float32),
+            opacities=np.array(opacities, np.float32),
+            half_widths=np.array(half_widths, np.float32),
             background=self.background,
             ring_ends=ring_ends,
-            gradients=gradients_of(self.paints[::-1]),
+            gradients=gradients_of(gradients),
         )
         scene.validate()
         return scene
@@ -265,7 +258,3 @@ def _at_most(text: str, largest: float) -> float:
     if not 0.0 <= value <= largest:
         raise ValueError(f"has the number {text!r}, which is not in 0..{largest:g}")
     return value
-
-
-def _reversed(values: Iterable[object]) -> np.ndarray:
-    return np.asarray([*values][::-1], dtype=np.float64).astype(np.float32)
