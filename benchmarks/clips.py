@@ -32,7 +32,7 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
 from cubicsplat_cli.svg.moving_file import write_clip
-from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
 OURS, EACH, TRACED = "moving", "each frame", "vtracer"

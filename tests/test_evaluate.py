@@ -27,7 +27,7 @@ from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
 RENDERER = importlib.import_module("cubicsplat_cli.evaluate.rerender")

@@ -31,7 +31,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])

@@ -22,7 +22,7 @@ from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.shapes import nearest_shape, shape_gradient, shape_points
 from cubicsplat_cli.settings import FitSettings, Mode
-from cubicsplat_cli.svg.shapes import geometrize_list
+from cubicsplat_cli.svg.scene_writer import geometrize_list
 
 DRAWING = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><path d="M1 1h5v5z"/></svg>'
 KINDS = {"ellipse": 5, "rectangle": 5, "triangle": 6, "polygon": 10}

@@ -18,12 +18,11 @@ from cubicsplat_cli.evaluate.images import Tile, draw_part
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames, paint_at
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_writer import write_drawing
-from cubicsplat_cli.svg.quantise import quantise_scene
-from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.scene_reader import quantise_scene, read_svg
 from cubicsplat_cli.svg.scene_writer import bytes_by_curve, write_svg
 
 
@@ -44,6 +43,13 @@ def test_a_file_gives_back_the_gradients_that_it_says(mode, precision, seed):
     scene = painted_scene(mode, 12, 60, 50, seed, background=PAPER)
     quantised = quantise_scene(scene, precision)
     assert_same(read_svg(write_svg(scene, precision=precision)), quantised)
+    given, coarse = scene.as_numpy(), 0.1 * 10.0 ** -max(0, precision - 1)
+    for curve in np.flatnonzero(quantised.gradients.kinds != FLAT).tolist():
+        places = given.points[curve]
+        before, after = (paint_at(each.gradients, curve, places) for each in (given, quantised))
+        before[:, 3] *= given.opacities[curve]
+        after[:, 3] *= quantised.opacities[curve]
+        assert abs(before - after).mean() < 0.005 + coarse
     assert int((quantised.gradients.kinds == LINEAR).sum()) >= 3
     assert int((quantised.gradients.kinds == RADIAL).sum()) >= 3
 

@@ -15,12 +15,11 @@ from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient
 from cubicsplat_cli.svg.drawing_paths import PathText, add_pieces
 from cubicsplat_cli.svg.markup import comment_text
 from cubicsplat_cli.svg.painted import Paint, PaintedShape, PaintedShapes
-from cubicsplat_cli.svg.paths import Subpath, apart
+from cubicsplat_cli.svg.paths import Subpath, groups_apart
 
-MOST_CHARACTERS = 32_767  # of one attribute: Android's resource compiler takes no more
-_MOST_SPLIT = 10_000  # subpaths, which are compared in pairs
-_DECIMALS = 6
-_NAME = re.compile(r"[\w-]+")  # anything else might be taken for a reference
+MOST_CHARACTERS = 32_767  # of one attribute, the limit of Android's resource compiler
+_MOST_SPLIT = 10_000  # subpaths, since they are compared in pairs
+_NAME = re.compile(r"[\w-]+")  # Android might read other text as a reference
 _NAMESPACES = {
     "xmlns:android": "http://schemas.android.com/apk/res/android", "xmlns:aapt": "http://schemas.android.com/aapt",
 }  # fmt: skip
@@ -28,7 +27,7 @@ Element = ElementTree.Element
 
 
 def vector_drawable(drawing: PaintedShapes, mark: str) -> bytes:
-    """The file, one dp a px. mark: text of its first comment. Counts in `drawing.left_out` what it cannot hold."""
+    """Return the file, one dp per px. mark: text of its first comment. `drawing.left_out` counts what it lacks."""
     width, height = _number(drawing.width), _number(drawing.height)
     sizes = {"width": f"{width}dp", "height": f"{height}dp", "viewportWidth": width, "viewportHeight": height}
     root = Element("vector", {**_NAMESPACES, **_named(sizes)})
@@ -38,7 +37,8 @@ def vector_drawable(drawing: PaintedShapes, mark: str) -> bytes:
         drawing.left_out["focus of a gradient"] += _has_focus(shape.fill) + _has_focus(shape.stroke)
         elements = [_element(shape, shape.lines, precision)]
         if elements[0] is None and len(shape.lines) <= _MOST_SPLIT:
-            elements = [_element(shape, lines, precision) for lines in _apart(shape.lines)]
+            groups = groups_apart([line.cubics for line in shape.lines])
+            elements = [_element(shape, [shape.lines[index] for index in group], precision) for group in groups]
         root.extend(element for element in elements if element is not None)
         drawing.left_out[f"path of more than {MOST_CHARACTERS} characters"] += elements.count(None)
     ElementTree.indent(root, " ")
@@ -55,21 +55,16 @@ def _has_focus(paint: Paint | None) -> bool:
 
 
 def _parts(shape: PaintedShape) -> list[PaintedShape]:
-    """The shape; its fill and its stroke apart where the fill needs a group, which would bend the stroke."""
+    """Return the shape, or its fill and its stroke apart if the fill needs a group, which would bend the stroke."""
     if shape.stroke is None or not _is_elliptical(shape.fill):
         return [shape]
     return [replace(shape, stroke=None), replace(shape, fill=None)]
 
 
-def _apart(lines: list[Subpath]) -> list[list[Subpath]]:
-    """The subpaths in groups that can be paths of their own."""
-    of_cubics = {id(line.cubics): line for line in lines}
-    return [[of_cubics[id(ring)] for ring in group] for group in apart([line.cubics for line in lines])]
-
-
 def _element(shape: PaintedShape, lines: list[Subpath], precision: int) -> Element | None:
-    """A path, in a group where its gradient is elliptical: the group's frame makes it circular. None where its data
-    is too long.
+    """Return a path, or None if its data is too long.
+
+    An elliptical gradient is circular in the frame of a group around the path.
     """
     attributes = {"name": shape.name} if _NAME.fullmatch(shape.name) else {}
     if shape.fill is not None and shape.even_odd:
@@ -77,8 +72,7 @@ def _element(shape: PaintedShape, lines: list[Subpath], precision: int) -> Eleme
     if shape.stroke is not None:
         attributes |= {"strokeWidth": _number(shape.width), "strokeLineCap": shape.cap, "strokeLineJoin": shape.join}
         attributes["strokeMiterLimit"] = _number(shape.limit)
-    fill = shape.fill
-    frame = None
+    fill, frame = shape.fill, None
     if isinstance(fill, RadialGradient) and _is_elliptical(fill):
         frame, fill = fill, RadialGradient(0.0, 0.0, fill.rx, fill.rx, 0.0, fill.stops)
         squeeze = np.vstack([frame.matrix(), [0.0, 0.0, 1.0]]) @ np.diag([1.0 / frame.rx, 1.0 / frame.rx, 1.0])
@@ -125,8 +119,9 @@ def _gradient(gradient: Gradient) -> Element:
 
 
 def _path_data(subpaths: list[Subpath], precision: int) -> str:
-    """Path data in steps of 10^-precision px, without arcs, whose short form Android does not read. Once it is too
-    long it ends.
+    """Return path data in steps of 10^-precision px; it ends early once it is too long.
+
+    It has no arcs, because Android cannot read their short form.
     """
     path = PathText(precision)
     for line in subpaths:
@@ -151,5 +146,5 @@ def _named(values: dict[str, str]) -> dict[str, str]:
 
 
 def _number(value: float) -> str:
-    """Decimal text with a digit before the point, as Android's numbers have."""
-    return f"{value:.{_DECIMALS}f}".rstrip("0").rstrip(".")
+    """Return decimal text with a digit before the point, as in Android's files."""
+    return f"{value:.6f}".rstrip("0").rstrip(".")

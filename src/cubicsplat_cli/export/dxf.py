@@ -12,21 +12,20 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene.paint import mean_fill
 from cubicsplat_cli.svg.painted import Paint, PaintedShapes
-from cubicsplat_cli.svg.paths import halves
 
 MM_PER_PX = 25.4 / 96.0  # as CSS has it
 _VERSION = "R2010"  # the oldest that ezdxf writes as UTF-8, with true colours
 _MOST_HALVINGS = 24
-_MOST_VERTICES = 500_000  # of one outline, and of a file: seconds, 250 MB
-_AT_ONCE = 10_000  # cubics, of which arrays are held in memory
+_MOST_VERTICES = 500_000  # of one outline and of a file, which take seconds and 250 MB
+_AT_ONCE = 10_000  # cubics per batch, which limits the memory
 _TOO_MANY = f"needs more than {_MOST_VERTICES} arcs; give a larger --dxf-tolerance"
 _SAMPLES = np.arange(1, 16) / 16.0
 
 
 def dxf(drawing: PaintedShapes, mark: str, tolerance: float) -> bytes:
-    """The file. tolerance: px by which its arcs may be off the shapes' outlines. mark: text of its first comment.
+    """Return the file. tolerance: largest distance of its arcs from the outlines, px. mark: text of its first comment.
 
-    Raises InputError where that takes too many arcs.
+    Raises InputError if that takes too many arcs.
     """
     import ezdxf
 
@@ -52,8 +51,9 @@ def dxf(drawing: PaintedShapes, mark: str, tolerance: float) -> bytes:
 def _outlines(
     drawing: PaintedShapes, tolerance: float
 ) -> Iterator[tuple[tuple[int, int, int], np.ndarray, bool, float]]:
-    """Each subpath: its colour, the vertices in mm with y up, whether it is closed, and the width of its stroke in mm,
-    0 of a fill.
+    """Yield the colour of each subpath, its vertices in mm with y up, whether it is closed, and its width in mm.
+
+    The width of a fill is 0.
     """
     to_mm = np.array([[MM_PER_PX, 0.0, 0.0], [0.0, -MM_PER_PX, drawing.height * MM_PER_PX], [0.0, 0.0, 1.0]])
     for shape in drawing.shapes:
@@ -74,24 +74,24 @@ def _colour(paint: Paint) -> tuple[int, int, int]:
 
 
 def arcs_along(cubics: np.ndarray, tolerance: float, most: int = _MOST_VERTICES) -> np.ndarray:
-    """Circular arcs along the cubics (n, 4, 2), as DXF has them: (k, 3) where each begins, and its bulge, the tangent
-    of a quarter of its angle, above 0 if counterclockwise where y points up; 0 for a line.
+    """Return circular arcs (k, 3) along cubics (n, 4, 2) as in DXF: the start of each, and its bulge.
 
+    The bulge is the tangent of a quarter of its angle, positive if counterclockwise where y points up, 0 for a line.
     Each cubic is halved until its two tangent arcs are within the tolerance of it, in its own units. Raises InputError
-    where that takes more than `most`.
+    if that takes more than `most`.
     """
     order, size, done = np.arange(len(cubics), dtype=float), 1.0, []
     for halving in range(_MOST_HALVINGS + 1):
         parts = [_biarcs(cubics[first : first + _AT_ONCE]) for first in range(0, len(cubics), _AT_ONCE)]
         joints, bulges, errors = (np.concatenate(part) for part in zip(*parts, strict=True))
-        # What is smaller than the tolerance is a line, whichever way it turns.
+        # A cubic that is smaller than the tolerance becomes a line.
         reach = np.abs(cubics - cubics[:, :1]).max(axis=(1, 2))
         tiny = (reach <= tolerance / 2.0) | (halving == _MOST_HALVINGS)
         bulges[tiny] = 0.0
         fits, bent = tiny | (errors <= tolerance), np.abs(bulges).max(axis=1) > 1e-9
         done.append(np.column_stack([order, cubics[:, 0], bulges[:, 0]])[fits])
         done.append(np.column_stack([order + size / 2.0, joints, bulges[:, 1]])[fits & bent])
-        cubics, size = halves(cubics[~fits]), size / 2.0
+        cubics, size = _halves(cubics[~fits]), size / 2.0
         if len(cubics) > most:
             raise InputError(_TOO_MANY)
         order = (order[~fits, None] + [0.0, size]).ravel()
@@ -101,9 +101,20 @@ def arcs_along(cubics: np.ndarray, tolerance: float, most: int = _MOST_VERTICES)
     return vertices[np.argsort(vertices[:, 0], kind="stable"), 1:]
 
 
+def _halves(cubics: np.ndarray) -> np.ndarray:
+    """Return the halves (2 n, 4, 2) of n cubics, by de Casteljau's algorithm."""
+    a, b, c, d = cubics.transpose(1, 0, 2)
+    ab, bc, cd = (a + b) / 2.0, (b + c) / 2.0, (c + d) / 2.0
+    abc, bcd = (ab + bc) / 2.0, (bc + cd) / 2.0
+    middle = (abc + bcd) / 2.0
+    return np.stack([a, ab, abc, middle, middle, bcd, cd, d], axis=1).reshape(-1, 4, 2)
+
+
 def _biarcs(cubics: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The two arcs that begin and end as each cubic does, meet smoothly, and have tangents of equal length: where they
-    meet (n, 2), their bulges (n, 2), and how far samples of the cubic are off them (n,), infinite where there are none.
+    """Return the joint (n, 2) of two arcs for each cubic, their bulges (n, 2), and their error (n,).
+
+    The arcs have the tangents of the cubic at its ends, meet smoothly, and have tangents of equal length. The error is
+    the largest distance of a sample of the cubic from them, infinite if there are no such arcs.
     """
     start, end = cubics[:, 0], cubics[:, 3]
     first, last = _direction(cubics), -_direction(cubics[:, ::-1])
@@ -125,7 +136,7 @@ def _biarcs(cubics: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _direction(cubics: np.ndarray) -> np.ndarray:
-    """(n, 2) unit vectors in which cubics set out: to the first point that is not where they start."""
+    """Return the unit vectors (n, 2) of cubics at their start, towards the first other control point."""
     steps = cubics[:, 1:] - cubics[:, :1]
     lengths = np.hypot(steps[..., 0], steps[..., 1])
     chosen = np.argmax(lengths > 1e-6 * np.maximum(lengths.max(axis=1), 1e-300)[:, None], axis=1)
@@ -134,14 +145,15 @@ def _direction(cubics: np.ndarray) -> np.ndarray:
 
 
 def _half_tangent(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """The tangent of half the angle from one vector (n, 2) to another, counterclockwise where y points up."""
+    """Return the tangent of half the angle between vectors (n, 2), counterclockwise where y points up."""
     cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     return np.tan(np.arctan2(cross, (first * second).sum(axis=1)) / 2.0)
 
 
 def _distances(points: np.ndarray, start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
-    """(n, s) distances of points (n, s, 2) from the circles of arcs, to first order; of a line where the bulge is 0.
+    """Return the distances (n, s) of points (n, s, 2) from the circles of arcs, to first order.
 
+    An arc with the bulge 0 is a line.
     With u along the chord of length L from its middle, w to its left and bulge b, the circle is
     b (u^2 + w^2 - L^2 / 4) + w L (b^2 - 1) / 2 = 0.
     """

@@ -1,4 +1,4 @@
-"""An SVG in a format of other programs, and the mark by which its file is known to be of that SVG."""
+"""An SVG in a format of other programs, and the mark in that file that identifies the SVG."""
 
 from __future__ import annotations
 
@@ -20,23 +20,20 @@ from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.svg.untrusted import SvgSize
 
 BY_CAIRO = ("pdf", "ps", "eps")
-_POINTS = 0.75  # in a px, as CSS has it
-_PPI = 300.0  # of what PostScript cannot say, cairo's own choice
-_BOX = re.compile(rb"%%BoundingBox: .*")
-_OPACITY = "what is translucent became pixels; PDF keeps it as it is, --set opaque=true makes a photo without it"
-_PIXELS = b"/ImageType"  # with which PostScript begins any picture
+_POINTS = 0.75  # per px, as in CSS
+_PPI = 300.0  # pixels per inch for what PostScript cannot express, as in cairo
 
 
 @record
 class Exported:
-    """A file for another program. notes: what of the SVG is not in it, a sentence each."""
+    """A file for another program. notes: a sentence for each thing of the SVG that it lacks."""
 
     data: bytes
     notes: list[str]
 
 
 def check_packages(formats: Iterable[str]) -> None:
-    """Raise EngineError, with what to install, where the package that makes one of the formats is missing."""
+    """Raise EngineError, with what to install, if the package for one of the formats is missing."""
     for form in formats:
         if form == "dxf" and importlib.util.find_spec("ezdxf") is None:
             raise EngineError("DXF needs ezdxf: pip install 'cubicsplat[dxf]'")
@@ -54,14 +51,14 @@ def exported(
     height: float | None = None,
     scale: float = 1.0,
 ) -> Exported:
-    """An SVG of any origin, unpacked, in a format.
+    """Return an SVG of any origin, unpacked, in a format.
 
-    form: a name in `files.paths.EXPORTS`. source: the SVG's name for messages. tolerance: px by which a DXF's arcs may
-    be off the outlines. width, height, scale: see `rerender_untrusted`. Raises InputError for what cannot be read or
-    drawn, EngineError where a package is missing, UsageError for a tolerance or scale that makes no sense.
+    form: a name in `files.paths.EXPORTS`. source: the SVG's name for messages. tolerance: largest distance of a DXF's
+    arcs from the outlines, px. width, height, scale: see `rerender_untrusted`. Raises InputError for an SVG that cannot
+    be read or drawn, EngineError if a package is missing, UsageError for a bad tolerance or scale.
     """
     check_packages([form])
-    Request(dxf_tolerance=tolerance)  # which refuses what makes no sense
+    Request(dxf_tolerance=tolerance)  # raises UsageError for a bad tolerance
     mark = mark_of(svg, form, tolerance)
     svg, size, drawn = checked(svg, source, width, height, scale)
     notes: list[str] = []
@@ -69,41 +66,30 @@ def exported(
         if form in BY_CAIRO:
             made = _by_cairo(svg, form, drawn, source)
             return Exported(made.data + f"% {mark}\n".encode(), made.notes)
+        from cubicsplat_cli.export.android import vector_drawable
+        from cubicsplat_cli.export.dxf import dxf
+        from cubicsplat_cli.svg.painted import painted_shapes
+
         try:
-            data, left_out = _by_shapes(svg, form, size, drawn, mark, tolerance)
+            drawing = painted_shapes(svg, size, drawn)
+            data = dxf(drawing, mark, tolerance) if form == "dxf" else vector_drawable(drawing, mark)
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
-    return Exported(data, [*notes, *left_out])
-
-
-def _by_shapes(
-    svg: bytes, form: str, size: SvgSize, drawn: SvgSize, mark: str, tolerance: float
-) -> tuple[bytes, list[str]]:
-    from cubicsplat_cli.svg.painted import painted_shapes
-
-    drawing = painted_shapes(svg, size, drawn)
-    if form == "dxf":
-        from cubicsplat_cli.export.dxf import dxf
-
-        return dxf(drawing, mark, tolerance), drawing.notes()
-    from cubicsplat_cli.export.android import vector_drawable
-
-    data = vector_drawable(drawing, mark)
-    return data, drawing.notes()
+    return Exported(data, [*notes, *drawing.notes()])
 
 
 def mark_of(svg: bytes, form: str, tolerance: float) -> str:
-    """The mark of an SVG's file in a format: it says what decides the file."""
+    """Return the mark of an SVG's file in a format, which holds all that the file depends on."""
     return made_mark(sha256_of(svg) + (f", tolerance {tolerance:g} px" if form == "dxf" else ""))
 
 
 def is_current(path: Path, svg: bytes, tolerance: float) -> bool:
-    """Whether there is a file at `path` that this version made of the SVG."""
+    """Return whether there is a file at `path` that this version made of the SVG."""
     return is_file(path) and mark_of(svg, path.suffix[1:].lower(), tolerance).encode() in read_ends(path)
 
 
 def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> Exported:
-    """A page of cairosvg's. What PostScript cannot say, cairo makes pixels of: as many as memory may hold."""
+    """Return a page drawn by cairosvg. Cairo makes pixels of what PostScript cannot express, as many as fit memory."""
     module, name, _ = choose_renderer("cairosvg")
     surfaces = importlib.import_module(f"{module.__name__}.surface")
     width, height = drawn.width * _POINTS, drawn.height * _POINTS
@@ -118,9 +104,10 @@ def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> Exported:
     with drawing_with(name, source):
         data = Surface.convert(svg, url_fetcher=embedded_only, output_width=drawn.width, output_height=drawn.height)
     if form == "eps":
-        # cairo says what the drawing covers; whoever places the file wants the page, which ends at a whole point.
+        # cairo gives the box of the drawing; a user who places the file needs the page, which ends at a whole point.
         right, top = math.ceil(width), math.ceil(height)
         box = f"%%BoundingBox: 0 0 {right} {top}\n%%HiResBoundingBox: 0 {top - height:g} {width:g} {top}"
-        data = _BOX.sub(box.encode(), data, count=1)
-    pixels = form != "pdf" and _PIXELS in data
-    return Exported(data, [f"{form.upper()} has no opacity: {_OPACITY}"] if pixels else [])
+        data = re.sub(rb"%%BoundingBox: .*", box.encode(), data, count=1)
+    pixels = form != "pdf" and b"/ImageType" in data  # which begins every picture in PostScript
+    opacity = "what is translucent became pixels; PDF keeps it as it is, --set opaque=true makes a photo without it"
+    return Exported(data, [f"{form.upper()} has no opacity: {opacity}"] if pixels else [])

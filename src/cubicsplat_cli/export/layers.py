@@ -1,9 +1,8 @@
-"""A cutout's SVG as one SVG for each colour, with register marks around it, for cutters and screen printing."""
+"""The SVG of a cutout as one SVG per colour with register marks around it, for cutters and screen printing."""
 
 from __future__ import annotations
 
 import copy
-import re
 from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.shapes import colour_group
@@ -11,64 +10,56 @@ from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
 from cubicsplat_cli.options import length_of, length_text
 from cubicsplat_cli.scene.paint import mean_fill
 from cubicsplat_cli.svg.markup import document, empty_document
-from cubicsplat_cli.svg.own import GradientReader, canvas_size, own_elements
+from cubicsplat_cli.svg.own import GEOMETRY, REFERENCE, GradientReader, own_elements
 from cubicsplat_cli.svg.values import hex_colour
 
-_SHAPES = ("path", "rect", "circle", "ellipse")
-_REFERENCE = re.compile(r"url\(#([^)]+)\)")
-# The margin around the picture, of its longer side; and of the margin the radius of a mark, its arms and its lines.
+# The margin around the picture, in longer sides; the radius of a mark, its arms and its line width, in margins.
 _MARGIN, _RADIUS, _ARM, _LINE = 1.0 / 16.0, 0.2, 0.4, 0.02
 
 
 def layers(svg: str | bytes) -> dict[str, str]:
-    """The SVG of each colour of a cutout of ours, by names such as `01-ff8800`, in the order in which they are drawn.
+    """Return the SVG of each colour of a cutout by names such as `01-ff8800`, in the order in which they are drawn.
 
-    All have one size, that of the picture and a margin around it, in which a mark is at each corner: laid on one
-    another they are the picture. A gradient is a layer, named by its mean. Each holds the mark of the SVG. Raises
-    InputError for an SVG that is not ours.
+    All have the size of the picture and a margin with a register mark at each corner, so together they show the
+    picture. A gradient is a layer, named by its mean colour. Each holds the mark of the SVG. Raises InputError for an
+    SVG that cubicsplat did not write.
     """
     text = svg.encode() if isinstance(svg, str) else svg
     elements = own_elements(text)
-    width, height = canvas_size(elements[0])
+    width, height = elements[0].canvas_size()
+    margin = max(1, round(_MARGIN * max(width, height)))
     gradients = GradientReader(elements)
-    root = _plain(ElementTree.fromstring(text))
+    root = ElementTree.fromstring(text)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
     definitions = {element.get("id", ""): element for element in root.iter() if "Gradient" in element.tag}
     by_paint: dict[tuple[str, str], list[ElementTree.Element]] = {}
     for element in root.iter():
-        if element.tag in _SHAPES:
+        if element.tag in GEOMETRY:
             paint = element.get("fill", ""), element.get("fill-opacity", "1")
             by_paint.setdefault(paint, []).append(element)
     title, mark = root.findtext("title", ""), made_mark(sha256_of(text))
     made = {}
     for number, ((fill, opacity), shapes) in enumerate(by_paint.items(), start=1):
-        reference = _REFERENCE.fullmatch(fill)
+        reference = REFERENCE.fullmatch(fill)
         if reference is None:
             rgba = (*hex_colour(fill), round(255.0 * float(opacity)))
         else:
             rgba = mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
             shapes = [definitions[reference[1]], *shapes]
         colour = colour_group(rgba).partition("-")[2]
-        layer = _layer_document(root, width, height, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
+        layer = _layer_document(root, (width, height), margin, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
         layer.extend(copy.deepcopy(shapes))
-        layer.append(_register_marks(width, height))
+        layer.append(_register_marks(width, height, margin))
         made[f"{number:0{len(str(max(10, len(by_paint))))}d}-{colour}"] = with_checksum(document(layer))
     return made
 
 
-def _plain(root: ElementTree.Element) -> ElementTree.Element:
-    """The document with the names of its elements without their namespace."""
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]
-    return root
-
-
-def _margin(width: int, height: int) -> int:
-    return max(1, round(_MARGIN * max(width, height)))
-
-
-def _layer_document(root: ElementTree.Element, width: int, height: int, title: str, mark: str) -> ElementTree.Element:
-    """An empty document of the same scale for a picture of width x height px and its margin."""
-    margin = _margin(width, height)
+def _layer_document(
+    root: ElementTree.Element, size: tuple[int, int], margin: int, title: str, mark: str
+) -> ElementTree.Element:
+    """Return an empty document of the same scale for a picture of a size in px and its margin."""
+    width, height = size
     across, down = width + 2 * margin, height + 2 * margin
     sheet = empty_document(across, down, title, mark)
     sheet.set("viewBox", f"{-margin} {-margin} {across} {down}")
@@ -78,9 +69,8 @@ def _layer_document(root: ElementTree.Element, width: int, height: int, title: s
     return sheet
 
 
-def _register_marks(width: int, height: int) -> ElementTree.Element:
-    """A circle with a cross in each corner of the margin, in black whatever the layer's colour is."""
-    margin = _margin(width, height)
+def _register_marks(width: int, height: int, margin: int) -> ElementTree.Element:
+    """Return a black circle with a cross for each corner of the margin."""
     radius, arm = _RADIUS * margin, _ARM * margin
     data = ""
     for x in (-margin / 2.0, width + margin / 2.0):

@@ -22,9 +22,9 @@ _LINEAR = {"o": {"x": [0], "y": [0]}, "i": {"x": [1], "y": [1]}}
 
 
 def lottie(clip: GridClip, *, fps: float, title: str = "") -> str:
-    """The JSON text of a clip. fps: frames a second, the unit of its times; keyframes may lie between two frames.
+    """Return the JSON text of a clip. fps: frames per second, the unit of its times; keyframes may lie between frames.
 
-    Coordinates are whole numbers of the clip's grid, which the scale of the layers brings to px.
+    Coordinates are whole numbers on the grid of the clip; the scale of the layers converts them to px.
     """
     layers = [_layer(clip, group, fps, index) for index, group in enumerate(clip.groups)]
     if clip.background is not None:
@@ -39,13 +39,13 @@ def lottie(clip: GridClip, *, fps: float, title: str = "") -> str:
 
 
 def _frames(value: float) -> int | float:
-    """The shortest number for a time in frames."""
+    """Return the shortest number for a time in frames."""
     rounded = round(value, _FRAME_DECIMALS)
     return int(rounded) if rounded.is_integer() else rounded
 
 
 def _placed(kind: int, index: int, begin: float, end: float, scale: float) -> dict[str, Any]:
-    """The members that every layer has; it is there from `begin` until `end`, in frames. scale: in per cent."""
+    """Return the members of every layer. begin, end: of its display, in frames. scale: in per cent."""
     still = {"o": 100, "r": 0, "p": [0, 0, 0], "a": [0, 0, 0], "s": [scale, scale, 100]}
     return {
         "ty": kind, "ind": index + 1, "ddd": 0, "sr": 1, "st": 0, "bm": 0, "ip": _frames(begin), "op": _frames(end),
@@ -91,7 +91,7 @@ def _curve(clip: GridClip, curve: dict[str, GridTrack], moving: Callable[..., di
 
 
 def _bezier(row: list[int], *, closed: bool) -> dict[str, Any]:
-    """Vertices, and the handles before and after them relative to each."""
+    """Return the vertices, and the handles before and after each, relative to it."""
     points = np.array(row).reshape(-1, 2)
     vertices = points[::3]
     after = points[1::3] - vertices[: len(points[1::3])]

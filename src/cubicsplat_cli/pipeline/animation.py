@@ -33,7 +33,7 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.svg.moving import GridClip
 from cubicsplat_cli.svg.moving_file import read_clip, still
-from cubicsplat_cli.svg.quantise import quantise_scene
+from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
 # Seconds that one frame takes to become the next. What is shown for much longer stands still before it changes.

@@ -35,7 +35,6 @@ from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
-from cubicsplat_cli.svg.shapes import geometrize_list
 
 SCORES_SIDE = 256  # px, as Geometrize works on
 COLORS, COLORS_SIDE = 5, 96  # dominant colours at most, and px of the copy on which they are looked for
@@ -141,6 +140,8 @@ def geometrized(task: Task, made: Made, output: Output) -> str | None:
     """The shapes of a photo as Geometrize lists them; None where the picture has one colour."""
     if not isinstance(made.scene, Scene) or "history" not in made.facts:
         return None
+    from cubicsplat_cli.svg.scene_writer import geometrize_list
+
     marks = {"program": PROGRAM, "svg_sha256": output.svg_sha256}
     return geometrize_list(task.request.settings.shapes, made.scene, scores_of(task, made.scene), marks)
 

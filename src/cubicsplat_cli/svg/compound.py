@@ -1,4 +1,4 @@
-"""Grouping of shapes into compound paths: lettering and patterns, as artists write them."""
+"""Groups the shapes of lettering and patterns into compound paths."""
 
 from __future__ import annotations
 
@@ -14,22 +14,21 @@ from cubicsplat_cli.raster.outlines import coverage
 
 # Two shapes of one colour may be a pair of eyes; this many are lettering or a pattern.
 LEAST_SHAPES = 3
-# A drawing of so few colours is a sign, a logo or lettering: its artist writes all shapes of a colour as one path.
+# A drawing of so few colours is a sign, a logo or lettering, in which all shapes of a colour are one path.
 FEW_PAINTS = 4
-_OPAQUE = 255
-Pen = tuple[float, str, str, bool]
-_LOOP = 1.0  # px^2 of a loop that is seen
-_COPY = 512  # px a side, on which loops are looked for
+_LOOP = 1.0  # px^2, the least area of a visible loop
+_COPY = 512  # px, the longer side of the copy of a ring in which loops are searched
 
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
-    """The shapes back to front, those to be written as one together: three or more paths in one opaque fill or
-    gradient, and strokes by one pen; in a drawing of at most FEW_PAINTS of these any path, and whatever else that can
-    has its paint.
+    """Return the shapes back to front, grouped into compound paths.
 
-    The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
-    every hole the other way. A shape joins an earlier one where nothing of another fill that is drawn between them
-    by then touches it, so the picture stays the same. Shapes of different groups, and those with shading, stay apart.
+    Three or more paths in one opaque fill or gradient, or strokes by one pen, become a group. In a drawing of at most
+    FEW_PAINTS fills and gradients, one path and anything else that can join it is enough.
+
+    The rings of a group cover what its shapes cover, since every outer ring runs clockwise as seen and every hole the
+    other way. A shape joins an earlier one only if no shape of another fill that touches it is drawn between them, so
+    the picture stays the same. Shapes of different groups in the file, and those with shading, stay apart.
     """
     boxes = boxes_of(shapes).T.copy()
     paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
@@ -41,7 +40,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     free = joins & np.array([_opaque(shape) and not _crosses(shape) for shape in shapes], dtype=bool)
     while True:
         leaders = _leaders(boxes, numbers, free)
-        # Groups of too few, and of primitives alone, are none.
+        # Groups of too few paths are dissolved.
         few = np.bincount(leaders, paths, len(shapes)) < (1 if sign else LEAST_SHAPES)
         loose = few[leaders] & (leaders != np.arange(len(shapes)))
         if not loose.any():
@@ -50,13 +49,15 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
 
 
 def _leaders(boxes: np.ndarray, numbers: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(n,) the first of the shapes with which each is drawn, by their boxes (4, n), the numbers of their paints (n,),
-    and whether they may be drawn with others (n,): the first that nothing is drawn after which it has to lie above.
+    """Return the first shape (n,) of the group of each shape.
+
+    That is the first of its paint after which no shape is drawn that must stay beneath it. boxes: (4, n). numbers: (n,)
+    of the paints. free: (n,) whether a shape may join others.
     """
     leaders = np.arange(len(numbers))
-    known: dict[int, list[int]] = {}
+    leaders_of: dict[int, list[int]] = {}
     for index in np.flatnonzero(free).tolist():
-        same = known.setdefault(int(numbers[index]), [])
+        same = leaders_of.setdefault(int(numbers[index]), [])
         if same:
             beneath = near_box(boxes[:, :index], boxes[:, index]) & (numbers[:index] != numbers[index])
             lowest = leaders[:index][beneath].max(initial=-1)
@@ -66,33 +67,32 @@ def _leaders(boxes: np.ndarray, numbers: np.ndarray, free: np.ndarray) -> np.nda
     return leaders
 
 
-def _pen(stroke: Stroke | None) -> Pen | None:
-    """The properties that strokes of one path share: width, cap, join, and whether they are closed."""
+def _pen(stroke: Stroke | None) -> tuple[float, str, str, bool] | None:
+    """Return what strokes of one path share: width, cap, join, and whether they are closed."""
     return None if stroke is None else (stroke.width, stroke.cap, stroke.join, stroke.closed)
 
 
 def _primitive(shape: Shape) -> bool:
-    """Whether a shape is a circle, ellipse or rectangle, which stays one; of strokes, what cannot join."""
+    """Return whether a shape, or the path of its stroke, is a circle, ellipse or rectangle."""
     if shape.stroke is not None:
         return not isinstance(shape.stroke.path, (Chain, Ring))
     return len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
 
 
 def _opaque(shape: Shape) -> bool:
-    """Two translucent shapes are not one where they overlap."""
+    """Return whether a shape is opaque; translucent shapes would look different where they overlap."""
     fills = [shape.fill] if shape.gradient is None else [stop.colour for stop in shape.gradient.stops]
-    return all(fill[3] == _OPAQUE for fill in fills)
+    return all(fill[3] == 255 for fill in fills)
 
 
 def _crosses(shape: Shape) -> bool:
-    """Whether a ring crosses itself: where a loop runs the other way round, it would cut holes into others."""
+    """Return whether a loop of a ring runs the other way round; it would cut a hole into other shapes."""
     rings = [outline for outline in shape.outlines if isinstance(outline, Ring)]
     return shape.stroke is None and any(_reversed_area(ring) >= _LOOP for ring in rings)
 
 
 def _reversed_area(ring: Ring) -> float:
-    """Area in px^2 of the loops in which a ring that crosses itself runs the other way round, found on a copy of at
-    most _COPY px a side."""
+    """Return the area in px^2 of the loops in which a ring that crosses itself runs the other way round."""
     points = ring.cubics.reshape(-1, 2)
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
     factor = max(1.0, float(extent.max()) / _COPY)

@@ -1,4 +1,4 @@
-"""Reads the SVG files that `write_drawing` makes back into a drawing; refuses any other with one line."""
+"""Reads the SVG files of `write_drawing` back into a drawing; refuses any other with one line."""
 
 from __future__ import annotations
 
@@ -23,54 +23,50 @@ from cubicsplat_cli.artwork.geometry.stroke import (
     outlines_of_stroke,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
-from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
+from cubicsplat_cli.svg.own import GEOMETRY, REFERENCE, GradientReader, OwnElement, own_elements
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_writer import CURVES_ID
-from cubicsplat_cli.svg.shading import ISOLATED, SCALES, ShadedShape
+from cubicsplat_cli.svg.shading import ISOLATED, SCALES
 from cubicsplat_cli.svg.values import hex_colour, parse_number, picture_in
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
 _CAPS, _JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
-_LENGTHS = {
-    "circle": ("cx", "cy", "r"),
-    "ellipse": ("cx", "cy", "rx", "ry"),
-    "rect": ("x", "y", "width", "height", "rx"),
-    "path": (),
-}
 AnyPath = TypeVar("AnyPath", bound=Path)
 
 
 def holds_drawing(elements: Sequence[OwnElement]) -> bool:
-    """Whether a document has shapes right below its root or in groups of a name alone, as artwork has, and no group of
-    curves.
+    """Return whether a document holds a drawing, not a scene of curves.
 
-    The first element that can tell decides; a `rect` may be the background of either.
+    A drawing has shapes right below its root, or in groups with nothing but a name. The first element that can tell
+    decides; a `rect` may be the background of either.
     """
-    places = [each.place for each in elements if (each.place == "svg/g" and not _is_group(each)) or _is_shape(each)]
+    places = [
+        element.place
+        for element in elements
+        if element.name in GEOMETRY or (element.place == "svg/g" and not _is_group(element))
+    ]
     return next((place for place in places if place != "svg/rect"), places[0] if places else "svg/g") != "svg/g"
 
 
 def _is_group(element: OwnElement) -> bool:
-    """Whether a group is one of shapes, which has a name alone, or a shading."""
+    """Return whether a group is one of shapes, which has nothing but a name, or of shading."""
     return set(element.attributes) - {"clip-path"} == {"id"} and element.attributes["id"] != CURVES_ID
 
 
-def _is_shape(element: OwnElement) -> bool:
-    return element.name in _LENGTHS
-
-
 def read_drawing(text: str | bytes) -> Drawing:
-    """The drawing of an SVG that `write_drawing` wrote; InputError for anything else."""
+    """Return the drawing of an SVG that `write_drawing` wrote. Raises InputError for anything else."""
     return drawing_of(own_elements(text))
 
 
 def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
-    """The drawing that the elements of a document hold; InputError where they are not those of `write_drawing`."""
-    width, height = canvas_size(elements[0])
+    """Return the drawing of a document's elements. Raises InputError if they are not those of `write_drawing`."""
+    width, height = elements[0].canvas_size()
     content = _Content((width, height), GradientReader(elements))
     for element in elements:
         try:
@@ -78,89 +74,105 @@ def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
         except ValueError as error:
             raise element.refused(error) from error
     try:
-        return Drawing(width, height, content.shapes())
+        content.end_shading()
+        return Drawing(width, height, tuple(content.shapes))
     except ValueError as error:
         raise elements[-1].refused(error) from error
 
 
 class _Content:
-    """The shapes of a document, and the shading of each, as they are read. size: of the canvas, px."""
+    """The shapes of a document, and the shading of each, while they are read. size: of the canvas, px."""
 
     def __init__(self, size: tuple[int, int], gradients: GradientReader) -> None:
+        self.shapes: list[Shape] = []
         self._size, self._gradients = size, gradients
-        self._shapes: list[Shape] = []
         self._clips: dict[str, tuple[Outline, ...]] = {}
-        self._clip = ""  # the clip path that is being read
-        self._shaded: ShadedShape | None = None  # the group that is being read
-        self._steps, self._opacity = 1, 1.0  # a px; and of curves that say none
-
-    def shapes(self) -> tuple[Shape, ...]:
-        """The shapes read so far. Raises ValueError where a shading is not whole."""
-        self._end_shading()
-        return tuple(self._shapes)
+        self._clip = ""  # name of the clip path that is being read
+        # The group that is being read: its name and outlines, what is in it, its steps per px and its opacity.
+        self._shaded: tuple[str, tuple[Outline, ...]] | None = None
+        self._ground: tuple[Rgba, Gradient | None] | None = None
+        self._curves: list[tuple[np.ndarray, tuple[float, ...]]] = []  # control points (K, 2) px and fill
+        self._image: EmbeddedImage | None = None
+        self._steps, self._opacity = 1, 1.0
 
     def add(self, element: OwnElement) -> None:
-        """Raises ValueError for an element that `write_drawing` would not have put there."""
+        """Add an element. Raises ValueError if `write_drawing` would not have put it there."""
         given, place = element.attributes, element.place
         if place == "svg/clipPath":
             self._clip = given.get("id", "")
         elif place.startswith("svg/clipPath/"):
             self._clips[self._clip] = tuple(outline for outlines in _filled(element) for outline in outlines)
         elif place == "svg/g":
-            self._end_shading()
+            self.end_shading()
             if not _is_group(element):
                 raise ValueError("has an unexpected <g> element")
             if "clip-path" in given:
-                self._begin_shading(given["id"], given["clip-path"])
+                match = REFERENCE.fullmatch(given["clip-path"])
+                if match is None or match[1] not in self._clips:
+                    raise ValueError(f"has the clip-path {given['clip-path']!r}, which is none of a shape before it")
+                self._shaded = given["id"], self._clips[match[1]]
         elif self._shaded is not None and place.startswith("svg/g/g"):
-            self._add_to(self._shaded, element)
-        elif _is_shape(element):
-            self._end_shading()
+            self._add_shading(element)
+        elif element.name in GEOMETRY:
+            self.end_shading()
             stroked = given.get("fill") == "none"
-            self._shapes += _strokes(element) if stroked else _fills(element, self._gradients)
+            self.shapes += _strokes(element) if stroked else _fills(element, self._gradients)
 
-    def _begin_shading(self, name: str, reference: str) -> None:
-        match = REFERENCE.fullmatch(reference)
-        if match is None or match[1] not in self._clips:
-            raise ValueError(f"has the clip-path {reference!r}, which is none of a shape before it")
-        self._shaded = ShadedShape(name, self._clips[match[1]], self._size)
-
-    def _add_to(self, shaded: ShadedShape, element: OwnElement) -> None:
-        """Adds what is within the group of a shape with shading."""
+    def _add_shading(self, element: OwnElement) -> None:
+        """Add an element within the group of a shape with shading."""
         given, place = element.attributes, element.place
         if place == "svg/g/g":
             if given.get("opacity") != ISOLATED:
                 raise ValueError("has an unexpected <g> element")
         elif place == "svg/g/g/rect":
-            shaded.add_ground(*_paint(given, [_primitive(element).ring()], self._gradients))
+            ground = _paint(given, [_primitive(element).ring()], self._gradients)
+            if self._ground not in (None, ground) or ground[0][3] != 255:
+                raise ValueError("is another ground of a shading, or not opaque")
+            self._ground = ground
         elif place == "svg/g/g/image":
-            x, y, width, height = (_coordinate(given.get(name, "0")) for name in _LENGTHS["rect"][:4])
+            x, y, width, height = (_coordinate(given.get(name, "0")) for name in ("x", "y", "width", "height"))
             if min(width, height) <= 0.0 or given.get("preserveAspectRatio") != "none":
                 raise ValueError("has an <image> without extent, or with its own shape")
-            shaded.add_image((x, y, width, height), picture_in(given.get("xlink:href", ""))[0])
+            data, _ = picture_in(given.get("xlink:href", ""))
+            if self._image is not None or self._curves:
+                raise ValueError("is an image beside another one or curves")
+            self._image = EmbeddedImage(self._size, x, y, width, height, data)
         elif place == "svg/g/g/g":
             if given.get("transform") not in SCALES:
                 raise ValueError("has an unexpected <g> element")
             self._steps, self._opacity = SCALES[given["transform"]], _opacity(given, "fill")
         else:
             opacity = _opacity(given, "fill") if "fill-opacity" in given else self._opacity
-            for subpath in own_subpaths(element):
-                shaded.add_curve(_closed_ring(subpath), self._steps, hex_colour(given.get("fill", "")), opacity)
+            for subpath in element.subpaths():
+                if not re.fullmatch(r"[LHVC]+Z", _letters(subpath)):
+                    raise ValueError("has path data other than closed rings of L, H, V and C")
+                points = ring_of(subpath).cubics[:, :3].reshape(-1, 2) / self._steps
+                self._curves.append((points, (*hex_colour(given.get("fill", "")), opacity)))
 
-    def _end_shading(self) -> None:
-        if self._shaded is not None:
-            self._shapes.append(self._shaded.shape())
-            self._shaded, self._opacity = None, 1.0
+    def end_shading(self) -> None:
+        """Add the shape of a group with shading. Raises ValueError if a part is missing."""
+        if self._shaded is None:
+            return
+        if self._ground is None or bool(self._curves) == (self._image is not None):
+            raise ValueError("has a shading without a ground or without curves")
+        name, outlines = self._shaded
+        shading: Scene | EmbeddedImage = self._image or self._scene()
+        self.shapes.append(Shape(self._ground[0], outlines, name, self._ground[1], shading=shading))
+        self._shaded, self._ground, self._image, self._opacity = None, None, None, 1.0
+        self._curves = []
 
-
-def _closed_ring(subpath: Sequence[PathSegment]) -> Ring:
-    if not re.fullmatch(r"[LHVC]+Z", _letters(subpath)):
-        raise ValueError("has path data other than closed rings of L, H, V and C")
-    return ring_of(subpath)
+    def _scene(self) -> Scene:
+        """Return the curves of a shading, the last one at the front."""
+        points, ring_ends = pack_rings(Mode.CLOSED, [[ring.astype(np.float32)] for ring, _ in self._curves[::-1]])
+        fills = np.array([fill for _, fill in self._curves[::-1]], np.float32)
+        return Scene(
+            Mode.CLOSED, *self._size, points, fills[:, :3] / np.float32(255.0), np.ascontiguousarray(fills[:, 3]),
+            np.zeros(len(fills), np.float32), ring_ends=ring_ends,
+        )  # fmt: skip
 
 
 def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
-    """One shape, of a compound path one for each ring that runs clockwise as seen: the others are its holes."""
+    """Return one shape, or one for each ring of a compound path that runs clockwise as seen; the others are holes."""
     given = element.attributes
     for name in given:
         if name.startswith("stroke"):
@@ -171,12 +183,12 @@ def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
 
 
 def _filled(element: OwnElement) -> list[list[Outline]]:
-    """The outlines of each shape of an element: an outer one, then its holes."""
+    """Return the outlines of each shape of an element: an outer one, then its holes."""
     groups: list[list[Outline]] = []
     if element.name != "path":
         groups = [[_primitive(element)]]
     else:
-        for outline, clockwise in map(_outline, own_subpaths(element)):
+        for outline, clockwise in map(_outline, element.subpaths()):
             if clockwise or not groups:
                 groups.append([])
             groups[-1].append(_rotated(outline, element.attributes))
@@ -184,7 +196,7 @@ def _filled(element: OwnElement) -> list[list[Outline]]:
 
 
 def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) -> tuple[Rgba, Gradient | None]:
-    """The fill of an element of these rings, and its gradient or None."""
+    """Return the fill of an element with these rings, and its gradient or None."""
     match = _REFERENCE.fullmatch(given.get("fill", ""))
     if match is None:
         return _fill(given, "fill"), None
@@ -196,7 +208,7 @@ def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) 
 
 
 def _strokes(element: OwnElement) -> list[Shape]:
-    """One stroke, of a path one for each of its subpaths."""
+    """Return one stroke, or one for each subpath of a path."""
     given = element.attributes
     fill, width = _fill(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
     if width <= 0.0:
@@ -207,13 +219,13 @@ def _strokes(element: OwnElement) -> list[Shape]:
     if element.name != "path":
         paths: list[Path] = [_primitive(element)]
     else:
-        paths = [_rotated(_centre_line(subpath), given) for subpath in own_subpaths(element)]
+        paths = [_rotated(_centre_line(subpath), given) for subpath in element.subpaths()]
     strokes = [Stroke(path, width, cap, join) for path in paths]
     return [Shape(fill, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
 
 
 def _fill(given: dict[str, str], kind: str) -> Rgba:
-    """The colour and opacity of a "fill" or "stroke"."""
+    """Return the colour and opacity of a "fill" or "stroke"."""
     return (*hex_colour(given.get(kind, "")), round(255.0 * _opacity(given, kind)))
 
 
@@ -232,21 +244,20 @@ def _coordinate(text: str) -> float:
 
 
 def _primitive(element: OwnElement) -> Circle | Ellipse | Rectangle:
-    lengths = [_coordinate(element.attributes.get(name, "0")) for name in _LENGTHS[element.name]]
+    names = [name for name in GEOMETRY[element.name] if name != "transform"]
+    lengths = [_coordinate(element.attributes.get(name, "0")) for name in names]
     if min(lengths[2:4]) <= 0.0 or lengths[-1] < 0.0:
         raise ValueError(f"has a <{element.name}> without extent")
     if element.name == "circle":
-        x, y, radius = lengths
-        return Circle(x, y, radius)
+        return Circle(*lengths)
+    x, y, *sides = lengths
     if element.name == "ellipse":
-        x, y, rx, ry = lengths
-        return Ellipse(x, y, rx, ry, _angle(element.attributes))
-    x, y, width, height, radius = lengths
-    return Rectangle(x, y, width, height, radius, _angle(element.attributes))
+        return Ellipse(x, y, sides[0], sides[1], _angle(element.attributes))
+    return Rectangle(x, y, sides[0], sides[1], sides[2], _angle(element.attributes))
 
 
 def _angle(given: dict[str, str]) -> float:
-    """The angle in radians, clockwise as seen, of an element's rotation about its centre."""
+    """Return the rotation of an element about its centre, in radians, clockwise as seen."""
     match = _ROTATION.fullmatch(given.get("transform", "rotate(0 0 0)"))
     if match is None:
         raise ValueError("has a transform other than a rotation about the middle")
@@ -254,7 +265,7 @@ def _angle(given: dict[str, str]) -> float:
 
 
 def _rotated(path: AnyPath, given: dict[str, str]) -> AnyPath:
-    """A path with the rotation of its element, which only rounded rectangles may have."""
+    """Return a path with the rotation of its element, which only rounded rectangles may have."""
     if "transform" not in given:
         return path
     if not isinstance(path, Rectangle):
@@ -263,7 +274,7 @@ def _rotated(path: AnyPath, given: dict[str, str]) -> AnyPath:
 
 
 def _letters(subpath: Sequence[PathSegment]) -> str:
-    """The commands of a subpath. Raises ValueError where a point of it is too far away."""
+    """Return the letters of a subpath's commands. Raises ValueError for a point that is too far away."""
     coordinates = [v for piece in subpath for point in (piece.start, piece.end, *piece.handles) for v in point]
     if not all(abs(coordinate) <= MAX_COORDINATE for coordinate in coordinates):  # false for NaN too
         raise ValueError(f"has a point more than {MAX_COORDINATE:.0f} px from the origin")
@@ -271,7 +282,7 @@ def _letters(subpath: Sequence[PathSegment]) -> str:
 
 
 def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
-    """A closed subpath, and whether it runs clockwise as seen."""
+    """Return the outline of a closed subpath, and whether it runs clockwise as seen."""
     letters = _letters(subpath)
     if letters == "AAZ":
         return _ellipse(*subpath[:2]), subpath[0].numbers[4] == 1.0
@@ -287,7 +298,7 @@ def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
 
 
 def _centre_line(subpath: Sequence[PathSegment]) -> Path:
-    """The path of a stroke: an outline if it is closed."""
+    """Return the path of a stroke, which is an outline if it is closed."""
     if subpath and subpath[-1].command == "Z":
         return _outline(subpath)[0]
     if not re.fullmatch(r"[LHVCS]+", _letters(subpath)):

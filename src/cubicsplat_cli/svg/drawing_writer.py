@@ -1,5 +1,7 @@
-"""Artwork as one plain SVG 1.1 document: primitives as such, one path per other shape, exact colours, named shapes; and
-mosaics of cells, a path of horizontal and vertical lines for each colour.
+"""Artwork as one plain SVG 1.1 document.
+
+Primitives stay primitives, other shapes are a path each. Mosaics of cells have a path of horizontal and vertical lines
+for each colour.
 """
 
 from __future__ import annotations
@@ -7,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
@@ -28,16 +30,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, colour_n
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.drawing_grid import form_of, grid_rings
 from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT, PathText, add_ring, add_rounded, add_stroke
-from cubicsplat_cli.svg.markup import (
-    GradientElements,
-    Identifiers,
-    document,
-    empty_document,
-    format_number,
-    opacity_of,
-    paint,
-    short_colour,
-)
+from cubicsplat_cli.svg.markup import GradientElements, Identifiers, document, empty_document, format_number, paint
 from cubicsplat_cli.svg.quantise import check_precision
 from cubicsplat_cli.svg.shading import clipped
 
@@ -48,66 +41,70 @@ _ANGLE_DECIMALS = 3  # degrees
 
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
-    """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it; see `compounds`. Of
-    shapes that abut each is a path of its own. Shapes in a row that are in one group are in one `<g>`.
+    """Return the SVG text of artwork, its shapes in order, the first at the back.
 
-    precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text, shown by
-    viewers. comment: one line for an XML comment; the command line knows its own files by it. A shape that is smaller
-    than the grid's step is left out. Raises UsageError for a bad precision.
+    `compounds` says which shapes share a path; shapes that abut have one each. Consecutive shapes of a group share a
+    `<g>`. A shape that is smaller than a step of the grid is left out.
+
+    precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text; viewers show
+    it. comment: one line for an XML comment, by which the command line recognises its own files. Raises UsageError for
+    a bad precision.
     """
-    if precision is None:
-        precision = suggested_precision(drawing.width, drawing.height)
-    check_precision(precision)
+    precision = _precision_of(drawing, precision)
     root = empty_document(drawing.width, drawing.height, title, comment)
     names = Identifiers()
-    gradients = GradientElements(names, precision)
+    gradients = GradientElements(lambda: names.unique("gradient"), precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
     rings = _GridRings(drawing.shapes, precision, drawing.abutting)
-    held: tuple[str, ElementTree.Element] = ("", root)
+    parent, latest = root, ""
     for group in groups:
         element = _element(group, precision, rings)
         if element is None:
             continue
-        if group[0].group != held[0]:
-            held = group[0].group, group_element(root, group[0].group, names)
-        finished = _finished(element, group[0], names, gradients, precision)
-        held[1].extend(finished if group[0].shading is None else clipped(finished, group[0], names))
+        if group[0].group != latest:
+            latest = group[0].group
+            parent = _group_element(root, latest, names)
+        painted = _painted(element, group[0], names, gradients, precision)
+        parent.extend(painted if group[0].shading is None else clipped(painted, group[0], names))
     return document(root)
 
 
-def group_element(root: ElementTree.Element, name: str, names: Identifiers) -> ElementTree.Element:
-    """A new group of a name; the root for no name."""
+def _precision_of(canvas: Drawing | Mosaic, precision: int | None) -> int:
+    """Return the precision, by default the suggested one. Raises UsageError for a bad one."""
+    precision = suggested_precision(canvas.width, canvas.height) if precision is None else precision
+    check_precision(precision)
+    return precision
+
+
+def _group_element(root: ElementTree.Element, name: str, names: Identifiers) -> ElementTree.Element:
+    """Add a group with a name and return it; return the root for no name."""
     return ElementTree.SubElement(root, "g", {"id": names.unique(name)}) if name else root
 
 
 def drawn_elements(svg: str) -> int:
-    """The number of elements that a text of `write_drawing` draws; at most its shapes, since one may hold many."""
+    """Return the number of elements that a text of `write_drawing` draws; one element may hold many shapes."""
     return len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg)) - svg.count("<clipPath")
 
 
-def _finished(
+def _painted(
     element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: GradientElements, precision: int
 ) -> list[ElementTree.Element]:
-    """The element with its id in front and its paint behind; before it its gradient, where that is new."""
-    red, green, blue, alpha = shape.fill
+    """Return the element with its id in front and its paint behind, and before it its gradient if that is new."""
     attributes = {"id": names.unique(shape.name), **element.attrib}
     before = None
     if shape.stroke is not None:
-        attributes |= {"fill": "none", "stroke": short_colour(red, green, blue)}
-        attributes |= opacity_of("stroke", alpha)
-        attributes |= _pen(shape.stroke, precision)
+        attributes |= {"fill": "none", **paint("stroke", shape.fill), **_pen(shape.stroke, precision)}
     elif shape.gradient is not None:
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
-        attributes |= paint(shape.fill)
+        attributes |= paint("fill", shape.fill)
     element.attrib = attributes
     return [element] if before is None else [before, element]
 
 
 def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
-    """The attributes that say how a stroke is drawn, those left out that are as SVG has them anyway."""
-    width = max(1, int(to_steps(stroke.width, precision)))
-    attributes = {"stroke-width": format_number(width, precision)}
+    """Return the width, cap and join of a stroke, without the defaults of SVG."""
+    attributes = {"stroke-width": format_number(max(1, int(to_steps(stroke.width, precision))), precision)}
     if stroke.cap != BUTT and not stroke.closed:
         attributes["stroke-linecap"] = stroke.cap
     if stroke.join != MITER:
@@ -116,7 +113,7 @@ def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
 
 
 class _GridRings:
-    """The rings of a drawing in whole steps of the file's grid, each rounded once.
+    """The rings of a drawing in whole steps of the file's grid.
 
     exact: every point of a path stands at its own step, as in the paths that share it. repeated: the forms that more
     than one ring has.
@@ -125,7 +122,6 @@ class _GridRings:
     def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
         self.exact = exact
         self._precision = precision
-        self._cache: dict[tuple[int, bool], tuple[Ring, Ring]] = {}
         placed = [
             (outline, index == 0)
             for shape in shapes
@@ -133,28 +129,24 @@ class _GridRings:
             for index, outline in enumerate(shape.outlines)
             if isinstance(outline, Ring)
         ]
-        given = {(id(ring), clockwise): ring for ring, clockwise in placed}
-        turned = [_turned_to(ring, clockwise) for (_, clockwise), ring in given.items()]
-        for (key, ring), grid in zip(given.items(), grid_rings(turned, precision, exact), strict=True):
-            self._cache[key] = ring, grid
-        forms = Counter(form_of(self.of(*each)) for each in placed)
+        turned = {(id(ring), clockwise): _turned_to(ring, clockwise) for ring, clockwise in placed}
+        self._grid = dict(zip(turned, grid_rings([*turned.values()], precision, exact), strict=True))
+        forms = Counter(form_of(self.of(*place)) for place in placed)
         self.repeated = {form for form, count in forms.items() if count > 1}
 
     def of(self, ring: Ring, clockwise: bool) -> Ring:
-        """One of them, as seen clockwise or not."""
-        cached = self._cache.get((id(ring), clockwise))
-        if cached is None:
-            cached = ring, grid_rings([_turned_to(ring, clockwise)], self._precision, self.exact)[0]
-            self._cache[id(ring), clockwise] = cached
-        return cached[1]
+        """Return a ring on the grid, as seen clockwise or not."""
+        grid = self._grid.get((id(ring), clockwise))
+        return grid or grid_rings([_turned_to(ring, clockwise)], self._precision, self.exact)[0]
 
 
 def _turned_to(ring: Ring, clockwise: bool) -> Ring:
+    """Return a ring that runs clockwise as seen or not."""
     return ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
 
 
 def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:
-    """The element of one shape, or of several of one colour as a compound path; None if none of it is left."""
+    """Return the element of one shape, or of several of one colour as a compound path; None if nothing is left."""
     stroke = group[0].stroke
     if stroke is not None and not isinstance(stroke.path, (Chain, Ring)):
         return _primitive(stroke.path, precision)
@@ -172,7 +164,7 @@ def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> Eleme
 
 
 def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> ElementTree.Element | None:
-    """A circle, ellipse or rect; None where it has no extent."""
+    """Return a circle, ellipse or rect; None if it has no extent."""
     if isinstance(outline, Circle):
         return _shown("circle", {"cx": outline.cx, "cy": outline.cy, "r": outline.r}, "r", precision)
     if isinstance(outline, Ellipse):
@@ -181,7 +173,7 @@ def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> Element
     unit = 10.0**precision
     if (disc := _disc(outline, precision)) is not None:
         return _primitive(disc, precision)
-    # Both ends of a side are rounded, so that it meets its neighbours'.
+    # Both ends of a side are rounded, so that they meet those of its neighbours.
     left, right = (int(to_steps(x, precision)) / unit for x in (outline.x, outline.x + outline.width))
     top, bottom = (int(to_steps(y, precision)) / unit for y in (outline.y, outline.y + outline.height))
     lengths = {"x": left, "y": top, "width": right - left, "height": bottom - top, "rx": outline.radius}
@@ -194,14 +186,14 @@ def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> Element
 
 
 def _disc(box: Rectangle, precision: int) -> Circle | None:
-    """The circle that a rectangle is which has nothing but round corners; None for others."""
+    """Return the circle of a rectangle whose corners are all of it; None for others."""
     if max(box.width, box.height) - 2.0 * box.radius >= 10.0**-precision:
         return None
     return Circle(box.x + box.width / 2.0, box.y + box.height / 2.0, box.radius)
 
 
 def _shown(name: str, lengths: dict[str, float], extent: str, precision: int) -> ElementTree.Element | None:
-    """An element with its lengths; those that are zero are left out, as zero is what they are then."""
+    """Return an element with its lengths, except those of zero, the default; None if it has no extent."""
     steps = {attribute: int(to_steps(length, precision)) for attribute, length in lengths.items()}
     if steps[extent] <= 0 or steps.get("height", 1) <= 0 or steps.get("ry", 1) <= 0:
         return None
@@ -211,6 +203,7 @@ def _shown(name: str, lengths: dict[str, float], extent: str, precision: int) ->
 def _turned(
     element: ElementTree.Element | None, angle: float, x: float, y: float, precision: int
 ) -> ElementTree.Element | None:
+    """Return an element with a rotation about (x, y). angle: radians."""
     degrees = _degrees(angle)
     if element is not None and degrees != "0":
         middle = (format_number(int(to_steps(value, precision + 1)), precision + 1) for value in (x, y))
@@ -223,7 +216,7 @@ def _degrees(angle: float) -> str:
 
 
 def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bool, rings: _GridRings) -> None:
-    """One ring of a compound path: the outer ones clockwise as seen, holes the other way; none without extent."""
+    """Append one ring of a compound path, clockwise as seen or not, if it has an extent."""
     if not isinstance(outline, Ring) and _primitive(outline, precision) is None:
         return
     if isinstance(outline, Rectangle):
@@ -239,65 +232,56 @@ def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bo
 
 
 def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:
-    """Two half arcs between the ends of the first axis."""
-    ellipse = Ellipse(outline.cx, outline.cy, outline.r, outline.r) if isinstance(outline, Circle) else outline
-    radii = (int(to_steps(ellipse.rx, precision)), int(to_steps(ellipse.ry, precision)))
-    if min(radii) <= 0:
-        return
-    along = (
-        to_steps(ellipse.rx * math.cos(ellipse.angle), precision),
-        to_steps(ellipse.rx * math.sin(ellipse.angle), precision),
+    """Append two half arcs between the ends of the first axis."""
+    rx, ry, angle = (
+        (outline.r, outline.r, 0.0) if isinstance(outline, Circle) else (outline.rx, outline.ry, outline.angle)
     )
-    middle = to_steps(ellipse.cx, precision), to_steps(ellipse.cy, precision)
-    ends = [(int(middle[0] + sign * along[0]), int(middle[1] + sign * along[1])) for sign in (-1, 1)]
-    path.move(ends[0])
-    for end in (ends[1], ends[0]):
-        path.arc(radii, _degrees(ellipse.angle), (1, int(clockwise)), end)
+    radii = (int(to_steps(rx, precision)), int(to_steps(ry, precision)))
+    middle = to_steps(np.array([outline.cx, outline.cy]), precision)
+    along = to_steps(np.array([rx * math.cos(angle), rx * math.sin(angle)]), precision)
+    (x1, y1), (x2, y2) = (middle - along).tolist(), (middle + along).tolist()
+    path.move((x1, y1))
+    for end in ((x2, y2), (x1, y1)):
+        path.arc(radii, _degrees(angle), (1, int(clockwise)), end)
     path.close()
 
 
 def write_mosaic(
     mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str, grouped: bool = False
 ) -> str:
-    """The SVG text of a mosaic; arguments and errors as of `write_drawing`. grouped: each colour is in a group."""
-    if precision is None:
-        precision = suggested_precision(mosaic.width, mosaic.height)
-    check_precision(precision)
+    """Return the SVG text of a mosaic. grouped: whether each colour is in a group. Otherwise like `write_drawing`."""
+    precision = _precision_of(mosaic, precision)
     root, names = empty_document(mosaic.width, mosaic.height, title, comment), Identifiers()
     for layer in mosaic.layers:
         data = _layer_path(layer, precision)
         if data:
-            held = group_element(root, colour_group(layer.fill) if grouped else "", names)
-            name = names.unique(_layer_name(layer, mosaic))
-            held.append(ElementTree.Element("path", {"id": name, "d": data, **paint(layer.fill)}))
+            corners, _ = layer.loops
+            whole = len(corners) == 4 and (np.ptp(corners, axis=0) == (mosaic.width, mosaic.height)).all()
+            parent = _group_element(root, colour_group(layer.fill) if grouped else "", names)
+            name = names.unique("background" if whole else colour_name(layer.fill))
+            parent.append(ElementTree.Element("path", {"id": name, "d": data, **paint("fill", layer.fill)}))
     return document(root)
 
 
-def _layer_name(layer: CellLayer, mosaic: Mosaic) -> str:
-    corners, _ = layer.loops
-    whole = len(corners) == 4 and (np.ptp(corners, axis=0) == (mosaic.width, mosaic.height)).all()
-    return "background" if whole else colour_name(layer.fill)
-
-
 def _layer_path(layer: CellLayer, precision: int) -> str:
-    """The loops of a layer in steps of 10^-precision px, relative, so that like forms are the same text."""
+    """Return the loops of a layer in steps of 10^-precision px, relative, so that equal forms have equal texts."""
     places, ends = layer.loops
     corners = to_steps(places, precision)
     starts = np.concatenate([[0], ends[:-1]])
     steps = np.diff(corners, axis=0, append=corners[:1])
-    # A loop has as many level as upright sides: these take turns throughout the layer.
+    # Each loop has as many horizontal as vertical sides, so these alternate throughout the layer.
     level, upright = _texts(steps[::2, 0], "h", precision), _texts(steps[1::2, 1], "v", precision)
     tokens = [token for pair in zip(level, upright, strict=True) for token in pair]
     begins = np.diff(corners[starts], axis=0, prepend=np.zeros((1, 2), dtype=np.int64))
     across, down = _texts(begins[:, 0], "zm", precision), _texts(begins[:, 1], "", precision)
     for start, end, x, y in zip(starts.tolist(), ends.tolist(), across, down, strict=True):
         tokens[start] = f"{x}{y if y[0] == '-' else f' {y}'}{tokens[start]}"
-        tokens[end - 1] = ""  # what closes the loop
+        tokens[end - 1] = ""  # closing the loop draws this side
     return "M" + "".join(tokens)[2:] + "z" if tokens else ""
 
 
 def _texts(values: np.ndarray, letter: str, precision: int) -> list[str]:
-    """Each of the numbers (n,), in steps, as text after a letter."""
+    """Return each of the numbers (n,), in steps, as text after a letter."""
     different, which = np.unique(values, return_inverse=True)
-    texts: Callable[[int], str] = [letter + format_number(int(value), precision) for value in different].__getitem__
-    return [texts(index) for index in which.tolist()]
+    texts = [letter + format_number(value, precision) for value in different.tolist()]
+    return [texts[index] for index in which.tolist()]

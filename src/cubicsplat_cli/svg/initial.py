@@ -1,10 +1,10 @@
-"""The drawing that a fit begins with: one of ours, or any other SVG as near as it comes to a scene."""
+"""The drawing that a fit begins with: a file of cubicsplat, or any other SVG as a scene that is near to it."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -23,21 +23,22 @@ from cubicsplat_cli.scene.paint import Gradient, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.elements import LEAST_OPACITY
 from cubicsplat_cli.svg.painted import Paint, PaintedShape, painted_shapes
-from cubicsplat_cli.svg.paths import Subpath, apart
+from cubicsplat_cli.svg.paths import Subpath, groups_apart
 from cubicsplat_cli.svg.scene_reader import read_svg
 from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted
 from cubicsplat_cli.svg.values import Rgba
 
 ASPECT_TOLERANCE = 0.01  # sides of canvases are whole pixels
-_SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
-_PARTS = 2  # of the offset of each cubic of a stroke, at most
-_MOST_POINTS = 2**23  # of all curves, each with as much room as the longest one needs
+_SIDE = 1024  # px, the least longer side of a scene whose shape would change if that was rounded
+_PARTS = 2  # most cubics for the offset of each cubic of a stroke
+_MOST_POINTS = 2**23  # of all curves, with the room that the longest one needs for each
 
 
 @record
 class InitialDrawing:
-    """A scene to begin a fit with, of any size; name and sha256: of the file that it is from. notes: what the user
-    should know about how it was read, a sentence each.
+    """A scene of any size that a fit begins with.
+
+    name, sha256: of its file. notes: sentences for the user about how it was read.
     """
 
     scene: Scene
@@ -46,7 +47,7 @@ class InitialDrawing:
     notes: tuple[str, ...] = ()
 
     def check_shape(self, width: int, height: int) -> None:
-        """Raise InputError where a picture of width x height px has another shape."""
+        """Raise InputError if a picture of width x height px has another shape."""
         scene = self.scene
         if abs(scene.width * height / (scene.height * width) - 1.0) > ASPECT_TOLERANCE:
             raise InputError(
@@ -56,9 +57,10 @@ class InitialDrawing:
 
 
 def load_initial_drawing(source: str | Path | bytes, mode: Mode = Mode.CLOSED) -> InitialDrawing:
-    """A drawing, from its path or bytes: as cubicsplat wrote it, or as near as any other SVG comes to a scene.
+    """Return a drawing from its path or bytes.
 
-    mode: what to read of an SVG of others. Raises InputError, with its name, for what is no SVG or shows no shape.
+    mode: of the scene of an SVG that cubicsplat did not write. Raises InputError, with the name, for a file that is no
+    SVG or shows no shape.
     """
     data = source if isinstance(source, bytes) else read_file(Path(source))
     name = "the SVG" if isinstance(source, bytes) else printable(str(source))
@@ -70,11 +72,11 @@ def load_initial_drawing(source: str | Path | bytes, mode: Mode = Mode.CLOSED) -
 
 
 def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Scene, list[str]]:
-    """The scene of an SVG, without a background, and what of the file is not in it, a sentence each.
+    """Return the scene of an SVG, without a background, and a sentence for each thing that it lacks.
 
-    Closed: fills, and strokes as the outlines of what they cover; open: strokes alone. Paths, basic shapes, groups,
-    uses, transforms, `style=` and simple style sheets are read; gradients count by their mean colour. Raises
-    InputError, with the source, for what is no SVG, or shows no shape of that kind.
+    mode: closed for fills, and strokes as the outlines of what they cover; open for strokes alone. Paths, basic shapes,
+    groups, uses, transforms, `style=` and simple style sheets are read; gradients become their mean colours. Raises
+    InputError, with the source, for a file that is no SVG or shows no shape of that kind.
     """
     size = check_untrusted(data, source)
     whole = size.width.is_integer() and size.height.is_integer()
@@ -83,7 +85,7 @@ def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Sc
         drawing = painted_shapes(data, size, SvgSize(scale * size.width, scale * size.height))
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
-    curves = [curve for shape in drawing.shapes for curve in _curves_of(shape, mode, drawing.left_out)]
+    curves = [curve for shape in drawing.shapes for curve in _curves_of(shape, mode, drawing.left_out)][::-1]
     if not curves:
         kind = "stroke" if mode is Mode.OPEN else "filled shape"
         other = "; --mode closed reads fills" if mode is Mode.OPEN else ""
@@ -95,15 +97,20 @@ def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Sc
             "simplify it"
         )
     notes = drawing.notes(" of the drawing to begin with")
-    gradients = sum(isinstance(paint, Gradient) for each in drawing.shapes for paint in (each.fill, each.stroke))
+    gradients = sum(isinstance(paint, Gradient) for shape in drawing.shapes for paint in (shape.fill, shape.stroke))
     if gradients:
         notes.append(f"begun with the mean colours of {counted(gradients, 'gradient')}")
-    width, height = round(drawing.width), round(drawing.height)
-    return _scene_of(curves[::-1], mode, width, height), [f"{source}: {note}" for note in notes]
+    points, ring_ends = pack_rings(mode, [[_points(ring, mode) for ring in curve.rings] for curve in curves])
+    paints = np.array([curve.paint for curve in curves], np.float32)
+    scene = Scene(
+        mode, round(drawing.width), round(drawing.height), points, paints[:, :3].copy(), paints[:, 3].copy(),
+        np.array([curve.half_width for curve in curves], np.float32), None, ring_ends,
+    )  # fmt: skip
+    return scene, [f"{source}: {note}" for note in notes]
 
 
 class _Curve(NamedTuple):
-    """rings: the cubics (M, 4, 2) of each, or of a stroke, in px."""
+    """rings: the cubics (M, 4, 2) of each ring, or of a stroke, in px."""
 
     rings: list[np.ndarray]
     paint: Rgba
@@ -111,14 +118,15 @@ class _Curve(NamedTuple):
 
 
 def _curves_of(shape: PaintedShape, mode: Mode, left_out: Counter[str]) -> Iterator[_Curve]:
-    """The curves of a shape's fill, and in front of them those of its stroke."""
+    """Yield the curves of a shape's fill, then those of its stroke, which is in front."""
     fill, stroke = (_colour(paint) for paint in (shape.fill, shape.stroke))
     if fill is not None and mode is Mode.OPEN:
         left_out["fill"] += 1
     elif fill is not None:
         rings = [ring for ring in (line.ring() for line in shape.lines) if len(ring) > 2 or _area(ring) != 0.0]
-        # A tracer's compound path is many curves, and a fit moves each.
-        for group in apart(rings):
+        # A tracer's compound path becomes many curves, because a fit moves each of them.
+        for indices in groups_apart(rings):
+            group = [rings[index] for index in indices]
             yield _Curve(_oriented(group) if shape.even_odd else group, fill)
     if stroke is None:
         return
@@ -126,15 +134,16 @@ def _curves_of(shape: PaintedShape, mode: Mode, left_out: Counter[str]) -> Itera
         if mode is Mode.OPEN:
             yield _Curve([line.ring() if line.closed else line.cubics], stroke, shape.width / 2.0)
         else:
-            # As the strokes are skewed but not scaled.
+            # The frame skews the strokes as the shape's matrix does, but does not scale them.
             frame = np.diag([*([1.0 / math.sqrt(abs(np.linalg.det(shape.matrix[:2, :2])))] * 2), 1.0]) @ shape.matrix
             around = _around(line.mapped(np.linalg.inv(frame)), shape)
             yield _Curve([Subpath(ring, True).mapped(frame).cubics for ring in around], stroke)
 
 
 def _around(line: Subpath, shape: PaintedShape) -> list[np.ndarray]:
-    """The closed cubics (M, 4, 2) around a shape's stroke along a line, near enough to begin a fit with: all segments
-    that would make them exact would take twice the time.
+    """Return the closed cubics (M, 4, 2) around a shape's stroke along a line.
+
+    They are near enough to begin a fit with; the segments that would make them exact would take twice the time.
     """
     cubics = line.ring() if line.closed else line.cubics
     lines = np.isclose(cubics[:, 1:3], thirds(cubics[:, 0], cubics[:, 3])).all(axis=(1, 2))
@@ -144,35 +153,22 @@ def _around(line: Subpath, shape: PaintedShape) -> list[np.ndarray]:
 
 
 def _colour(paint: Paint | None) -> Rgba | None:
-    """Colour and opacity of a fill or stroke, of a gradient the mean; None where there is none to be seen."""
+    """Return the colour and opacity of a paint, the mean of a gradient; None if there is none to be seen."""
     if isinstance(paint, Gradient):
         red, green, blue, alpha = (level / 255.0 for level in mean_fill(paint))
         paint = red, green, blue, alpha
     return None if paint is None or paint[3] < LEAST_OPACITY else paint
 
 
-def _scene_of(curves: Sequence[_Curve], mode: Mode, width: int, height: int) -> Scene:
-    """Curves, the first one at the front, on a canvas."""
-    points, ring_ends = pack_rings(mode, [_points(curve.rings, mode) for curve in curves])
-    paints = np.array([curve.paint for curve in curves], np.float32)
-    half_widths = np.array([curve.half_width for curve in curves], np.float32)
-    return Scene(
-        mode, width, height, points, paints[:, :3].copy(), paints[:, 3].copy(), half_widths, None, ring_ends
-    )  # fmt: skip
-
-
-def _points(rings: list[np.ndarray], mode: Mode) -> list[np.ndarray]:
-    points_of_rings = []
-    for cubics in rings:
-        points = cubics[:, :3].reshape(-1, 2)
-        if mode is Mode.OPEN:
-            points = np.concatenate([points, cubics[-1, 3:]])
-        points_of_rings.append(points.astype(np.float32))
-    return points_of_rings
+def _points(cubics: np.ndarray, mode: Mode) -> np.ndarray:
+    """Return the control points (K, 2) of a chain of cubics (M, 4, 2)."""
+    points = cubics[:, :3].reshape(-1, 2)
+    points = np.concatenate([points, cubics[-1, 3:]]) if mode is Mode.OPEN else points
+    return points.astype(np.float32)
 
 
 def _polygon(ring: np.ndarray) -> np.ndarray:
-    """(8 M, 2) points along a ring."""
+    """Return points (8 M, 2) along a ring."""
     return points_at(ring, np.arange(8) / 8.0).reshape(-1, 2)
 
 
@@ -182,7 +178,7 @@ def _area(ring: np.ndarray) -> float:
 
 
 def _oriented(rings: list[np.ndarray]) -> list[np.ndarray]:
-    """Rings turned so that the nonzero rule fills what the even-odd rule does, where they lie in one another."""
+    """Return rings in directions by which the nonzero rule fills nested rings like the even-odd rule."""
     if len(rings) < 2:
         return rings
     from skimage.measure import points_in_poly  # which few drawings need

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from urllib.parse import quote
 from xml.etree import ElementTree
@@ -14,67 +14,66 @@ OPAQUE = 255
 
 # XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
 _NOT_XML = "[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+# The space that ElementTree puts before "/>". A ">" in a title is escaped, so it is no match.
 _SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
-_NOT_ID = re.compile(r"[^A-Za-z0-9_.]+")
-_TAG = re.compile(r"<[^>]*>")
-# Kept as they are in a data URI that stands between double quotes, as in an attribute or in CSS; all else is escaped.
+_SIDE = re.compile(r'(?<= )(width|height)="[^"]*"')
+# Characters that a data URI between double quotes, in an attribute or in CSS, need not escape.
 _SAFE_IN_URI = " !$&'()*+,/:;=?@"
 _DECIMALS = 3  # of offsets and opacities
 
 
-@lru_cache(1 << 16)  # most numbers of a path are small and come again
+@lru_cache(1 << 16)  # most numbers of a path are small and occur often
 def format_number(value: int, precision: int) -> str:
-    """`value` * 10^-precision as short decimal text: no leading zero, no trailing zeros, no exponent.
+    """Return value * 10^-precision as short decimal text: no leading zero, no trailing zeros, no exponent.
 
     >>> format_number(-50, 2), format_number(1234, 2), format_number(300, 2)
     ('-.5', '12.34', '3')
     """
-    sign = "-" if value < 0 else ""
-    digits = str(abs(value))
-    if precision == 0:
-        return sign + digits
-    digits = digits.rjust(precision + 1, "0")
-    whole, fraction = digits[:-precision], digits[-precision:].rstrip("0")
+    sign, digits = "-" if value < 0 else "", str(abs(value)).rjust(precision + 1, "0")
+    point = len(digits) - precision
+    whole, fraction = digits[:point], digits[point:].rstrip("0")
     if not fraction:
         return "0" if whole == "0" else sign + whole
     return f"{sign}{'' if whole == '0' else whole}.{fraction}"
 
 
 def joined(numbers: Iterable[int]) -> str:
-    """Whole numbers in a row; a minus separates them as well as a space does."""
+    """Return whole numbers in a row, with a space between them except before a minus."""
     return " ".join(map(str, numbers)).replace(" -", "-")
 
 
 def xml_text(text: str) -> str:
-    """The text with a replacement character for each that XML cannot hold."""
-    # What is printable can be held; to compile the expression takes longer than to write most files.
+    """Return the text with a replacement character for each that XML cannot hold."""
+    # XML can hold what is printable. To compile the expression takes longer than to write most files.
     return text if text.isprintable() else re.sub(_NOT_XML, "\ufffd", text)
 
 
 def comment_text(text: str) -> str:
-    """The text as the inside of a comment: "--" is not allowed there, nor a "-" at its end."""
+    """Return the text as the inside of a comment, without "--" and without "-" at its end."""
     return f" {re.sub('-(?=-)', '- ', xml_text(text)).strip()} "
 
 
 def data_uri(svg: str) -> str:
-    """An SVG as a `data:` URI for use between double quotes: attributes in single quotes, no XML declaration and no
-    space between elements, and percent signs for what a URI cannot hold. That is shorter than base64.
+    """Return an SVG as a `data:` URI for use between double quotes, which is shorter than base64.
+
+    Attributes have single quotes, the XML declaration and spaces between elements are gone, and characters that a URI
+    cannot hold are escaped.
     """
     text = re.sub(r"^<\?xml[^>]*>\s*", "", svg)
-    text = _TAG.sub(lambda tag: tag[0] if "'" in tag[0] else tag[0].replace('"', "'"), text)
+    text = re.sub(r"<[^>]*>", lambda tag: tag[0] if "'" in tag[0] else tag[0].replace('"', "'"), text)
     text = re.sub(r">\s+<", "><", text).strip()
     return "data:image/svg+xml," + quote(text, safe=_SAFE_IN_URI)
 
 
 class Identifiers:
-    """Names as `id` attributes, no two alike: repeated ones get a hyphen and a number."""
+    """Names as distinct `id` attributes: a repeated name gets a hyphen and a number."""
 
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
 
     def unique(self, name: str) -> str:
-        """Letters, digits, underscores, dots and single hyphens, never beginning with a digit."""
-        text = _NOT_ID.sub("-", name).strip("-.") or "shape"
+        """Return a new id of letters, digits, underscores, dots and single hyphens; it starts with no digit."""
+        text = re.sub(r"[^A-Za-z0-9_.]+", "-", name).strip("-.") or "shape"
         text = text if text[0].isalpha() or text[0] == "_" else f"_{text}"
         identifier = text
         while identifier in self._last:
@@ -85,112 +84,105 @@ class Identifiers:
 
 
 def short_colour(red: int, green: int, blue: int) -> str:
-    """#rgb where that says the same, else #rrggbb."""
+    """Return #rgb if that is exact, else #rrggbb."""
     text = f"{red:02x}{green:02x}{blue:02x}"
     return f"#{text[::2]}" if text[::2] == text[1::2] else f"#{text}"
 
 
-def in_short(text: str) -> str:
-    """A document without the space that ElementTree puts before "/>"; a ">" in the title is escaped: no match."""
-    return _SPACE.sub("/>", text)
-
-
 def empty_document(width: int, height: int, title: str, comment: str) -> ElementTree.Element:
-    """The root of a picture of width x height px, with its comment and title."""
+    """Return the root of a picture of width x height px, with its comment and title."""
     size = {"width": str(width), "height": str(height), "viewBox": f"0 0 {width} {height}"}
     root = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size})
-    root.append(ElementTree.Comment(comment_text(comment)))
-    ElementTree.SubElement(root, "title").text = xml_text(title)
+    add_head(root, title, comment)
     return root
 
 
+def add_head(root: ElementTree.Element, title: str, comment: str) -> None:
+    """Insert a comment and a title at the beginning of a document."""
+    root.insert(0, ElementTree.Comment(comment_text(comment)))
+    root.insert(1, ElementTree.Element("title"))
+    root[1].text = xml_text(title)
+
+
+def document(root: ElementTree.Element) -> str:
+    """Return the text of a document, with each element of the root, a group or the definitions on its own line."""
+    for parent in (root, *root.iter("g"), *root.iter("defs")):
+        parent.text = "\n"
+        for child in parent:
+            child.tail = "\n"
+    text = _SPACE.sub("/>", ElementTree.tostring(root, encoding="unicode"))
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
 def minified(svg: str) -> str:
-    """A document in one line, without what its picture does not need: declaration, comment, title, size in px, and ids
-    but those of gradients.
+    """Return a document in one line, without what its picture does not need.
+
+    Left out are the declaration, comment, title, size in px, and all ids except those of gradients.
     """
     text = re.sub(r"^<\?xml[^>]*>|<!--.*?-->|<title>.*?</title>|\n", "", svg, flags=re.DOTALL)
     text = re.sub(r" +(?=viewBox)", " ", _SIDE.sub("", text, count=2), count=1)
     return re.sub(r'(?<=<)(path|rect|circle|ellipse|g) id="[^"]*"', r"\1", text)
 
 
-_SIDE = re.compile(r'(?<= )(width|height)="[^"]*"')
-
-
 def with_lengths(svg: str, width: str, height: str) -> str:
-    """A document that says another width and height in its root; its viewBox stays."""
+    """Return a document with another width and height in its root; its viewBox stays."""
     sides = {"width": width, "height": height}
     end = svg.index(">", svg.index("<svg"))
     return _SIDE.sub(lambda side: f'{side[1]}="{sides[side[1]]}"', svg[:end]) + svg[end:]
 
 
-def document(root: ElementTree.Element) -> str:
-    """The text of a document, with an element of the root or of a group on each line."""
-    for parent in (root, *root.iter("g")):
-        parent.text = "\n"
-        for child in parent:
-            child.tail = "\n"
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{in_short(ElementTree.tostring(root, encoding="unicode"))}\n'
-
-
-def paint(fill: Rgba) -> dict[str, str]:
-    """The attributes that fill a shape with a colour."""
-    red, green, blue, alpha = fill
-    return {"fill": short_colour(red, green, blue), **opacity_of("fill", alpha)}
+def paint(kind: str, fill: Rgba) -> dict[str, str]:
+    """Return the attributes that paint the "fill" or the "stroke" of a shape."""
+    return {kind: short_colour(*fill[:3]), **opacity_of(kind, fill[3])}
 
 
 def opacity_of(kind: str, alpha: int) -> dict[str, str]:
-    """The attribute of an opacity of 0..255 of a "fill", "stroke" or "stop"; none where it is opaque."""
+    """Return the attribute of an opacity in 0..255 of a "fill", "stroke" or "stop", empty if it is opaque."""
     if alpha == OPAQUE:
         return {}
     return {f"{kind}-opacity": format_number(round(alpha * 10**_DECIMALS / OPAQUE), _DECIMALS)}
 
 
 class GradientElements:
-    """The gradients of one file, equal ones written once. precision: decimals of their coordinates in px."""
+    """The gradients of one file; equal ones are written once. name: returns a new id. precision: decimals in px."""
 
-    def __init__(self, names: Identifiers, precision: int) -> None:
-        self._names, self._precision = names, precision
+    def __init__(self, name: Callable[[], str], precision: int) -> None:
+        self._name, self._precision = name, precision
         self._identifiers: dict[str, str] = {}
 
     def fill(self, gradient: Gradient) -> tuple[str, ElementTree.Element | None]:
-        """The `fill` of a shape, and the element to be put before it; None where that is in the file already."""
+        """Return the `fill` of a shape, and the element to put before it; None if the file has that already."""
         element = gradient_element(gradient, self._precision)
         text = ElementTree.tostring(element, encoding="unicode")
         new = text not in self._identifiers
         if new:
-            self._identifiers[text] = self._names.unique("gradient")
+            self._identifiers[text] = self._name()
             element.attrib = {"id": self._identifiers[text], **element.attrib}
         return f"url(#{self._identifiers[text]})", element if new else None
 
 
 def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
-    """A linearGradient or radialGradient without an id, its stops within."""
+    """Return a linearGradient or radialGradient with its stops and without an id."""
 
-    def number(value: float) -> str:
-        return format_number(round(value * 10**precision), precision)
+    def number(value: float, decimals: int = precision) -> str:
+        return format_number(round(value * 10**decimals), decimals)
 
     if isinstance(gradient, LinearGradient):
-        ends = {"x1": gradient.x1, "y1": gradient.y1, "x2": gradient.x2, "y2": gradient.y2}
-        element = ElementTree.Element("linearGradient", {name: number(value) for name, value in ends.items()})
-    elif number(gradient.rx) == number(gradient.ry):
-        round_one = {"cx": gradient.cx, "cy": gradient.cy, "r": gradient.rx}
-        if gradient.focus is not None:
-            round_one |= dict(zip(("fx", "fy"), gradient.focus, strict=True))
-        element = ElementTree.Element("radialGradient", {name: number(value) for name, value in round_one.items()})
+        tag = "linearGradient"
+        places = {name: number(getattr(gradient, name)) for name in ("x1", "y1", "x2", "y2")}
     else:
-        # The unit circle, brought to the ellipse.
-        matrix = " ".join(number(value) for value in gradient.matrix().T.ravel())
-        unit = {"cx": "0", "cy": "0", "r": "1"}
-        if gradient.focus is not None:
-            focus = (round(10**_DECIMALS * place) for place in gradient.unit_focus().tolist())
-            unit |= {name: format_number(place, _DECIMALS) for name, place in zip(("fx", "fy"), focus, strict=True)}
-        unit["gradientTransform"] = f"matrix({matrix})"
-        element = ElementTree.Element("radialGradient", unit)
-    element.set("gradientUnits", "userSpaceOnUse")
+        tag, focus = "radialGradient", gradient.focus
+        if number(gradient.rx) == number(gradient.ry):
+            places = {"cx": number(gradient.cx), "cy": number(gradient.cy), "r": number(gradient.rx)}
+            places |= {} if focus is None else {"fx": number(focus[0]), "fy": number(focus[1])}
+        else:
+            # The transform maps the unit circle to the ellipse.
+            places = {"cx": "0", "cy": "0", "r": "1"}
+            if focus is not None:
+                places |= zip(("fx", "fy"), (number(place, _DECIMALS) for place in gradient.unit_focus()), strict=True)
+            places["gradientTransform"] = f"matrix({' '.join(map(number, gradient.matrix().T.ravel()))})"
+    element = ElementTree.Element(tag, {**places, "gradientUnits": "userSpaceOnUse"})
     for stop in gradient.stops:
-        red, green, blue, alpha = stop.colour
-        attributes = {"offset": format_number(round(stop.offset * 10**_DECIMALS), _DECIMALS)}
-        attributes["stop-color"] = short_colour(red, green, blue)
-        attributes |= opacity_of("stop", alpha)
-        ElementTree.SubElement(element, "stop", attributes)
+        attributes = {"offset": number(stop.offset, _DECIMALS), "stop-color": short_colour(*stop.colour[:3])}
+        ElementTree.SubElement(element, "stop", attributes | opacity_of("stop", stop.colour[3]))
     return element

@@ -1,4 +1,4 @@
-"""The shapes of any SVG as cubics and paints in px, for those who know neither style sheets nor transforms."""
+"""The shapes of any SVG as cubics and paints in px, for programs without style sheets and transforms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cubicsplat_cli.formatting import counted, hex_text, one_line
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
-from cubicsplat_cli.svg.own import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader, OwnElement
+from cubicsplat_cli.svg.own import LINEAR, MOST_STOPS, RADIAL, GradientReader, OwnElement
 from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.shading import without_shading
@@ -27,9 +27,11 @@ Paint = Rgba | Gradient  # sRGB and opacity in [0, 1]; or a gradient in px, its 
 
 @record
 class PaintedShape:
-    """name: its id, or else what it is. lines: its subpaths in px. fill, stroke: None where there is none. width: of
-    the stroke in px. even_odd: the rule of the fill; cap, join, limit: of the stroke, as in SVG. matrix: (3, 3) from
-    its own units, in which a stroke is as wide all around, to px.
+    """A shape in px.
+
+    name: its id, or else the name of its element. lines: its subpaths. fill, stroke: None if there is none. width: of
+    the stroke. even_odd: the rule of the fill. cap, join, limit: of the stroke, as in SVG. matrix: (3, 3) to px from
+    its own units, in which the stroke has the same width in all directions.
     """
 
     name: str
@@ -46,8 +48,9 @@ class PaintedShape:
 
 @dataclass(eq=False)
 class PaintedShapes:
-    """The shapes of a drawing of width x height px, the first at the back. left_out: what they lack of the SVG, and how
-    many of each.
+    """The shapes of a drawing of width x height px, the first at the back.
+
+    left_out: the kinds of things in the SVG that they lack, and how many of each.
     """
 
     width: float
@@ -56,15 +59,15 @@ class PaintedShapes:
     left_out: Counter[str] = field(default_factory=Counter)
 
     def notes(self, of: str = "") -> list[str]:
-        """A sentence about what is left out, if anything is. of: of what."""
+        """Return a sentence that names what is left out, or none. of: completes "left out"."""
         parts = [counted(count, name) for name, count in sorted(self.left_out.items()) if count]
         return [f"left out{of}: {', '.join(parts)}"] if parts else []
 
 
 def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
-    """The shapes of an SVG that was checked, of its natural size, drawn at another: centred where the shape differs.
+    """Return the shapes of a checked SVG of natural size `size`, drawn at size `drawn` and centred in it.
 
-    Raises InputError for what cannot be read or has too many segments.
+    Raises InputError for an SVG that cannot be read or has too many segments.
     """
     made = PaintedShapes(drawn.width, drawn.height)
     scale = min(drawn.width / size.width, drawn.height / size.height)
@@ -90,13 +93,13 @@ def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
 def _painted(
     shape: StyledShape, matrix: np.ndarray, gradients: GradientReader, left_out: Counter[str]
 ) -> PaintedShape | None:
-    """The shape in px, None where nothing of it is seen. matrix: (3, 3) from its units to px."""
+    """Return the shape in px, None if nothing of it is seen. matrix: (3, 3) from its units to px."""
+    style = shape.style
     try:
         lines = cubic_subpaths(shape.path_data())
         if not lines or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
             return None
         fill, stroke = (_paint(shape, name, lines, matrix, gradients, left_out) for name in ("fill", "stroke"))
-        style = shape.style
         width = parse_length(style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
         limit = parse_length(style["stroke-miterlimit"], 1.0)
     except TooLong:
@@ -108,25 +111,31 @@ def _painted(
     if fill is None and stroke is None:
         return None
     left_out["dash pattern"] += stroke is not None and style["stroke-dasharray"] not in ("none", "")
-    name = shape.element.get("id") or shape.name
     cap = style["stroke-linecap"] if style["stroke-linecap"] in ("round", "square") else "butt"
     join = style["stroke-linejoin"] if style["stroke-linejoin"] in ("round", "bevel") else "miter"
-    placed = [line.mapped(matrix) for line in lines]
-    if max(float(np.abs(line.cubics).max()) for line in placed) > MAX_COORDINATE:
+    lines = [line.mapped(matrix) for line in lines]
+    if max(float(np.abs(line.cubics).max()) for line in lines) > MAX_COORDINATE:
         left_out[f"{shape.name} beyond {MAX_COORDINATE:.0f} px"] += 1
         return None
-    return PaintedShape(name, placed, fill, stroke, width, style["fill-rule"] == "evenodd", cap, join, limit, matrix)
+    name, even_odd = shape.element.get("id") or shape.name, style["fill-rule"] == "evenodd"
+    return PaintedShape(name, lines, fill, stroke, width, even_odd, cap, join, limit, matrix)
 
 
 def _paint(
     shape: StyledShape, name: str, lines: list[Subpath], matrix: np.ndarray, gradients: GradientReader,
     left_out: Counter[str],
 ) -> Paint | None:  # fmt: skip
+    """Return the "fill" or "stroke" of a shape, None if there is none. lines: its subpaths in its own units."""
+
     def server(identifier: str) -> Gradient | None:
         if identifier not in gradients:
             left_out["pattern"] += 1
             return None
-        return gradients.gradient(identifier, _box(lines), matrix)
+        # The bounding box, true to a thousandth of each cubic.
+        cubics = np.concatenate([line.cubics for line in lines])
+        points = points_at(cubics, np.linspace(0.0, 1.0, 33)).reshape(-1, 2)
+        (left, top), (width, height) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
+        return gradients.gradient(identifier, (left, top, width, height), matrix)
 
     paint: Paint | None
     paint, opacity = shape.paint(name, server)
@@ -136,15 +145,8 @@ def _paint(
     return replace(paint, stops=tuple(stops))
 
 
-def _box(lines: list[Subpath]) -> Box:
-    """Left, top, width and height of what the lines reach, true to a thousandth of each cubic."""
-    points = points_at(np.concatenate([line.cubics for line in lines]), np.linspace(0.0, 1.0, 33)).reshape(-1, 2)
-    (left, top), (width, height) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
-    return left, top, width, height
-
-
 def _gradients(tree: StyledTree) -> GradientReader:
-    """The gradients of a document of any origin; those without an id, to which nothing refers, are left out."""
+    """Return the gradients of a document of any origin; nothing can refer to those without an id."""
     elements = []
     for element in tree.root.iter():
         name = local_name(element)
@@ -163,12 +165,11 @@ def _gradients(tree: StyledTree) -> GradientReader:
 
 
 def _stop(tree: StyledTree, stop: ElementTree.Element) -> dict[str, str]:
-    """The attributes of a stop as `GradientReader` takes them."""
+    """Return the attributes of a stop in the form of `GradientReader`."""
     values = tree.declared(stop)
     rgba = colour(values.get("stop-color", "black"), values.get("color", "black")) or (0.0, 0.0, 0.0, 0.0)
-    opacity = rgba[3] * share(values.get("stop-opacity", "1"))
     return {
         "offset": repr(share(values.get("offset", "0"))),
         "stop-color": hex_text(round(255.0 * channel) for channel in rgba[:3]),
-        "stop-opacity": repr(opacity),
+        "stop-opacity": repr(rgba[3] * share(values.get("stop-opacity", "1"))),
     }

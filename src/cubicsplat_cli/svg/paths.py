@@ -1,41 +1,38 @@
-"""Path data: its commands, its absolute pieces, and those as cubics."""
+"""Path data: its commands, its absolute segments, and these as cubics."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Iterator
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fine import arc
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.record import record
-from cubicsplat_cli.svg.values import NUMBER, NUMBERS
+from cubicsplat_cli.svg.values import NUMBER
 
 LETTERS = "MmLlHhVvCcSsQqTtAaZz"
 _COMMAND = re.compile(rf"[{LETTERS}]")
-# A number or any other character that is no separator, which `float` then refuses.
-_TOKEN = re.compile(rf"{NUMBER}|[^\s,]")
-# Nothing need stand between the two flags of an arc, nor after them.
-_NUMBER, _FLAG = re.compile(rf"[\s,]*({NUMBER})"), re.compile(r"[\s,]*([01])")
-_ARC = (_NUMBER, _NUMBER, _NUMBER, _FLAG, _FLAG, _NUMBER, _NUMBER)
-_BLANK = re.compile(r"[\s,]*")
-# How many numbers a command takes.
-_NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+# The flags of an arc need no separator between or after them.
+_NUMBER, _FLAG, _BLANK = re.compile(rf"[\s,]*({NUMBER})"), re.compile(r"[\s,]*([01])"), re.compile(r"[\s,]*")
+_COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "Z": 0}
+_ARGUMENTS = {letter: (_NUMBER,) * count for letter, count in _COUNTS.items()}
+_ARGUMENTS["A"] = (_NUMBER, _NUMBER, _NUMBER, _FLAG, _FLAG, _NUMBER, _NUMBER)
 _DECIMALS = 9
-# Of one path, which takes some seconds and 200 MB; and of a subpath, for which each row of a scene has room.
+# Limits of a path, which takes some seconds and 200 MB, and of a subpath, for which each row of a scene has room.
 MAX_COMMANDS, MAX_SEGMENTS = 500_000, 65_535
 Point = tuple[float, float]
 
 
 class TooLong(InputError):
-    """Path data of more commands or segments than are read."""
+    """Path data has more commands or segments than may be read."""
 
 
 class PathSegment(NamedTuple):
-    """One command: its capital letter, where it starts and ends, and its handles (none, one or two), absolute.
+    """A command in absolute coordinates: its capital letter, its start and end, and its handles (none, one or two).
 
     numbers: of an arc, its radii, the angle in degrees and the two flags.
     """
@@ -48,16 +45,16 @@ class PathSegment(NamedTuple):
 
     @property
     def is_arc(self) -> bool:
-        """Whether it is an arc that is drawn as one, and not as a line."""
+        """True if it is drawn as an arc, not as a line."""
         return self.command == "A" and min(self.numbers[:2]) > 0.0 and self.start != self.end
 
 
 def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
-    """Each command with its numbers; a command that is left out where it repeats is given again.
+    """Yield the letter and the numbers of each command; a letter that is written once for several is repeated.
 
     Raises InputError where the data cannot be read, TooLong for more than MAX_COMMANDS.
     """
-    # What a glance shows need not be read first.
+    # The letters alone show most data that is too long.
     if len(d) > MAX_COMMANDS and sum(map(d.count, LETTERS)) > MAX_COMMANDS:
         raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
     command = _COMMAND.search(d)
@@ -78,47 +75,39 @@ def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
 
 
 def _grouped(letter: str, d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
-    """The numbers in d[begin:end] as those of one command after the other, at least one."""
-    size = _NUMBERS[letter.upper()]
-    if size == 7:
-        yield from _arcs(d, begin, end)
-        return
-    tokens = islice(_TOKEN.finditer(d, begin, end), (MAX_COMMANDS + 1) * max(size, 1))
-    try:
-        numbers = [float(match[0]) for match in tokens]
-    except ValueError as error:
-        bad = next(match.start() for match in _TOKEN.finditer(d, begin, end) if not NUMBERS.fullmatch(match[0]))
-        raise InputError(f"path data that cannot be read at {d[bad : bad + 12]!r}") from error
-    if size == 0:
-        if numbers:
-            raise InputError(f"path data with a number after {letter} at {d[begin : begin + 12]!r}")
-        yield ()
-        return
-    if not numbers or len(numbers) % size:
-        raise InputError(f"path data that lacks a number of {letter} at {d[end : end + 12]!r}")
-    for first in range(0, len(numbers), size):
-        yield tuple(numbers[first : first + size])
-
-
-def _arcs(d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
+    """Yield the numbers in d[begin:end] in groups, one for each command, at least one group."""
     while True:
         numbers = []
-        for kind in _ARC:
-            match = kind.match(d, begin, end)
+        for argument in _ARGUMENTS[letter.upper()]:
+            match = argument.match(d, begin, end)
             if match is None:
-                raise InputError(f"path data that lacks a number of A at {d[begin : begin + 12]!r}")
+                raise _unreadable(letter, d, begin, end)
             numbers.append(float(match[1]))
             begin = match.end()
         yield tuple(numbers)
         if _BLANK.fullmatch(d, begin, end):
             return
+        if not numbers:
+            raise _unreadable(letter, d, begin, end)
+
+
+def _unreadable(letter: str, d: str, begin: int, end: int) -> InputError:
+    """Return the error for d[begin:end], in which the next argument of a command cannot be read."""
+    if letter in "Aa":
+        return InputError(f"path data that lacks a number of A at {d[begin : begin + 12]!r}")
+    if _NUMBER.match(d, begin, end):
+        return InputError(f"path data with a number after {letter} at {d[begin : begin + 12]!r}")
+    start = _BLANK.match(d, begin, end).end()  # type: ignore[union-attr]
+    if start < end:
+        return InputError(f"path data that cannot be read at {d[start : start + 12]!r}")
+    return InputError(f"path data that lacks a number of {letter} at {d[end : end + 12]!r}")
 
 
 def subpaths(d: str) -> list[list[PathSegment]]:
-    """The absolute pieces of each subpath, which ends with Z or before the next M: all commands but M, of S and T the
-    mirrored handle too. An arc has no handles.
+    """Return the segments of each subpath, which ends with Z or before the next M.
 
-    Raises InputError for bad path data, TooLong for too much of it.
+    The segments are all commands but M. Those of S and T have their mirrored handle too; arcs have no handles. Raises
+    InputError for bad path data, TooLong for too much of it.
     """
     result: list[list[PathSegment]] = []
     here = start = (0.0, 0.0)
@@ -144,6 +133,7 @@ def subpaths(d: str) -> list[list[PathSegment]]:
 
 
 def _points(letter: str, numbers: tuple[float, ...], here: Point) -> list[Point]:
+    """Return the handles and the end of a command as absolute points."""
     x, y = here if letter.islower() else (0.0, 0.0)
     command = letter.upper()
     if command == "H":
@@ -156,13 +146,13 @@ def _points(letter: str, numbers: tuple[float, ...], here: Point) -> list[Point]
 
 
 def _sum(first: float, second: float) -> float:
-    """The sum of two decimals without the noise of binary fractions, which would add up along a path."""
+    """Return the sum of two decimals without the noise of binary fractions, which would add up along a path."""
     total = first + second
     return total if total.is_integer() else round(total, _DECIMALS)
 
 
 def _mirrored(before: list[PathSegment], here: Point, command: str) -> Point:
-    """The first handle of S or T: the last one of a curve of the same kind before it, mirrored at the joint."""
+    """Return the first handle of S or T: the last handle of the same kind of curve before it, mirrored at the joint."""
     kin = "CS" if command == "S" else "QT"
     if not before or before[-1].command not in kin or before[-1].end != here:
         return here
@@ -172,25 +162,25 @@ def _mirrored(before: list[PathSegment], here: Point, command: str) -> Point:
 
 @record
 class Subpath:
-    """cubics: (M, 4, 2), each of which starts where the one before ends. closed: whether it ends with Z."""
+    """cubics: (M, 4, 2), each starts where the one before ends. closed: whether the subpath ends with Z."""
 
     cubics: np.ndarray
     closed: bool
 
     def mapped(self, matrix: np.ndarray) -> Subpath:
-        """Through an affine map (3, 3)."""
+        """Return the image under an affine map (3, 3)."""
         return Subpath(self.cubics @ matrix[:2, :2].T + matrix[:2, 2], self.closed)
 
     def ring(self) -> np.ndarray:
-        """Its cubics, the line back to its start included where it is not there."""
+        """Return the cubics, with a line back to the start where they do not return to it."""
         start, end = self.cubics[0, 0], self.cubics[-1, 3]
         if np.array_equal(start, end):
             return self.cubics
-        return np.concatenate([self.cubics, line_as_cubic(end, start)[None]])
+        return np.concatenate([self.cubics, _line_as_cubic(end, start)[None]])
 
 
 def cubic_subpaths(d: str) -> list[Subpath]:
-    """The subpaths that have a length. Raises InputError for path data that cannot be read."""
+    """Return the subpaths that have a length. Raises InputError for path data that cannot be read."""
     result = []
     for subpath in subpaths(d):
         with np.errstate(invalid="ignore", over="ignore"):  # infinite coordinates are refused below
@@ -202,53 +192,41 @@ def cubic_subpaths(d: str) -> list[Subpath]:
     return result
 
 
-def line_as_cubic(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """A line as a cubic (4, 2)."""
-    return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
-
-
-def halves(cubics: np.ndarray) -> np.ndarray:
-    """(2 n, 4, 2): each of n cubics as two, by de Casteljau's algorithm."""
-    a, b, c, d = cubics.transpose(1, 0, 2)
-    ab, bc, cd = (a + b) / 2.0, (b + c) / 2.0, (c + d) / 2.0
-    abc, bcd = (ab + bc) / 2.0, (bc + cd) / 2.0
-    middle = (abc + bcd) / 2.0
-    parts = np.stack([np.stack([a, ab, abc, middle], 1), np.stack([middle, bcd, cd, d], 1)], 1)
-    return parts.reshape(-1, 4, 2)
-
-
-def apart(rings: list[np.ndarray]) -> list[list[np.ndarray]]:
-    """Rings (M, 4, 2) in groups whose boxes do not meet, so that each group can be filled without the others."""
-    if len(rings) < 2:
-        return [rings] if rings else []
-    low = np.array([ring.min((0, 1)) for ring in rings])
-    high = np.array([ring.max((0, 1)) for ring in rings])
+def groups_apart(rings: list[np.ndarray]) -> list[np.ndarray]:
+    """Return the indices of rings (M, 4, 2) in groups whose boxes do not meet; each group can be filled alone."""
+    low, high = (np.array([limit(ring, axis=(0, 1)) for ring in rings]) for limit in (np.min, np.max))
     group = np.arange(len(rings))
     for index in range(len(rings)):
         meets = ((low <= high[index]) & (high >= low[index])).all(axis=1)
         joined = np.unique(group[meets])
         group[np.isin(group, joined)] = joined[0]
-    return [[rings[index] for index in np.flatnonzero(group == number)] for number in np.unique(group)]
+    return [np.flatnonzero(group == number) for number in np.unique(group)]
+
+
+def _line_as_cubic(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
 
 
 def cubics_of(segment: PathSegment) -> list[np.ndarray]:
-    """A piece of a path as cubics (4, 2), lines and arcs too."""
+    """Return a segment of a path, perhaps a line or an arc, as cubics (4, 2)."""
     start, end = np.array(segment.start), np.array(segment.end)
     if len(segment.handles) == 2:
         return [np.array([start, *segment.handles, end])]
     if len(segment.handles) == 1:
         middle = np.array(segment.handles[0])
         return [np.stack([start, (start + 2.0 * middle) / 3.0, (end + 2.0 * middle) / 3.0, end])]
-    return _arc_cubics(segment) if segment.is_arc else [line_as_cubic(start, end)]
+    return _arc_cubics(segment, start, end) if segment.is_arc else [_line_as_cubic(start, end)]
 
 
-def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:
-    """An arc in quarters or less. Radii that are too short are scaled up. Source: SVG 2, appendix B.2.4."""
-    start, end = np.array(piece.start), np.array(piece.end)
-    rx, ry, degrees, large, sweep = piece.numbers
+def _arc_cubics(segment: PathSegment, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+    """Return an arc as cubics of a quarter turn or less; radii that are too short are scaled up.
+
+    Source: SVG 2, appendix B.2.4.
+    """
+    rx, ry, degrees, large, sweep = segment.numbers
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     turn, radii = np.array([[cos, -sin], [sin, cos]]), np.array([rx, ry])
-    # As a part of a unit circle, the middle between its ends at the origin.
+    # The frame of a unit circle, in which the middle between both ends is the origin.
     half = turn.T @ (start - end) / 2.0 / radii
     size = float(half @ half)
     if size > 1.0:
@@ -259,12 +237,6 @@ def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:
     last = math.atan2(-half[1] - centre[1], -half[0] - centre[0])
     span = (last - first) % (2.0 * math.pi) - (0.0 if sweep else 2.0 * math.pi)
     count = max(1, math.ceil(abs(span) / (math.pi / 2.0) - 1e-9))
-    step = span / count
-    handle = 4.0 / 3.0 * math.tan(step / 4.0)
-    angles = first + step * np.arange(count + 1)
-    rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    ahead = handle * np.stack([-rim[:, 1], rim[:, 0]], axis=1)
-    quarters = np.stack([rim[:-1], rim[:-1] + ahead[:-1], rim[1:] - ahead[1:], rim[1:]], axis=1)
-    cubics = ((centre + quarters) * radii) @ turn.T + (start + end) / 2.0
-    cubics[0, 0], cubics[-1, 3] = piece.start, piece.end
+    cubics = ((centre + arc(first, first + span, count)) * radii) @ turn.T + (start + end) / 2.0
+    cubics[0, 0], cubics[-1, 3] = start, end
     return [*cubics]

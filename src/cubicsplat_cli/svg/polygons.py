@@ -1,7 +1,7 @@
-"""Polygons on a coarse grid as the shortest SVG: the files of a few hundred bytes that stand in for a photo.
+"""Polygons on a coarse grid as the shortest SVG, a placeholder of a few hundred bytes for a photo.
 
-Such a file holds nothing but a view box, a background and paths: no size, comment, title, ids or decimals, one opacity
-for all, and colours of 12 bits. Each path is relative: most differences have one digit, and a minus separates numbers.
+The file holds nothing but a view box, a background and paths. It has no size, comment, title, ids or decimals, one
+opacity for all, and colours of 12 bits. Paths are relative, since most differences have one digit.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ TENTHS = 10  # of the opacity
 class GridPolygons:
     """N polygons, front to back, on a grid.
 
-    size: width and height in units, of which the height may have two decimals, so that the picture keeps its shape.
-    vertices: of each polygon (n, 2) int64, units. colours: (N, 3) int64 in 0..15. background: (3,) the same, or None.
-    opacity: of all polygons, 1..10 tenths.
+    size: width and height in units; the height may have two decimals, so that the picture keeps its shape. vertices:
+    (n, 2) int64 of each polygon, units. colours: (N, 3) int64 in 0..15. background: (3,) in 0..15, or None. opacity:
+    of all polygons, 1..10 tenths.
     """
 
     size: tuple[float, float]
@@ -36,14 +36,14 @@ class GridPolygons:
     opacity: int
 
     def path(self, index: int) -> str:
-        """The element of one polygon, each of whose vertices but the first is said from the one before."""
+        """Return the element of one polygon; each vertex after the first is relative to the one before."""
         vertices = self.vertices[index].tolist()
         befores = [[0, 0], *vertices]
         d = joined(n for (x, y), (a, b) in zip(vertices, befores, strict=False) for n in (x - a, y - b))
         return f'<path d="m{d}" fill="{_hex(self.colours[index])}"/>'
 
     def head(self) -> str:
-        """The document up to its first polygon."""
+        """Return the document up to its first polygon."""
         size = " ".join(format_number(round(100 * side), 2) for side in self.size)
         opacity = f' fill-opacity="{format_number(self.opacity, 1)}"' if self.opacity < TENTHS else ""
         start = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}"{opacity}>'
@@ -54,17 +54,15 @@ class GridPolygons:
         return f'{start}<path d="m0 0h{width}v{height}H0" fill="{_hex(self.background)}"{opaque}/>'
 
     def text(self) -> str:
-        """The SVG document, back to front."""
+        """Return the SVG document, back to front."""
         return self.head() + "".join(map(self.path, reversed(range(len(self.vertices))))) + "</svg>"
 
     def scene(self, width: int, height: int) -> Scene:
-        """The same on a canvas of width x height px."""
+        """Return the polygons as a scene on a canvas of width x height px."""
         scale, n = np.array([width, height]) / self.size, len(self.vertices)
-        points, ends = pack_rings(Mode.CLOSED, [[polygon_points(each[None] * scale)[0]] for each in self.vertices])
-        background = None
-        if self.background is not None:
-            red, green, blue = (self.background / LEVELS).tolist()
-            background = red, green, blue
+        rings = [[polygon_points(vertices[None] * scale)[0]] for vertices in self.vertices]
+        points, ends = pack_rings(Mode.CLOSED, rings)
+        background = None if self.background is None else tuple((self.background / LEVELS).tolist())
         return Scene(
             Mode.CLOSED, width, height, points.astype(np.float32), (self.colours / LEVELS).astype(np.float32),
             np.full(n, self.opacity / TENTHS, np.float32), np.zeros(n, np.float32), background, ends,
@@ -72,8 +70,10 @@ class GridPolygons:
 
 
 def grid_size(width: int, height: int, units: int) -> tuple[float, float]:
-    """The size of a grid of about so many units on the longer side, at most 99: the one within a tenth of it on which a
-    picture of width x height px is nearest to whole units.
+    """Return the size of a grid of about `units` units, at most 99, on the longer side.
+
+    Of the sizes within a twentieth it is the one on which the sides of a picture of width x height px are nearest to
+    whole units.
     """
     longer, shorter = max(width, height), min(width, height)
     choices = range(max(1, math.ceil(0.95 * units)), min(99, math.floor(1.05 * units)) + 1)
@@ -83,7 +83,7 @@ def grid_size(width: int, height: int, units: int) -> tuple[float, float]:
 
 
 def polygons_on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
-    """The polygons of a scene of numpy arrays, whose curves' anchors are their vertices, rounded to a grid."""
+    """Return the polygons of a scene of numpy arrays, rounded to a grid; the anchors of its curves are the vertices."""
     vertices = np.rint(scene.points[:, ::3] * (np.array(size) / (scene.width, scene.height))).astype(np.int64)
     background = None if scene.background is None else np.rint(LEVELS * np.array(scene.background)).astype(np.int64)
     colours = np.rint(LEVELS * scene.colours).astype(np.int64)
@@ -92,7 +92,7 @@ def polygons_on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
 
 
 def is_colour(colour: np.ndarray) -> bool:
-    """Whether all levels are in 0..LEVELS."""
+    """Return whether all levels are in 0..LEVELS."""
     return bool(colour.min() >= 0 and colour.max() <= LEVELS)
 
 

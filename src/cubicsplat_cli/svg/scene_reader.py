@@ -1,9 +1,10 @@
-"""Reads the SVG files that `write_svg` and `write_drawing` make back into a scene; refuses any other with one line."""
+"""Reads the SVG files of `write_svg` and `write_drawing` back into a scene; refuses any other with one line."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,27 +13,20 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.progress import log
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
-from cubicsplat_cli.scene.paint import Gradient, mean_fill
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient, mean_fill
+from cubicsplat_cli.scene.shapes import shape_points
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
-from cubicsplat_cli.svg.own import (
-    REFERENCE,
-    GradientReader,
-    OwnElement,
-    canvas_size,
-    check_attributes,
-    own_elements,
-    own_subpaths,
-)
+from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, own_elements
 from cubicsplat_cli.svg.paths import PathSegment
-from cubicsplat_cli.svg.quantise import MAX_COORDINATE, without_noise
-from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
-from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID, write_svg
 from cubicsplat_cli.svg.values import hex_colour, parse_number, unit_colour
 
-_DECIMALS = 9  # more than any file has
+_WIDTH_DECIMALS, _GRADIENT_DECIMALS = 9, 7  # more than any file has
 _ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
 _SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
+_ROTATION = re.compile(r"rotate\((-?[\d.]+) [-\d.]+ [-\d.]+\)")
 _BACKGROUND_ATTRIBUTES = ("id", "x", "y", "width", "height", "fill")
 _GROUP_ATTRIBUTES = {
     "id": CURVES_ID,
@@ -45,31 +39,40 @@ _PATH_ATTRIBUTES = {
     Mode.CLOSED: ("d", "fill", "fill-opacity"),
     Mode.OPEN: ("d", "stroke", "stroke-opacity", "stroke-width"),
 }
+# The geometry of shapes other than paths.
+_SHAPES = {
+    "ellipse": ("cx", "cy", "rx", "ry", "transform"),
+    "rect": ("x", "y", "width", "height", "transform"),
+    "polygon": ("points",),
+}
+
+
+def quantise_scene(scene: Scene, precision: int) -> Scene:
+    """Return the scene as a file with `precision` decimals holds it. Raises what `write_svg` raises."""
+    return read_svg(write_svg(scene, precision=precision))
 
 
 def read_svg(text: str | bytes) -> Scene:
-    """The scene of an SVG that cubicsplat wrote (numpy arrays, index 0 the front).
+    """Return the scene of an SVG that cubicsplat wrote (numpy arrays, index 0 the front).
 
     Raises InputError for anything else: what `own_elements` refuses, path data other than M, C, c and z, curves of
     different kinds, strokes of several subpaths, no curve at all, or a drawing with shading.
     """
     elements = own_elements(text)
-    shading = next((each for each in elements if each.place == "svg/clipPath"), None)
+    shading = next((element for element in elements if element.place == "svg/clipPath"), None)
     if shading is not None:
         raise InputError(
             f"line {shading.line} clips shading, which no scene of curves has; "
             "use cubicsplat_cli.svg.drawing_reader.read_drawing"
         )
-    focal = ({"fx", "fy"} & each.attributes.keys() for each in elements if each.place.endswith("radialGradient"))
-    if any(focal):
+    if any({"fx", "fy"} & element.attributes.keys() for element in elements if element.name == "radialGradient"):
         log.warning("left out of the SVG's gradients: their focus, which those of a scene do not have")
     return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
 
 
 def curves_of(elements: Sequence[OwnElement]) -> Scene:
-    """The scene that the elements of a document hold; InputError where they are not those of `write_svg`."""
-    reader = _SceneReader(elements[0])
-    reader.gradients = GradientReader(map(reader.in_px, (each for each in elements if "Gradient" in each.place)))
+    """Return the scene of a document's elements. Raises InputError if they are not those of `write_svg`."""
+    reader = _SceneReader(elements)
     for element in elements:
         try:
             reader.add(element)
@@ -81,40 +84,35 @@ def curves_of(elements: Sequence[OwnElement]) -> Scene:
 class _SceneReader:
     """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path, ellipse, rect, polygon)."""
 
-    gradients: GradientReader
-
-    def __init__(self, root: OwnElement) -> None:
-        self.width, self.height = canvas_size(root)
+    def __init__(self, elements: Sequence[OwnElement]) -> None:
+        self.width, self.height = elements[0].canvas_size()
         self.background: tuple[float, float, float] | None = None
         self.mode: Mode | None = None
-        self.opacity = "1"  # of curves that say none
+        self.opacity = "1"  # default of the curves
         self.shift = 0  # the paths' unit is 10^-shift px
         self.enlarged: set[int] = set()  # powers of ten by which gradients are enlarged
-        self.curves: list[list[np.ndarray]] = []  # the rings of each, the last one at the front
-        self.colours: list[tuple[float, float, float]] = []
-        self.opacities: list[float] = []
-        self.half_widths: list[float] = []
-        self.paints: list[Gradient | None] = []
+        self.gradients = GradientReader(self._in_px(element) for element in elements if "Gradient" in element.place)
+        # Rings, colour, opacity, half-width and gradient of each curve, the last one at the front.
+        self.curves: list[tuple[list[np.ndarray], list[float], float, float, Gradient | None]] = []
 
     def add(self, element: OwnElement) -> None:
-        """Take in one element. Raises ValueError for what `write_svg` does not write."""
-        place = element.place
+        """Add one element. Raises ValueError for what `write_svg` does not write."""
+        place, name = element.place, element.name
         if place == "svg/rect" and self.mode is None and self.background is None:
             self._add_background(element)
         elif place == "svg/g" and self.mode is None:
             self._add_group(element)
         elif place == "svg/g/path" and self.mode is not None:
-            check_attributes(element, _PATH_ATTRIBUTES[self.mode])
-            self._add_curve(element, self.mode, _rings(own_subpaths(element), self.mode, 10.0**self.shift))
-        elif place.startswith("svg/g/") and self.mode is Mode.CLOSED and element.name in ATTRIBUTES:
-            check_attributes(element, (*ATTRIBUTES[element.name], "fill", "fill-opacity"))
-            points = points_of_element(element.name, element.attributes) / 10.0**self.shift
-            self._add_curve(element, self.mode, [points])
-        elif place.startswith("svg/g/") or (place.count("/") == 1 and element.name not in ("title", "defs")):
-            raise ValueError(f"has an unexpected <{element.name}> element")
+            element.check_attributes(_PATH_ATTRIBUTES[self.mode])
+            self._add_curve(element, self.mode, _rings(element.subpaths(), self.mode, 10.0**self.shift))
+        elif place.startswith("svg/g/") and self.mode is Mode.CLOSED and name in _SHAPES:
+            element.check_attributes((*_SHAPES[name], "fill", "fill-opacity"))
+            self._add_curve(element, self.mode, [_points_of_shape(element) / 10.0**self.shift])
+        elif place.startswith("svg/g/") or (place.count("/") == 1 and name not in ("title", "defs")):
+            raise ValueError(f"has an unexpected <{name}> element")
 
     def _add_background(self, element: OwnElement) -> None:
-        check_attributes(element, _BACKGROUND_ATTRIBUTES)
+        element.check_attributes(_BACKGROUND_ATTRIBUTES)
         given = element.attributes
         if given.get("id", BACKGROUND_ID) != BACKGROUND_ID:
             raise ValueError(f"has a <rect> called {given['id']!r}")
@@ -131,9 +129,9 @@ class _SceneReader:
         self.shift = 0 if scale[1] is None else len(scale[1]) + 1
         if self.enlarged - {self.shift}:
             raise ValueError("has gradients in another unit than the paths")
-        # Of fills where the group does not say that there are none.
+        # Only groups of strokes have the fill "none".
         self.opacity = given.pop("stroke-opacity" if "fill" in given else "fill-opacity", "1")
-        check_attributes(element._replace(attributes=given), _GROUP_ATTRIBUTES)
+        element._replace(attributes=given).check_attributes(_GROUP_ATTRIBUTES)
         for name, value in given.items():
             if value != _GROUP_ATTRIBUTES[name]:
                 raise ValueError(f"has {name}={value!r}")
@@ -144,29 +142,25 @@ class _SceneReader:
 
     def _add_curve(self, element: OwnElement, mode: Mode, rings: list[np.ndarray]) -> None:
         given, kind = element.attributes, "fill" if mode is Mode.CLOSED else "stroke"
-        self.curves.append(rings)
         match = REFERENCE.fullmatch(given.get(kind, ""))
         gradient = None
         if match is not None:
-            gradient = without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
-            red, green, blue, _ = mean_fill(gradient)
-        else:
-            red, green, blue = hex_colour(given.get(kind, ""))
-        self.paints.append(gradient)
-        self.colours.append((red / 255, green / 255, blue / 255))
-        self.opacities.append(_at_most(given.get(f"{kind}-opacity", self.opacity), 1.0))
+            gradient = _without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
+        levels = hex_colour(given.get(kind, "")) if gradient is None else mean_fill(gradient)[:3]
+        opacity = _at_most(given.get(f"{kind}-opacity", self.opacity), 1.0)
         unit = 10.0**self.shift
         width = _at_most(given.get("stroke-width", ""), 2.0 * MAX_COORDINATE * unit) if mode is Mode.OPEN else 0.0
-        self.half_widths.append(round(width / unit, _DECIMALS) / 2.0)
+        half_width = round(width / unit, _WIDTH_DECIMALS) / 2.0
+        self.curves.append((rings, [level / 255 for level in levels], opacity, half_width, gradient))
 
-    def in_px(self, element: OwnElement) -> OwnElement:
-        """A gradient without the transform that brings it to the unit of the paths; any other element as it is.
+    def _in_px(self, element: OwnElement) -> OwnElement:
+        """Return a gradient without the transform to the unit of the paths; other elements stay the same.
 
         Raises InputError for a gradient in another unit.
         """
         given = element.attributes
-        own_unit = given.get("id") == UNITS_ID and given.get("gradientUnits") == "userSpaceOnUse"
-        if not element.name.endswith("Gradient") or own_unit:
+        is_unit = given.get("id") == UNITS_ID and given.get("gradientUnits") == "userSpaceOnUse"
+        if not element.name.endswith("Gradient") or is_unit:
             return element
         transform = given.get("gradientTransform", "")
         scale = _ENLARGED.match(transform)
@@ -176,32 +170,29 @@ class _SceneReader:
         return element._replace(attributes=given | {"gradientTransform": transform[scale.end() :]})
 
     def scene(self) -> Scene:
-        """The scene of all elements, in reverse order so that index 0 is the front."""
+        """Return the scene of all elements, in reverse order so that index 0 is the front."""
         if self.mode is None or not self.curves:
             raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
-        lengths = {len(ring) for rings in self.curves for ring in rings}
-        if len(lengths) == 1 and all(len(rings) == 1 for rings in self.curves):  # the quick way for many curves
-            points, ring_ends = np.stack([rings[0] for rings in self.curves[::-1]]), None
-        else:
-            points, ring_ends = pack_rings(self.mode, self.curves[::-1])
+        rings, colours, opacities, half_widths, gradients = zip(*self.curves[::-1], strict=True)
+        points, ring_ends = pack_rings(self.mode, rings)
         scene = Scene(
             mode=self.mode,
             width=self.width,
             height=self.height,
             points=points.astype(np.float32),
-            colours=_reversed(self.colours),
-            opacities=_reversed(self.opacities),
-            half_widths=_reversed(self.half_widths),
+            colours=np.array(colours, np.float32),
+            opacities=np.array(opacities, np.float32),
+            half_widths=np.array(half_widths, np.float32),
             background=self.background,
             ring_ends=ring_ends,
-            gradients=gradients_of(self.paints[::-1]),
+            gradients=gradients_of(gradients),
         )
         scene.validate()
         return scene
 
 
 def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[np.ndarray]:
-    """Control points (K, 2) float64 in px of each subpath of a path with `scale` units to the px."""
+    """Return the control points (K, 2) of each subpath in px, float64. scale: units of the path per px."""
     if len(subpaths) > 1 and mode is Mode.OPEN:
         raise ValueError("has a stroke of several subpaths")
     rings = [np.array(control_points(subpath, mode)) / scale for subpath in subpaths]
@@ -211,21 +202,55 @@ def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[
 
 
 def control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
-    """Those of a chain of cubics, of a closed one without its start again. Raises ValueError for other pieces."""
+    """Return those of a chain of cubics, the start of a closed one once. Raises ValueError for other segments."""
     if mode is Mode.CLOSED:
         if not subpath or subpath[-1].command != "Z":
             raise ValueError("has a closed curve whose path does not end with z")
         end, subpath = subpath[-1], subpath[:-1]
     if not subpath:
         raise ValueError("has path data that does not begin with one point and a cubic")
-    if any(piece.command != "C" for piece in subpath):
+    if any(segment.command != "C" for segment in subpath):
         raise ValueError("has path data other than M, cubics and z")
     if mode is Mode.CLOSED and end.start != end.end:
         raise ValueError("has a closed curve that does not return to its start")
     points = [subpath[0].start]
-    for piece in subpath:
-        points += [*piece.handles, piece.end]
+    for segment in subpath:
+        points += [*segment.handles, segment.end]
     return points[:-1] if mode is Mode.CLOSED else points
+
+
+def _points_of_shape(element: OwnElement) -> np.ndarray:
+    """Return the control points (K, 2) of an ellipse, rect or polygon of `write_svg`. Raises ValueError for others."""
+    given, name = element.attributes, element.name
+    if name == "polygon":
+        vertices = np.array([parse_number(text) for text in given.get("points", "").split(" ")])
+        if vertices.size < 6 or vertices.size % 2:
+            raise ValueError("has a polygon of fewer than three points")
+        return shape_points("polygon", vertices[None])[0]
+    x, y, a, b = (parse_number(given.get(attribute, "")) for attribute in _SHAPES[name][:4])
+    if name == "rect":
+        x, y, a, b = x + a / 2.0, y + b / 2.0, a / 2.0, b / 2.0
+    rotation = _ROTATION.fullmatch(given.get("transform", "rotate(0 0 0)"))
+    if rotation is None or min(a, b) < 0.0:
+        raise ValueError(f"has a <{name}> that is none of a photo")
+    angle = math.radians(float(rotation[1]))
+    first = max(a, 1e-3)  # a first axis of no length would have no direction
+    values = np.array([[x, y, first * math.cos(angle), first * math.sin(angle), b]])
+    return shape_points("ellipse" if name == "ellipse" else "rectangle", values)[0]
+
+
+def _without_noise(gradient: Gradient) -> Gradient:
+    """Return a gradient without the noise that arithmetic adds to the coordinates of the file."""
+
+    def rounded(*values: float) -> list[float]:
+        return [round(value, _GRADIENT_DECIMALS) for value in values]
+
+    if isinstance(gradient, LinearGradient):
+        x1, y1, x2, y2 = rounded(gradient.x1, gradient.y1, gradient.x2, gradient.y2)
+        return LinearGradient(x1, y1, x2, y2, gradient.stops)
+    cx, cy, rx, ry, *focus = rounded(gradient.cx, gradient.cy, gradient.rx, gradient.ry, *(gradient.focus or ()))
+    angle = 0.0 if rx == ry else gradient.angle
+    return RadialGradient(cx, cy, rx, ry, angle, gradient.stops, (focus[0], focus[1]) if focus else None)
 
 
 def _at_most(text: str, largest: float) -> float:
@@ -233,7 +258,3 @@ def _at_most(text: str, largest: float) -> float:
     if not 0.0 <= value <= largest:
         raise ValueError(f"has the number {text!r}, which is not in 0..{largest:g}")
     return value
-
-
-def _reversed(values: Iterable[object]) -> np.ndarray:
-    return np.asarray([*values][::-1], dtype=np.float64).astype(np.float32)

@@ -1,8 +1,8 @@
-"""Checks an SVG file of unknown origin before any renderer sees it, and reads its size.
+"""Checks an SVG file of unknown origin before any renderer reads it, and reads its size.
 
-One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, pictures but for PNG and
-JPEG files that are embedded and drawn once, every other reference that leaves the document, and references that would
-draw the same elements too many times.
+One expat pass fetches and expands nothing. It refuses gzip (.svgz), entity declarations, pictures except PNG and JPEG
+files that are embedded and drawn once, every other reference that leaves the document, and references that would draw
+the same elements too many times.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from cubicsplat_cli.svg.values import MOST_PIXELS, absolute_length, picture_in
 
 MAX_DEPTH = 256
 MAX_RADIUS = 1e9  # a circle of infinite radius is drawn without end
-MAX_USED = 100_000  # elements drawn once more by <use>: cairosvg's own limit, which it takes 20 s to reach
+MAX_USED = 100_000  # elements drawn once more by <use>: the limit of cairosvg, which takes 20 s to reach it
 _ROUND = {"r", "rx", "ry"}
 _PICTURES = {"feImage", "foreignObject"}
-_DRAWN_ONCE = {"svg", "g"}  # elements within which an embedded picture may be, where nothing is drawn by references
+_DRAWN_ONCE = {"svg", "g"}  # elements that may hold an embedded picture, because no reference draws them again
 _OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
 _INSIDE = re.compile(r"url\(\s*['\"]?\s*#([^'\")\s]+)")
 _ROOT = re.compile(rb"""<(?:[\w.-]+:)?svg(?=[\s/>])(?:[^>"']|"[^"]*"|'[^']*')*>""")
@@ -34,7 +34,7 @@ _SIZES = re.compile(rb"""\s(?:width|height)\s*=\s*(?:"[^"]*"|'[^']*')""")
 
 @record
 class SvgSize:
-    """Natural size of an SVG in px, as its width and height say, else its viewBox."""
+    """Natural size of an SVG in px, from its width and height, else from its viewBox."""
 
     width: float
     height: float
@@ -43,8 +43,8 @@ class SvgSize:
 def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = None) -> SvgSize:
     """Refuse an SVG that no renderer should be given; return its natural size.
 
-    data: the file's bytes. source: its name for messages. otherwise: the size of a file that says none. Raises
-    InputError with what is wrong.
+    data: the file's bytes. source: its name for messages. otherwise: the size of a file that gives none. Raises
+    InputError, which says what is wrong.
     """
     if not data.strip():
         raise InputError(f"{source}: is empty; give an SVG file")
@@ -68,11 +68,29 @@ def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = Non
     except (LookupError, ValueError) as error:
         raise InputError(f"{source}: has an encoding that cannot be read ({error}); save it as UTF-8") from error
     scan.check_references()
-    return scan.size(otherwise)
+    size = _size_of(scan.root) or otherwise
+    if size is None:
+        raise InputError(f"{source}: says no size; give it a width and height, or a viewBox")
+    return size
+
+
+def _size_of(root: dict[str, str]) -> SvgSize | None:
+    """Return the size from the attributes of a root: width and height, else the viewBox; None if neither gives it."""
+    width, height = _pixels(root.get("width")), _pixels(root.get("height"))
+    if width is None or height is None:
+        box = [_pixels(part) for part in re.split(r"[\s,]+", root.get("viewBox", "").strip())]
+        if len(box) == 4 and box[2] and box[3]:
+            width, height = box[2], box[3]
+    return SvgSize(width, height) if width and height and width > 0 and height > 0 else None
+
+
+def _pixels(text: str | None) -> float | None:
+    value = absolute_length(text)
+    return value if value is not None and math.isfinite(value) else None
 
 
 def with_size(data: bytes, size: SvgSize) -> bytes:
-    """The bytes of an SVG in UTF-8 with this size in its root: renderers get it no other way."""
+    """Return the bytes of an SVG in UTF-8 with this size in its root, the only place where renderers read it."""
 
     def with_size(match: re.Match[bytes]) -> bytes:
         tag = _SIZES.sub(b"", match[0])
@@ -84,8 +102,10 @@ def with_size(data: bytes, size: SvgSize) -> bytes:
 
 @dataclass(eq=False)
 class _Named:
-    """An element that references may name. elements: it and those in it, but for those of `inside`, which have names of
-    their own; uses: names that their <use> refer to; paints: those that their fills, masks, markers and so on do.
+    """An element that references may name.
+
+    elements: it and those in it, except those of `inside`, which have names themselves. uses: the names in its <use>.
+    paints: the names in its fills, masks, markers and so on.
     """
 
     elements: int = 0
@@ -99,11 +119,8 @@ class _Scan:
 
     def __init__(self, source: str) -> None:
         self.source = source
-        self.elements = 0
-        self.depth = 0
-        self.within: list[str] = []
-        self.images = self.image_pixels = 0
-        self.styles = 0
+        self.elements = self.images = self.image_pixels = 0
+        self.within: list[str] = []  # names of the open elements
         self.style_text: list[str] = []
         self.root: dict[str, str] = {}
         self.named: dict[str, _Named] = {}
@@ -116,24 +133,27 @@ class _Scan:
                 raise InputError(f"{self.source}: is XML but no SVG (it begins with <{local}>); give an SVG file")
             self.root = attributes
         self.elements += 1
-        self.depth += 1
-        if self.elements > MAX_ELEMENTS or self.depth > MAX_DEPTH:
+        if self.elements > MAX_ELEMENTS or len(self.within) >= MAX_DEPTH:
             raise InputError(f"{self.source}: has more than {MAX_ELEMENTS} elements or {MAX_DEPTH} levels; simplify it")
         if local in _PICTURES or (local == "image" and not self._is_embedded(attributes)):
             raise InputError(f"{self.source}: holds a <{local}> element, which is not drawn here; remove it first")
         self.within.append(local)
-        self.styles += local == "style"
-        self._check_attributes(local, attributes)
-        self.open.append(self._holder(attributes.get("id")))
-        self.open[-1].elements += 1
+        self._open(attributes.get("id"))
         for key, value in attributes.items():
-            if local == "use" and key.rpartition(":")[2] == "href":
-                self.open[-1].uses.append(value.strip().removeprefix("#"))
-            elif "url(" in value:
-                self.open[-1].paints += _INSIDE.findall(value)
+            self._check_attribute(local, key, value)
+
+    def _open(self, name: str | None) -> None:
+        """Count an element: by itself if it has a new name, else with the nearest named element around it."""
+        holder = self.open[-1]
+        if name is not None and name not in self.named:
+            self.named[name] = _Named()
+            holder.inside.append(self.named[name])
+            holder = self.named[name]
+        holder.elements += 1
+        self.open.append(holder)
 
     def _is_embedded(self, attributes: dict[str, str]) -> bool:
-        """Whether an <image> holds a PNG or JPEG, and lies where it is drawn once unless references draw it."""
+        """True if an <image> holds a PNG or JPEG and is, apart from references, drawn once."""
         self.images += 1
         references = [value for name, value in attributes.items() if name.rpartition(":")[2] == "href"]
         if len(references) != 1 or not _DRAWN_ONCE.issuperset(self.within):
@@ -144,18 +164,33 @@ class _Scan:
             return False
         return self.image_pixels <= MOST_PIXELS
 
+    def _check_attribute(self, element: str, name: str, value: str) -> None:
+        """Note the references of an attribute. Raises InputError for one that leaves the document, and huge radii."""
+        local = name.rpartition(":")[2]
+        if local == "href":
+            link = value.strip()
+            # A link matters only when clicked; drawing follows every other reference.
+            if element not in ("a", "image") and link and not link.startswith("#"):
+                raise self._outside(f"{element} {name}")
+            if element == "use":
+                self.open[-1].uses.append(link.removeprefix("#"))
+        if local in _ROUND and abs(absolute_length(value) or 0.0) > MAX_RADIUS:
+            raise InputError(f"{self.source}: has {local}={value!r}, too large to draw; make it smaller")
+        if "(" in value:
+            if _OUTSIDE.search(value):
+                raise self._outside(f"{element} {name}")
+            self.open[-1].paints += _INSIDE.findall(value)
+
     def end(self, name: str) -> None:
-        self.depth -= 1
         self.within.pop()
         self.open.pop()
         if name.rpartition(":")[2] == "style":
-            self.styles -= 1
             if _OUTSIDE.search("".join(self.style_text)):
                 raise self._outside("style")
             self.style_text.clear()
 
     def text(self, text: str) -> None:
-        if self.styles:
+        if "style" in self.within:
             self.style_text.append(text)
 
     def entity(self, name: str, *_: object) -> None:
@@ -165,16 +200,8 @@ class _Scan:
         if target.lower() == "xml-stylesheet":
             raise self._outside("xml-stylesheet")
 
-    def _holder(self, name: str | None) -> _Named:
-        """The counter of the element that begins: its own if its name is new, else that of the nearest named one."""
-        if name is None or name in self.named:
-            return self.open[-1]
-        self.named[name] = _Named()
-        self.open[-1].inside.append(self.named[name])
-        return self.named[name]
-
     def check_references(self) -> None:
-        """Raise InputError where references draw too many elements, or one draws itself."""
+        """Raise InputError if references draw too many elements, or an element itself."""
         if self.images and any(named.uses for named in (self.open[0], *self.named.values())):
             raise InputError(f"{self.source}: holds an <image> element and <use>, which may draw it often; remove one")
         for following_all, most in ((False, MAX_USED), (True, MAX_ELEMENTS)):
@@ -182,7 +209,7 @@ class _Scan:
                 raise InputError(f"{self.source}: draws more than {most} elements by references; simplify it")
 
     def _drawn(self, named: _Named, counts: dict[int, int], following_all: bool, depth: int) -> int:
-        """The number of elements drawn for one and its content; `counts` holds the results so far."""
+        """Return the number of elements drawn for one and its content; `counts` holds the results so far."""
         if depth > MAX_DEPTH:
             raise InputError(f"{self.source}: has references to themselves, or {MAX_DEPTH} in one another; simplify it")
         if id(named) not in counts:
@@ -193,41 +220,7 @@ class _Scan:
             )
         return counts[id(named)]
 
-    def _check_attributes(self, element: str, attributes: dict[str, str]) -> None:
-        for name, value in attributes.items():
-            local = name.rpartition(":")[2]
-            # Links only matter when clicked; every other reference is followed while drawing.
-            if (
-                local == "href"
-                and element not in ("a", "image")
-                and value.strip()
-                and not value.strip().startswith("#")
-            ):
-                raise self._outside(f"{element} {name}")
-            if local in _ROUND and abs(absolute_length(value) or 0.0) > MAX_RADIUS:
-                raise InputError(f"{self.source}: has {local}={value!r}, too large to draw; make it smaller")
-            if "(" in value and _OUTSIDE.search(value):
-                raise self._outside(f"{element} {name}")
-
     def _outside(self, where: str) -> InputError:
         return InputError(
             f"{self.source}: refers to something outside the file ({where}), never fetched here; remove it"
         )
-
-    def size(self, otherwise: SvgSize | None) -> SvgSize:
-        """From width and height, else from the viewBox; InputError when neither says it, and nobody else does."""
-        width, height = _pixels(self.root.get("width")), _pixels(self.root.get("height"))
-        if width is None or height is None:
-            box = [_pixels(part) for part in re.split(r"[\s,]+", self.root.get("viewBox", "").strip())]
-            if len(box) == 4 and box[2] and box[3]:
-                width, height = box[2], box[3]
-        if width and height and width > 0 and height > 0:
-            return SvgSize(width, height)
-        if otherwise is None:
-            raise InputError(f"{self.source}: says no size; give it a width and height, or a viewBox")
-        return otherwise
-
-
-def _pixels(text: str | None) -> float | None:
-    value = absolute_length(text)
-    return value if value is not None and math.isfinite(value) else None

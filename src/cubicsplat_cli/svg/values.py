@@ -1,6 +1,4 @@
-"""Numbers, lengths, colours, transforms and embedded pictures as the attributes of an SVG say them: the one grammar of
-each.
-"""
+"""The grammars of numbers, lengths, colours, transforms and embedded pictures in the attributes of an SVG."""
 
 from __future__ import annotations
 
@@ -13,29 +11,27 @@ import warnings
 
 import numpy as np
 
-# No two ways to match the same digits, so that a hostile number takes no longer than its length.
+# There is one way to match any digits, so the time for a hostile number grows linearly with its length.
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 NUMBERS = re.compile(NUMBER)
 _LENGTH = re.compile(rf"\s*({NUMBER})\s*(px|in|cm|mm|Q|pt|pc|em|ex|%)?\s*")
-_ABSOLUTE = ("px", "in", "cm", "mm", "Q", "pt", "pc")
-# px in a unit: CSS has 96 of them to the inch, and text of 16 px.
+# px per unit: CSS has 96 px per inch; em and ex are those of text of 16 px.
 _UNITS = {
     "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "Q": 24 / 25.4, "pt": 96 / 72, "pc": 16.0, "em": 16.0,
     "ex": 8.0,
 }  # fmt: skip
 _HEX = re.compile(r"#([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
 _TRANSFORM = re.compile(r"(matrix|translate|scale|rotate|skewX|skewY)\s*\(([^()]*)\)")
-_BETWEEN = re.compile(r"[\s,]*")
 _COUNTS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
 MOST_PIXELS = 2**26  # of one picture
-# Of its two forms a renderer may take the second for an SVG where it holds this.
+# A renderer may mistake a JPEG that holds the last of these for an SVG.
 _PNG, _JPEG, _NO_JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"<svg"
 _URI = re.compile(r"data:image/(png|jpeg);base64,([A-Za-z0-9+/]+={0,2})")
 Rgba = tuple[float, float, float, float]  # sRGB and opacity, each in [0, 1]
 
 
 def parse_number(text: str) -> float:
-    """A finite number without a unit. Raises ValueError for anything else."""
+    """Return a finite number without a unit. Raises ValueError for anything else."""
     value = float(text) if NUMBERS.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise ValueError(f"has {text!r} where a number belongs")
@@ -43,7 +39,7 @@ def parse_number(text: str) -> float:
 
 
 def parse_length(text: str, whole: float) -> float:
-    """A length in px; a percentage is one of `whole`. Raises ValueError for anything else."""
+    """Return a length in px; percentages refer to `whole`. Raises ValueError for anything else."""
     match = _LENGTH.fullmatch(text)
     if match is None or not math.isfinite(float(match[1])):
         raise ValueError(f"{text!r} is no length")
@@ -51,20 +47,20 @@ def parse_length(text: str, whole: float) -> float:
 
 
 def absolute_length(text: str | None) -> float | None:
-    """A length in px that depends on nothing around it; None for any other text. It may be infinite."""
-    match = _LENGTH.fullmatch(text) if text is not None else None
-    if match is None or (match[2] or "px") not in _ABSOLUTE:
+    """Return a length in px that depends on nothing around it, perhaps infinite; None for any other text."""
+    match = _LENGTH.fullmatch(text or "")
+    if match is None or match[2] in ("em", "ex", "%"):
         return None
     return float(match[1]) * _UNITS[match[2] or "px"]
 
 
 def share(text: str) -> float:
-    """A number or a percentage, clipped to [0, 1]. Raises ValueError for anything else."""
+    """Return a number or a percentage, clipped to [0, 1]. Raises ValueError for anything else."""
     return min(1.0, max(0.0, parse_length(text, 1.0)))
 
 
 def hex_colour(text: str) -> tuple[int, int, int]:
-    """sRGB, 8 bits each, of #rgb or #rrggbb. Raises ValueError for anything else."""
+    """Return the 8-bit sRGB channels of #rgb or #rrggbb. Raises ValueError for anything else."""
     match = _HEX.fullmatch(text)
     if match is None:
         raise ValueError(f"has the colour {text!r}, not #rgb or #rrggbb")
@@ -73,17 +69,20 @@ def hex_colour(text: str) -> tuple[int, int, int]:
 
 
 def unit_colour(levels: tuple[float, ...] | None) -> tuple[float, float, float] | None:
-    """sRGB in [0, 1] of 8-bit levels, whose opacity is left out; None for none."""
+    """Return sRGB in [0, 1] from 8-bit levels, without their opacity; None for None."""
     return None if levels is None else (levels[0] / 255, levels[1] / 255, levels[2] / 255)
 
 
 def levels_of(colour: tuple[float, float, float] | None) -> tuple[int, int, int] | None:
-    """8-bit levels of sRGB in [0, 1]; None for none."""
+    """Return the 8-bit levels of sRGB in [0, 1]; None for None."""
     return None if colour is None else (round(255.0 * colour[0]), round(255.0 * colour[1]), round(255.0 * colour[2]))
 
 
 def colour(text: str, current: str) -> Rgba | None:
-    """Any colour of CSS; None for no paint. current: the value of `color`. Raises ValueError for anything else."""
+    """Return the colour of a CSS text, None for no paint. current: the value of `color`.
+
+    Raises ValueError for anything else.
+    """
     from PIL import ImageColor
 
     lowered = text.strip().lower()
@@ -104,14 +103,14 @@ def colour(text: str, current: str) -> Rgba | None:
 
 
 def is_transform(text: str) -> bool:
-    """Whether a `transform` holds transforms of SVG 1.1 and nothing else."""
-    return all(_BETWEEN.fullmatch(rest) for rest in _TRANSFORM.sub("\0", text).split("\0"))
+    """Return whether a `transform` holds nothing but transforms of SVG 1.1."""
+    return not _TRANSFORM.sub("", text).replace(",", "").strip()
 
 
 def transform_matrix(text: str) -> np.ndarray:
-    """(3, 3) of the transforms in a `transform` (SVG 1.1, section 7.6); what is none of them is skipped.
+    """Return the product (3, 3) of the transforms in a `transform`; other text is skipped.
 
-    Raises ValueError where the numbers of one cannot be read.
+    Source: SVG 1.1, section 7.6. Raises ValueError for numbers that cannot be read, and for too few or too many.
     """
     total = np.eye(3)
     for name, inside in _TRANSFORM.findall(text):
@@ -123,7 +122,7 @@ def transform_matrix(text: str) -> np.ndarray:
 
 
 def translation(x: float, y: float) -> np.ndarray:
-    """(3, 3) that moves by (x, y)."""
+    """Return the matrix (3, 3) that moves by (x, y)."""
     return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
 
@@ -145,14 +144,15 @@ def _matrix(name: str, n: list[float]) -> np.ndarray:
 
 
 def uri_of(data: bytes) -> str:
-    """The data URI of a PNG or JPEG file."""
+    """Return the data URI of a PNG or JPEG file."""
     kind = "png" if data.startswith(_PNG) else "jpeg"
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def picture_in(uri: str) -> tuple[bytes, int]:
-    """The file that a data URI holds, and the pixels that it says it has. Raises ValueError for anything but a PNG or
-    JPEG of at most MOST_PIXELS.
+    """Return the file in a data URI, and the number of pixels in its header.
+
+    Raises ValueError for anything but a PNG or JPEG of at most MOST_PIXELS.
     """
     from PIL import Image
 
