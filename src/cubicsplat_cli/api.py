@@ -6,16 +6,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cubicsplat_cli.clip_request import ClipRequest
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.load import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
+from cubicsplat_cli.from_options import check_library_names, clip_request_of, request_of
 from cubicsplat_cli.metrics import Quality
-from cubicsplat_cli.options import renamed, settings_of, unknown_setting
 from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.progress import Progress, StageTimer
-from cubicsplat_cli.request import names_for_library, request_of
+from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
     from cubicsplat_cli.pipeline.animation import Animation
@@ -42,10 +43,7 @@ def vectorize(
 
     Raises InputError for what is no picture, UsageError for senseless options, EngineError where no engine runs.
     """
-    names = names_for_library()
-    for name in renamed(options):
-        if name not in names:
-            raise unknown_setting(name, {"title", "on_progress", *names})
+    check_library_names(Request, options)
     request = request_of(options)
     return vectorize_picture(
         as_picture(picture, max_size=request.max_size), request, title=title, on_progress=on_progress
@@ -70,15 +68,11 @@ def animate(
 
     Raises InputError for what is no clip, UsageError for senseless options, EngineError where no engine runs.
     """
-    from cubicsplat_cli.clip_request import FIT_SETTINGS, ClipRequest, clip_request_of
     from cubicsplat_cli.files.clips import FOLDER_FPS, clip_of_pictures, open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
     from cubicsplat_cli.pipeline.animation import ClipTask
 
-    names = {*FIT_SETTINGS, *(each.name for each, spec in settings_of(ClipRequest) if spec.decides)} - {"format"}
-    for name in options:
-        if name not in names:
-            raise unknown_setting(name, {"title", "on_progress", *names})
+    check_library_names(ClipRequest, options)
     request, timer = clip_request_of(options), StageTimer()
     with timer("read"):
         if isinstance(clip, (str, Path)):

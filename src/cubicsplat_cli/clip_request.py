@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.metrics import Figures, Input
-from cubicsplat_cli.options import parse_bytes, setting, settings_of
+from cubicsplat_cli.options import check_settings, parse_bytes, setting, settings_of
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings
 
 STYLES = AUTO, PHOTO, ARTWORK = "auto", "photo", "artwork"
@@ -50,8 +49,7 @@ class ClipRequest:
     force: bool = setting(False, "flag", "Replace files of other programs.", decides=False)
 
     def __post_init__(self) -> None:
-        for each, spec in settings_of(ClipRequest):
-            spec.check(each.name, getattr(self, each.name))
+        check_settings(self)
         if self.style == ARTWORK and self.max_bytes is not None:
             raise UsageError("is for curves, not for artwork; leave it out, or use style photo", "max_bytes")
         if self.style == ARTWORK and self.format == LOTTIE:
@@ -71,18 +69,6 @@ class ClipRequest:
     def digest(self) -> str:
         """The settings hash that the file carries."""
         return settings_hash(self.deciding())
-
-
-def clip_request_of(options: Mapping[str, Any]) -> ClipRequest:
-    """The request for options by name, of the command or of the library; None means the default.
-
-    Raises UsageError for values that make no sense.
-    """
-    given = {name: value for name, value in options.items() if value is not None}
-    fit = {name: given.pop(name) for name in FIT_SETTINGS if name in given}
-    if "max_bytes" in given:
-        given["max_bytes"] = parse_bytes(given["max_bytes"])
-    return ClipRequest(FitSettings.from_preset(**fit), **given)
 
 
 @dataclass(frozen=True)

@@ -116,6 +116,12 @@ def settings_of(owner: type[Any]) -> Iterator[tuple[Field[Any], Setting]]:
             yield each, each.metadata["setting"]
 
 
+def check_settings(owner: Any) -> None:
+    """Raise UsageError, naming the setting, where a setting of a dataclass has a value that makes no sense."""
+    for each, spec in settings_of(type(owner)):
+        spec.check(each.name, getattr(owner, each.name))
+
+
 def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
     """The values under the present names of their settings."""
     return {RENAMED.get(name, name): value for name, value in values.items()}
@@ -202,11 +208,12 @@ def length_text(number: float, unit: str) -> str:
     return short + ("" if unit == "px" else unit)
 
 
-KEEP, REMOVE = "keep", "remove"
-# Shapes in groups: not at all, those of one colour, or a shape with what lies on it.
-GROUPINGS = NONE, COLOR, OBJECT = "none", "color", "object"
-NO_SHADING = "none"
-PHOTO_PARTS = CURVES, IMAGE, NO_PHOTO_PARTS = "curves", "image", "none"
+KEEP, REMOVE, NONE = "keep", "remove", "none"
+# The shapes of a group: those of one colour, or a shape and the shapes on top of it.
+COLOR, OBJECT = "color", "object"
+GROUPINGS = NONE, COLOR, OBJECT
+CURVES, IMAGE = "curves", "image"  # what photos within a drawing become
+PHOTO_PARTS = CURVES, IMAGE, NONE
 
 
 def parse_ground(given: str) -> str:

@@ -17,6 +17,7 @@ from cubicsplat_cli.options import (
     LOSSES,
     PHOTOS,
     Setting,
+    check_settings,
     listed,
     loss_text,
     parse_background,
@@ -119,8 +120,7 @@ class Recipe:
     soft_edge: float = _number(2.7, "Width of soft edges at the start, in px.")
 
     def __post_init__(self) -> None:
-        for each, spec in settings_of(Recipe):
-            spec.check(each.name, getattr(self, each.name))
+        check_settings(self)
 
     def unit(self, width: int, height: int, curves: int) -> float:
         """The length unit in px."""
@@ -228,9 +228,7 @@ class FitSettings:
         self._set("loss", loss_text(parse_loss(self.loss)))
         given = self.background
         self._set("background", parse_background(base.get("background", "auto") if given is None else given))
-        for each, spec in settings_of(FitSettings):
-            if each.name != "mode":
-                spec.check(each.name, getattr(self, each.name))
+        check_settings(self)
         if self.shapes != ANY and (self.mode is Mode.OPEN or self.fill != "flat"):
             other = "--mode open" if self.mode is Mode.OPEN else f"--fill {self.fill}"
             raise UsageError(f"are filled with one colour each; leave out {other}", "shapes")

@@ -19,12 +19,12 @@ from cubicsplat_cli.clip_request import (
     SMIL,
     ClipReport,
     ClipRequest,
-    clip_request_of,
 )
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
 from cubicsplat_cli.files.paths import check_outputs, is_folder, make_folder_of, same_file
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
+from cubicsplat_cli.from_options import clip_request_of
 from cubicsplat_cli.options import settings_of
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import FitSettings

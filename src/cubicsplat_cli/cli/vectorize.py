@@ -14,9 +14,9 @@ from cubicsplat_cli.cli.options import Pictures, Quiet, Verbose, chosen, print_n
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import parse_formats
 from cubicsplat_cli.files.paths import format_of
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.jobs.plan import plan, with_masks
 from cubicsplat_cli.options import BOTH, COMMON, FILES, Setting
-from cubicsplat_cli.request import request_of
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
