@@ -67,11 +67,20 @@ class Outputs:
         exports = {format_of(path): path for path in self.exports}
         return exports[kind] if kind in exports else getattr(self, kind)
 
-    def with_exports(self, formats: tuple[str, ...]) -> Outputs:
-        """The same with the SVG in more formats of other programs, beside it."""
+    def with_others(self, formats: tuple[str, ...], folder: Path | None, *, page: bool) -> Outputs:
+        """Return the same with the files that are made of the SVG: beside it more formats of other programs and a page,
+        in a folder, if there is one, the layers. Without an SVG on the disk there are none.
+        """
+        if self.svg is None:
+            return self
         have = {format_of(path) for path in self.exports}
-        more = [self.svg.with_suffix(f".{form}") for form in formats if self.svg and form not in have]
-        return replace(self, exports=(*self.exports, *more))
+        more = [self.svg.with_suffix(f".{form}") for form in formats if form not in have]
+        return replace(
+            self,
+            exports=(*self.exports, *more),
+            layers=None if folder is None else folder / self.svg.stem,
+            html_report=self.svg.with_suffix(PAGE) if page else None,
+        )
 
     def existing_layers(self) -> list[Path]:
         """Files that are there and have the name of a layer of this picture, in order."""
