@@ -52,23 +52,6 @@ class Subject:
     notes: tuple[str, ...] = ()
 
 
-def subject_of(picture: Picture, data: bytes, svg: bytes, report: Report) -> Subject:
-    """The subject of a page about an SVG (unpacked) that was made with a report."""
-    quality = None if report.quality is None else report.quality.svg
-    name = report.output.svg
-    return Subject(
-        picture,
-        data,
-        picture.source if name is None else Path(name).name,
-        svg,
-        quality,
-        None if quality is None else quality.renderer,
-        report,
-        report.output.svg_sha256,
-        report.output.bytes,
-    )
-
-
 @record
 class Fact:
     """A figure with what it is called and what it means."""
@@ -111,6 +94,13 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         version=__version__ if report is None else report.version,
     )
     return text.encode()
+
+
+def page_of_result(picture: Picture, data: bytes, svg: bytes, report: Report, threads: int | None) -> bytes:
+    """Return the HTML file about an SVG (unpacked) and its report. data: the bytes of the picture's file."""
+    quality, output = None if report.quality is None else report.quality.svg, report.output
+    name, drawn_by = picture.source if output.svg is None else Path(output.svg).name, quality and quality.renderer
+    return page(Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes), threads)
 
 
 def _candidate_url(subject: Subject) -> str:
