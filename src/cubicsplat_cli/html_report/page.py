@@ -99,8 +99,10 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
 def page_of_result(picture: Picture, data: bytes, svg: bytes, report: Report, threads: int | None) -> bytes:
     """Return the HTML file about an SVG (unpacked) and its report. data: the bytes of the picture's file."""
     quality, output = None if report.quality is None else report.quality.svg, report.output
-    name, drawn_by = picture.source if output.svg is None else Path(output.svg).name, quality and quality.renderer
-    return page(Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes), threads)
+    name = Path(output.svg).name if output.svg else picture.source
+    drawn_by = quality.renderer if quality else None
+    subject = Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes)
+    return page(subject, threads)
 
 
 def _candidate_url(subject: Subject) -> str:
