@@ -165,7 +165,7 @@ def _memory_text(figures: dict[str, float | None]) -> str:
 
 
 def synthetic_picture(width: int, height: int) -> np.ndarray:
-    """Return (H, W, 3) float32 in [0, 1]: a smooth gradient, discs and bars with sharp edges, a band of fine texture."""
+    """Return (H, W, 3) float32 in [0, 1]: a smooth gradient, sharp discs and bars, a band of fine texture."""
     y, x = np.mgrid[0:height, 0:width].astype(np.float64)
     u, v = (x + 0.5) / width, (y + 0.5) / height
     picture = np.stack([0.35 + 0.45 * v, 0.55 - 0.25 * u * v, 0.75 - 0.5 * v + 0.1 * np.sin(5.0 * u)], axis=-1)

@@ -201,7 +201,7 @@ def _describe(exitcode: int | None) -> str:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Within, block Ctrl-C, which reaches every process of a terminal: in new processes for good, here for the block."""
+    """Within, block Ctrl-C, which reaches every process of a terminal; processes started here never get it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
