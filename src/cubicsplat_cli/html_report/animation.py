@@ -7,7 +7,6 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -109,12 +108,12 @@ def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: st
 def _facts(report: ClipReport) -> list[Fact]:
     quality, output, clip = report.quality, report.output, report.input
     worst = "" if quality.worst_psnr_db is None else f"worst frame {quality.worst_psnr_db:.2f} dB"
-    level: Any = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.2f} dB"
+    level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.2f} dB"
     return [
-        Fact("PSNR", level, worst),
-        Fact("curves", f"{output.curves:,}", counted(output.groups, "group") + f" of frames, {output.knots:,} knots"),
-        Fact("file", file_size(output.bytes), f"{file_size(output.compressed_bytes)} compressed"),
-        Fact("a second", file_size(round(output.compressed_bytes / clip.seconds)), "compressed"),
-        Fact("clip", f"{clip.seconds:.2f} s", f"{counted(clip.frames, 'frame')}, {clip.width} \u00d7 {clip.height} px"),
-        Fact("time", duration(report.timing["total_s"]), f"{report.timing['frame_s']:.2f} s a frame"),
+        ("PSNR", level, worst),
+        ("curves", f"{output.curves:,}", counted(output.groups, "group") + f" of frames, {output.knots:,} knots"),
+        ("file", file_size(output.bytes), f"{file_size(output.compressed_bytes)} compressed"),
+        ("a second", file_size(round(output.compressed_bytes / clip.seconds)), "compressed"),
+        ("clip", f"{clip.seconds:.2f} s", f"{counted(clip.frames, 'frame')}, {clip.width} \u00d7 {clip.height} px"),
+        ("time", duration(report.timing["total_s"]), f"{report.timing['frame_s']:.2f} s a frame"),
     ]

@@ -25,6 +25,8 @@ LEFT, RIGHT, TOP, BOTTOM = 40.0, 310.0, 10.0, 112.0  # of the plotted area, in a
 _BINS = 32
 _LEAST_DB = 1e-5  # the first bar of a histogram counts all smaller values
 
+Fact = tuple[str, str, str]  # the name of a figure, the figure, and a remark or ""
+
 
 @record
 class Subject:
@@ -46,15 +48,6 @@ class Subject:
     bytes: int
     raster: Picture | None = None
     notes: tuple[str, ...] = ()
-
-
-@record
-class Fact:
-    """A figure with its name and a remark."""
-
-    name: str
-    value: str
-    about: str = ""
 
 
 def page(subject: Subject, threads: int | None = None) -> bytes:
@@ -115,24 +108,24 @@ def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
         count = own.count if report is None else report.count()
         if own.losses_db and count != len(own.losses_db):
             about.insert(0, f"in {counted(len(own.losses_db), 'element')}")
-        facts.append(Fact(f"{kind}s", f"{count:,}", ", ".join(about)))
+        facts.append((f"{kind}s", f"{count:,}", ", ".join(about)))
     if report is not None and report.shaded:
-        facts.append(Fact("shaded", counted(len(report.shaded), "object"), ", ".join(report.shaded)))
-    facts.append(Fact("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
-    facts.append(Fact("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
+        facts.append(("shaded", counted(len(report.shaded), "object"), ", ".join(report.shaded)))
+    facts.append(("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
+    facts.append(("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
     if report is not None:
         steps = f"{report.timing.steps:,} steps" if report.timing.steps else ""
-        facts.append(Fact("time", duration(report.timing.total_s), steps))
+        facts.append(("time", duration(report.timing.total_s), steps))
     return facts
 
 
 def _quality_facts(quality: Quality, drawn_by: str | None) -> list[Fact]:
     by = f"drawn by {drawn_by}" if drawn_by else "of the candidate"
     if quality.identical:
-        return [Fact("PSNR", "identical", by)]
-    facts = [] if quality.psnr_db is None else [Fact("PSNR", f"{quality.psnr_db:.2f} dB", by)]
+        return [("PSNR", "identical", by)]
+    facts = [] if quality.psnr_db is None else [("PSNR", f"{quality.psnr_db:.2f} dB", by)]
     if quality.ssim is not None:
-        facts.append(Fact("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
+        facts.append(("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
     return facts
 
 
@@ -223,22 +216,17 @@ def _option(name: str, spec: Setting, value: Any) -> list[str]:
 
 
 @record
-class Tick:
-    """A mark of an axis: its place and its label."""
-
-    at: float
-    text: str
-
-
-@record
 class Chart:
-    """A chart in units of its box: a line as SVG path data, or bars as (x, y, width, height, text)."""
+    """A chart in units of its box: a line as SVG path data, or bars as (x, y, width, height, text).
+
+    across, up: the marks of the axes, as (place, label).
+    """
 
     title: str
     about: str
     unit: str
-    across: list[Tick]
-    up: list[Tick]
+    across: list[tuple[float, str]]
+    up: list[tuple[float, str]]
     line: str = ""
     bars: tuple[tuple[float, float, float, float, str], ...] = ()
     last: str = ""
@@ -257,7 +245,7 @@ def course(title: str, about: str, seconds: Sequence[float], values: Sequence[fl
         return BOTTOM - (BOTTOM - TOP) * (value - low) / (high - low or 1.0)
 
     line = "M" + "L".join(f"{x(s):.1f} {y(v):.1f}" for s, v in zip(seconds, values, strict=True))
-    marks = [Tick(x(s), f"{s:g}") for s in across], [Tick(y(v), f"{v:g}") for v in up]
+    marks = [(x(s), f"{s:g}") for s in across], [(y(v), f"{v:g}") for v in up]
     return Chart(title, about, "seconds", *marks, line=line, last=f"{values[-1]:.{decimals}f}")
 
 
@@ -275,8 +263,8 @@ def histogram(title: str, about: str, values: Sequence[float]) -> Chart:
         if c
     )  # fmt: skip
     decades = range(first, last + 1)
-    across = [Tick(LEFT + (RIGHT - LEFT) * (d - first) / (last - first), f"{10.0**d:g}") for d in decades]
-    up = [Tick(BOTTOM - (BOTTOM - TOP) * c / most, f"{c:g}") for c in ticks(0, most, 3) if c <= most and c == int(c)]
+    across = [(LEFT + (RIGHT - LEFT) * (d - first) / (last - first), f"{10.0**d:g}") for d in decades]
+    up = [(BOTTOM - (BOTTOM - TOP) * c / most, f"{c:g}") for c in ticks(0, most, 3) if c <= most and c == int(c)]
     return Chart(title, about, "dB", across, up, bars=bars)
 
 
