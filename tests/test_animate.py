@@ -14,11 +14,12 @@ from conftest import rest_slow
 from PIL import Image, ImageDraw
 
 import cubicsplat_cli
-from cubicsplat_cli.clip_request import ClipRequest, clip_request_of
+from cubicsplat_cli.clip_request import ClipRequest
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.paths import is_ours
+from cubicsplat_cli.from_options import clip_request_of
 from cubicsplat_cli.pipeline.animation import CHANGE_S, ClipTask
 from cubicsplat_cli.progress import StageTimer
 from cubicsplat_cli.svg.moving_file import read_clip

@@ -10,10 +10,10 @@ from cli_runs import strict_json
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.options import parse_bytes
 from cubicsplat_cli.pipeline import budget
 from cubicsplat_cli.pipeline.budget import CLOSE, most_within
-from cubicsplat_cli.request import request_of
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.scene_reader import read_svg
 from cubicsplat_cli.svg.scene_writer import bytes_by_curve, write_svg

@@ -283,7 +283,7 @@ def test_options_of_earlier_versions_go_on_working(present, earlier, run_cli, mo
 
 
 def test_the_library_takes_the_same_names_and_those_of_earlier_versions():
-    from cubicsplat_cli.request import request_of
+    from cubicsplat_cli.from_options import request_of
 
     assert request_of({"thorn_reg": 0.5}) == request_of({"spike_penalty": 0.5}) != Request()
     assert request_of({"completion": "off", "detail": 2.0}).of_artwork() == ["detail", "completion"]

@@ -14,8 +14,7 @@ from conftest import smooth_pixels
 from PIL import Image
 from warm import WarmCommand
 
-from cubicsplat_cli.cli.console import Whole
-from cubicsplat_cli.cli.display import LiveDisplay
+from cubicsplat_cli.cli.console import Display, LiveDisplay
 from cubicsplat_cli.progress import Progress
 
 terminals = pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
@@ -24,7 +23,7 @@ CONTROL = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 
 def test_the_time_left_for_all_counts_what_is_half_done_and_not_what_was_done_before():
     now = [100.0]
-    whole = Whole(10, clock=lambda: now[0])
+    whole = Display(10, clock=lambda: now[0])
     for name in "abcd":
         whole.end(name)  # done by an earlier run
     assert (whole.text(), whole.left()) == ("4/10 pictures", "")
@@ -32,12 +31,12 @@ def test_the_time_left_for_all_counts_what_is_half_done_and_not_what_was_done_be
     whole.begin("f")
     assert whole.left() == "", "nobody can tell yet"
     now[0] += 10.0
-    whole.step("e", 0.75)
-    whole.step("f", 0.25)
+    whole.step(Progress(0.75, 0, 0, None, None, 0, 0.0), "e")
+    whole.step(Progress(0.25, 0, 0, None, None, 0, 0.0), "f")
     assert whole.left() == "50 s left", "one of six in 10 s"
     now[0] += 10.0
     whole.end("e")
-    whole.step("f", 1.0)
+    whole.step(Progress(1.0, 0, 0, None, None, 0, 0.0), "f")
     assert (whole.text(), whole.left()) == ("5/10 pictures", "40 s left")
     for name in "fghij":
         whole.end(name)

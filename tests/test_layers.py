@@ -11,8 +11,8 @@ from test_structure import pixels, sign
 
 import cubicsplat_cli as cubicsplat
 from cubicsplat_cli import UsageError
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.jobs.plan import plan
-from cubicsplat_cli.request import request_of
 
 
 @pytest.fixture(scope="module")

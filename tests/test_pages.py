@@ -21,11 +21,11 @@ from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.load import as_picture
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.html_report.embed import shown_elements
 from cubicsplat_cli.pipeline.pages import page_in
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import StageTimer
-from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import EmbeddedImage, LayeredScene
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing

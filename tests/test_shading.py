@@ -22,13 +22,13 @@ from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.perceptual import metric
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.formats import exported
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.pipeline.shaded import shaded_drawing, shaded_objects
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import LayeredScene, Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.drawing_reader import read_drawing

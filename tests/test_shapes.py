@@ -14,11 +14,11 @@ from conftest import smooth_pixels
 
 from cubicsplat_cli import read_svg, vectorize
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.photo.fills import Shapes
 from cubicsplat_cli.photo.loop import fit
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.shapes import nearest_shape, shape_gradient, shape_points
 from cubicsplat_cli.settings import FitSettings, Mode

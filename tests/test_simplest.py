@@ -20,10 +20,10 @@ from cubicsplat_cli.artwork.finish.simpler import apart
 from cubicsplat_cli.artwork.vectorize import versions
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import as_picture
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.pipeline.artwork import drawn_outlines, within_budget
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import StageTimer, Work, under_way
-from cubicsplat_cli.request import request_of
 from cubicsplat_cli.svg.markup import minified
 
 SHAPES = """<rect width="128" height="128" fill="#fff"/>

@@ -16,13 +16,13 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.cli.run import summary_line
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.load import as_picture
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.options import GzipBytes, parse_bytes
 from cubicsplat_cli.pipeline.tiny import TinySearch
 from cubicsplat_cli.pipeline.vectorize import dominant_colors
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.request import request_of
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.polygons import GridPolygons, grid_size, polygons_on_grid
 

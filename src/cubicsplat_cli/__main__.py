@@ -1,4 +1,4 @@
-"""The `cubicsplat` command: our errors and the parser's end as one line and an exit code, all others as a traceback."""
+"""The `cubicsplat` command: errors of ours and of the parser become one line and an exit code, others a traceback."""
 
 from __future__ import annotations
 
@@ -14,29 +14,26 @@ from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.progress import COMMAND_BEGAN
 
-# Messages quote names from files, which may be of any length.
-MAX_MESSAGE = 1000
-# Objects that are made between two searches for unreachable cycles. Imports make most objects, and these stay: to look
-# through all of them takes a twentieth of the time of a small drawing, which makes fewer than this.
-NEW_OBJECTS = 1_000_000
-# Threads of numpy's products of matrices: ours have a few columns, and idle threads take time from others.
-BLAS_THREADS = "1"
+MAX_MESSAGE = 1000  # characters: messages quote names from files, of any length
 EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
 
 
 def main() -> NoReturn:
-    """Run the command line; SystemExit carries the exit code: 0, 1, 2 or 130."""
+    """Run the command line. Raises SystemExit with the exit code: 0, 1, 2 or 130."""
     run(_command)
 
 
 def run(program: Callable[[list[str]], int | None]) -> NoReturn:
-    """Run a program with this process's arguments; raises SystemExit with its exit code, 0 for None.
+    """Run a program with this process's arguments. Raises SystemExit with its exit code, 0 for None.
 
     Our errors become one line on stderr; bugs keep their traceback.
     """
-    gc.set_threshold(NEW_OBJECTS)
-    atexit.register(gc.freeze)  # else the interpreter would look through all of them before it ends
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", BLAS_THREADS)
+    # Imports make most objects, which stay: a search for unreachable cycles among them takes a twentieth of the time of
+    # a small drawing, which makes fewer new objects than this. Without the freeze there is such a search at the end.
+    gc.set_threshold(1_000_000)
+    atexit.register(gc.freeze)
+    # Our products of matrices have a few columns: idle threads of numpy would only take time from others.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     began = COMMAND_BEGAN.set(time.perf_counter())
     try:
         _open_streams()
@@ -46,8 +43,7 @@ def run(program: Callable[[list[str]], int | None]) -> NoReturn:
 
 
 def _command(arguments: list[str]) -> int | None:
-    if arguments == ["--version"]:
-        # Scripts ask for it often: answered before the command line is built.
+    if arguments == ["--version"]:  # scripts ask often, so the command line is not built
         from cubicsplat_cli._version import __version__
 
         print(f"cubicsplat {__version__}", flush=True)
@@ -71,10 +67,8 @@ def _exit_code(program: Callable[[list[str]], int | None], arguments: list[str])
             return 1
         if isinstance(error, UnicodeError) or error.filename is not None:
             raise
-        # Printing failed: a full disk, or a reader that has gone, which is no news to whoever cut the pipe.
-        if isinstance(error, BrokenPipeError):
-            return 1
-        _say(f"standard output: cannot be written ({error.strerror or error}); free some space")
+        if not isinstance(error, BrokenPipeError):  # whose reader knows that it is gone
+            _say(f"standard output: cannot be written ({error.strerror or error}); free some space")
         return 1
     except MemoryError:
         _say("there is not enough memory for this; give a smaller picture, or ask for a smaller one")
@@ -91,7 +85,7 @@ def _exit_code(program: Callable[[list[str]], int | None], arguments: list[str])
 
 
 def _not_installed(error: OSError | UnicodeError) -> str:
-    """Why the completion of the shell could not be installed, and what to do."""
+    """Return the reason why the completion of the shell could not be installed, and a remedy."""
     if isinstance(error, UnicodeError):
         return "--install-completion: the shell's start-up file is not UTF-8; add what --show-completion prints to it"
     where = printable(str(error.filename or "a file"))
@@ -103,7 +97,7 @@ def _say(text: str) -> None:
 
 
 def _open_streams() -> None:
-    """Python has None where a stream was closed by whoever started us, and libraries fail on that in many ways."""
+    """Open the standard streams that the parent process has closed: libraries fail on Python's None for these."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             stream = open(os.devnull, mode)  # noqa: PTH123, SIM115
@@ -112,11 +106,11 @@ def _open_streams() -> None:
 
 
 def _end(code: int) -> NoReturn:
-    """Flush, and exit: where that fails, what was printed is not there, which is a failure too."""
+    """Flush and exit; a failure to flush is a failure too."""
     try:
         sys.stdout.flush()
     except OSError as error:
-        # Python flushes once more when it ends, and would complain about what is still in the buffer.
+        # Python flushes once more when it ends, and would complain about the rest of the buffer.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             _say(f"standard output: cannot be written ({error.strerror}); free some space")

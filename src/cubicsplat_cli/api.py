@@ -1,4 +1,4 @@
-"""The library as Python programs use it; docs/python.md shows how. Nothing in here prints."""
+"""The Python library, see docs/python.md. It prints nothing."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cubicsplat_cli.clip_request import ClipRequest
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.load import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
+from cubicsplat_cli.from_options import check_library_names, clip_request_of, request_of
 from cubicsplat_cli.metrics import Quality
-from cubicsplat_cli.options import renamed, settings_of, unknown_setting
 from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.progress import Progress, StageTimer
-from cubicsplat_cli.request import names_for_library, request_of
+from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
     from cubicsplat_cli.pipeline.animation import Animation
@@ -34,18 +35,14 @@ def vectorize(
     (straight alpha), or a Pillow image. title: of the SVG. on_progress: called about ten times a second; a
     KeyboardInterrupt that it raises ends the work early with the best SVG so far.
 
-    options: those of the command that decide the result (docs/cli.md), by their names with underscores, such as
-    style, curves, mode, preset, max_bytes or seed, and all names of `--set`. None means the default. Some take other
-    values than text: palette 8-bit triples, focus numbers, weights any picture of the same shape, and init an SVG's
-    bytes or an earlier result. measure: whether an independent renderer draws the SVG, for `report.quality` and
-    `pixels`.
+    options: the command's options that decide the result (docs/cli.md), with underscores, such as style, curves, mode,
+    preset, max_bytes or seed, and all names of `--set`. None means the default. Values need not be text: palette takes
+    8-bit triples, focus numbers, weights any picture of the same shape, init an SVG's bytes or an earlier result.
+    measure: True to have an independent renderer draw the SVG, for `report.quality` and `pixels`.
 
-    Raises InputError for what is no picture, UsageError for senseless options, EngineError where no engine runs.
+    Raises InputError for anything but a picture, UsageError for senseless options, EngineError if no engine runs.
     """
-    names = names_for_library()
-    for name in renamed(options):
-        if name not in names:
-            raise unknown_setting(name, {"title", "on_progress", *names})
+    check_library_names(Request, options)
     request = request_of(options)
     return vectorize_picture(
         as_picture(picture, max_size=request.max_size), request, title=title, on_progress=on_progress
@@ -61,24 +58,20 @@ def animate(
 ) -> Animation:
     """Turn a clip into curves that move, as an animated SVG.
 
-    clip: the path of a GIF, an animated PNG or WebP, a video or a folder of pictures; or pictures, each as `vectorize`
-    takes them, of which `fps` (25 by default) are shown a second. title, on_progress: as of `vectorize`; a
+    clip: the path of a GIF, an animated PNG or WebP, a video or a folder of pictures; or a sequence of pictures as
+    `vectorize` takes them, of which `fps` (25 by default) are shown a second. title, on_progress: as for `vectorize`; a
     KeyboardInterrupt that `on_progress` raises ends the work with the frames so far.
 
-    options: those of the command that decide the result (docs/cli.md), with underscores: curves, max_bytes, fps,
+    options: the command's options that decide the result (docs/cli.md), with underscores: curves, max_bytes, fps,
     frames, loop, preset, steps, time_limit, threads, seed, background, precision, max_size. None means the default.
 
-    Raises InputError for what is no clip, UsageError for senseless options, EngineError where no engine runs.
+    Raises InputError for anything but a clip, UsageError for senseless options, EngineError if no engine runs.
     """
-    from cubicsplat_cli.clip_request import FIT_SETTINGS, ClipRequest, clip_request_of
     from cubicsplat_cli.files.clips import FOLDER_FPS, clip_of_pictures, open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
     from cubicsplat_cli.pipeline.animation import ClipTask
 
-    names = {*FIT_SETTINGS, *(each.name for each, spec in settings_of(ClipRequest) if spec.decides)} - {"format"}
-    for name in options:
-        if name not in names:
-            raise unknown_setting(name, {"title", "on_progress", *names})
+    check_library_names(ClipRequest, options)
     request, timer = clip_request_of(options), StageTimer()
     with timer("read"):
         if isinstance(clip, (str, Path)):
@@ -92,9 +85,9 @@ def animate(
 def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:
     """Compare a picture or an SVG with a reference picture: PSNR and SSIM.
 
-    candidate: what `vectorize` returned, the path, bytes or text of an SVG (drawn by an independent renderer at the
-    reference's size), or any picture. Where either has transparency both are laid over black and over white, and the
-    worse figure counts. Raises InputError for what is neither, and where sizes differ.
+    candidate: a result of `vectorize`, the path, bytes or text of an SVG (drawn by an independent renderer at the
+    reference's size), or any picture. If either has transparency, both are laid over black and over white, and the
+    worse figure counts. Raises InputError for anything else, and for pictures of different sizes.
     """
     picture = as_picture(reference)
     svg = _svg_of(candidate)
@@ -105,7 +98,7 @@ def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:
 
 
 def _svg_of(candidate: PictureLike | Result) -> bytes | None:
-    """The bytes of an SVG, unpacked; None where it is no SVG."""
+    """Return the bytes of an SVG, unpacked; None for anything else."""
     if isinstance(candidate, Result):
         return candidate.svg.encode()
     if isinstance(candidate, str) and candidate.lstrip().startswith("<"):

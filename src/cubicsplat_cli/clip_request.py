@@ -1,15 +1,14 @@
-"""The request of a user for an animation of a clip, as a table of options, and its figures. Imports nothing heavy."""
+"""The request for an animation of a clip, a table of options, and the figures of the result. Imports nothing heavy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.metrics import Figures, Input
-from cubicsplat_cli.options import parse_bytes, setting, settings_of
+from cubicsplat_cli.options import check_settings, parse_bytes, setting, settings_of
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings
 
 STYLES = AUTO, PHOTO, ARTWORK = "auto", "photo", "artwork"
@@ -22,8 +21,8 @@ FIT_SETTINGS = ("curves", "preset", "steps", "time_limit", "threads", "seed", "b
 class ClipRequest:
     """The values of all options. Raises UsageError for values that make no sense.
 
-    settings: of the fit. format: None: that of the output's name, SVG with SMIL by default. loop: whether the animation
-    begins again for ever; None: as often as the clip says.
+    settings: of the fit. format: None: by the output's name, SVG with SMIL by default. loop: True to repeat the
+    animation for ever; None: as often as the clip says.
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -50,8 +49,7 @@ class ClipRequest:
     force: bool = setting(False, "flag", "Replace files of other programs.", decides=False)
 
     def __post_init__(self) -> None:
-        for each, spec in settings_of(ClipRequest):
-            spec.check(each.name, getattr(self, each.name))
+        check_settings(self)
         if self.style == ARTWORK and self.max_bytes is not None:
             raise UsageError("is for curves, not for artwork; leave it out, or use style photo", "max_bytes")
         if self.style == ARTWORK and self.format == LOTTIE:
@@ -60,34 +58,22 @@ class ClipRequest:
             raise UsageError("finds the number of curves itself; leave out --curves", "max_bytes")
 
     def plays(self, of_clip: int) -> int:
-        """The number of times the animation is shown, 0 for ever. of_clip: what the clip says."""
+        """Return the number of times that the animation is shown, 0 for ever. of_clip: the number of the clip."""
         return of_clip if self.loop is None else 0 if self.loop else 1
 
     def deciding(self) -> dict[str, Any]:
-        """Everything that decides the file, as plain values."""
+        """Return everything that decides the file, as plain values."""
         own = {each.name: getattr(self, each.name) for each, spec in settings_of(ClipRequest) if spec.decides}
         return {**self.settings.public(), **own}
 
     def digest(self) -> str:
-        """The settings hash that the file carries."""
+        """Return the settings hash that the file carries."""
         return settings_hash(self.deciding())
-
-
-def clip_request_of(options: Mapping[str, Any]) -> ClipRequest:
-    """The request for options by name, of the command or of the library; None means the default.
-
-    Raises UsageError for values that make no sense.
-    """
-    given = {name: value for name, value in options.items() if value is not None}
-    fit = {name: given.pop(name) for name in FIT_SETTINGS if name in given}
-    if "max_bytes" in given:
-        given["max_bytes"] = parse_bytes(given["max_bytes"])
-    return ClipRequest(FitSettings.from_preset(**fit), **given)
 
 
 @dataclass(frozen=True)
 class ClipInput(Input):
-    """The clip. frames, seconds: that were taken. plays: how often it says that it is to be shown, 0 for ever."""
+    """The clip. frames, seconds: of the part that was taken. plays: the times that it asks to be shown, 0 for ever."""
 
     frames: int
     seconds: float
@@ -96,10 +82,9 @@ class ClipInput(Input):
 
 @dataclass(frozen=True)
 class ClipOutput:
-    """The animation. path: of the file, or of the folder of frames; None: of none. bytes: of all its files, and gzip's.
-
-    groups: of frames without a cut between them; curves: of all groups, or shapes; knots: that are written of all that
-    changes, or changes of shapes.
+    """The animation. path: of the file, or of the folder of frames, or None. bytes, compressed_bytes: of all files, and
+    after gzip. groups: of frames without a cut between them. curves: of all groups, or shapes. knots: of all values
+    that change, or changes of shapes.
     """
 
     format: str
@@ -116,8 +101,8 @@ class ClipOutput:
 class ClipQuality:
     """Quality of the animation as it is played, drawn by our renderer from the numbers of the file.
 
-    psnr_db: mean of the frames' (None: every frame is identical); worst_psnr_db: of the worst. frames: of each the time
-    `time_s` at which it is exact, and its `psnr_db`.
+    psnr_db: mean of the frames (None: every frame is identical). worst_psnr_db: of the worst frame. frames: the
+    `psnr_db` of each frame, and the time `time_s` at which it is exact.
     """
 
     psnr_db: float | None
@@ -127,8 +112,8 @@ class ClipQuality:
 
 @dataclass(frozen=True)
 class ClipReport(Figures):
-    """The figures of an animation. style: "photo" or "artwork", and why. timing: seconds: `total_s`, `fit_s`, and
-    `frame_s` of the fit for a frame.
+    """The figures of an animation. style: "photo" or "artwork"; style_reason: why. timing: seconds: `total_s`, `fit_s`,
+    and `frame_s` of the fit for a frame.
     """
 
     input: ClipInput

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 
 class CubicSplatError(Exception):
-    """Base of every error this package raises on purpose: its text says what is wrong and what to do."""
+    """The base of all errors that this package raises on purpose; the text names the problem and a remedy."""
 
     exit_code = 1
 
 
 class InputError(CubicSplatError):
-    """A file, a picture or a scene that cannot be used as it is."""
+    """A file, a picture or a scene cannot be used as it is."""
 
 
 class EngineError(CubicSplatError):
-    """The rendering engine is missing, failed its self-test, or met a non-finite value."""
+    """The rendering engine is missing, fails its self-test, or meets a non-finite value."""
 
 
 class DeviceError(EngineError):
-    """A GPU that fails at its work, is gone, or has no room; the CPU could go on."""
+    """A GPU fails, is gone, or has no memory left; the CPU could go on."""
 
 
 class UsageError(CubicSplatError):
-    """A value that makes no sense; reported like a command line mistake.
+    """A value makes no sense; the command reports it as a mistake on the command line.
 
-    setting: the name of the setting that has it, as Python has it ("time_limit"), where it is one; the text then goes
-    on after the name ("must be ...").
+    setting: the name in Python ("time_limit") of the setting with the value, or None. The text continues after the name
+    ("must be ...").
     """
 
     exit_code = 2
@@ -39,5 +39,5 @@ class UsageError(CubicSplatError):
         return self.text if self.setting is None else f"{self.setting} {self.text}"
 
     def as_option(self) -> str:
-        """The text with the setting named as the command line has it ("--time-limit must be ...")."""
+        """Return the text with the name of the option ("--time-limit must be ...")."""
         return self.text if self.setting is None else f"--{self.setting.replace('_', '-')} {self.text}"

@@ -7,17 +7,17 @@ from typing import Any
 
 
 def printable(text: str) -> str:
-    """`text` with control characters, line ends and undecodable bytes escaped: a file name may hold any."""
+    """Return `text` with control characters, line ends and undecodable bytes escaped: a file name may hold any."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def one_line(text: object) -> str:
-    """`str(text)`, such as an error's, with its line ends and runs of spaces as single spaces."""
+    """Return `str(text)`, for example of an error, in one line with single spaces."""
     return " ".join(str(text).split())
 
 
 def did_you_mean(given: object, names: Iterable[str]) -> str:
-    """`; did you mean white?`, the nearest of the names; empty where none is near."""
+    """Return `; did you mean white?` with the most similar name, or "" if none is similar."""
     import difflib
 
     close = difflib.get_close_matches(str(given), names, 1)
@@ -25,7 +25,7 @@ def did_you_mean(given: object, names: Iterable[str]) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: `0.8 s`, `47 s`, `2 min 05 s`, `1 h 03 min`."""
+    """Return seconds as people say them: `0.8 s`, `47 s`, `2 min 05 s`, `1 h 03 min`."""
     if seconds < 9.95:
         return f"{seconds:.1f} s"
     whole = round(seconds)
@@ -37,7 +37,7 @@ def duration(seconds: float) -> str:
 
 
 def file_size(count: int) -> str:
-    """Bytes in decimal units: `612 B`, `61 kB`, `6.4 MB`."""
+    """Return bytes in decimal units: `612 B`, `61 kB`, `6.4 MB`."""
     if count < 1000:
         return f"{count} B"
     if count < 9_950:
@@ -48,26 +48,24 @@ def file_size(count: int) -> str:
 
 
 def hex_text(colour: Iterable[int]) -> str:
-    """`#rrggbb`, or `#rrggbbaa`, of channels of 8 bits."""
+    """Return `#rrggbb`, or `#rrggbbaa`, of channels of 8 bits."""
     return "#" + bytes(colour).hex()
 
 
 def counted(count: int, noun: str) -> str:
-    """`1 curve`, `2 curves`."""
+    """Return `1 curve`, `2 curves`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows with the same members as CSV with a header; None is an empty field, a float has at most six decimals."""
+    """Return rows of the same members as CSV with a header; None is an empty field, floats have up to six decimals."""
     import csv
     import io
 
     buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    if rows:
-        writer.writerow(rows[0].keys())
-    for row in rows:
-        writer.writerow(_csv_field(value) for value in row.values())
+    header = [rows[0].keys()] if rows else []
+    fields = ([_csv_field(value) for value in row.values()] for row in rows)
+    csv.writer(buffer, lineterminator="\n").writerows([*header, *fields])
     return buffer.getvalue()
 
 
@@ -80,7 +78,7 @@ def _csv_field(value: Any) -> Any:
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], *, markdown: bool = False) -> str:
-    """Cells as lines of equally wide columns, the first to the left and the others to the right; ends in a newline."""
+    """Return cells as lines of columns, the first one left-aligned, the others right-aligned."""
     cells = [[cell.replace("|", "\\|") if markdown else cell for cell in row] for row in (header, *rows)]
     widths = [max(len(row[column]) for row in cells) for column in range(len(header))]
     lines = [
@@ -94,18 +92,18 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], *, markdown
 
 
 def titled(title: str, table: str, *, markdown: bool = False) -> str:
-    """A table below its title."""
+    """Return a table below its title."""
     return f"### {title}\n\n{table}" if markdown else f"{title}\n{table}"
 
 
 def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
-    """A figure with so many decimals, or a dash where there is none."""
+    """Return a figure with so many decimals; a dash for None."""
     if value is None:
         return "-"
     return f"{value:{'+' if sign else ''}.{decimals}f}"
 
 
 def mean(values: Iterable[float | None]) -> float | None:
-    """Mean of the values that there are; None where there is none."""
+    """Return the mean of the values that are not None; None if there are none."""
     numbers = [value for value in values if value is not None]
     return sum(numbers) / len(numbers) if numbers else None

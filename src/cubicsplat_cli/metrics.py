@@ -1,7 +1,5 @@
-"""The metrics JSON, schema 1: what `OUT.json` and `--json` hold, as typed values. Described in docs/metrics-json.md;
-`metrics.schema.json` beside this file is the same as a JSON Schema.
-
-Imports nothing heavy: the command looks into reports before it knows whether there is anything to do.
+"""The metrics JSON, schema 1, of `OUT.json` and `--json`, as typed values; see docs/metrics-json.md and, beside this
+file, `metrics.schema.json`. Imports nothing heavy: the command reads reports before it knows whether there is work.
 """
 
 from __future__ import annotations
@@ -23,8 +21,8 @@ USUAL = ("psnr", "ssim")
 
 @dataclass(frozen=True)
 class Metric:
-    """label: of the figure in text. member: its name in the JSON. decimals: in text; the JSON has one more. worse:
-    which of two figures is worse.
+    """A metric. label: in text. member: its name in the JSON. decimals: in text; the JSON has one more. worse: chooses
+    the worse one of several figures.
     """
 
     label: str
@@ -40,7 +38,7 @@ FURTHER = {
     "de00": Metric("dE00", "de00", 3, max),
 }
 NAMES = (*USUAL, *FURTHER)
-# Decimals of the measured figures; more would only suggest a precision that no metric has.
+# Decimals of the measured figures: no metric has a higher precision.
 DECIMALS = {metric.member: metric.decimals + 1 for metric in FURTHER.values()} | {
     "psnr_db": 4, "weighted_psnr_db": 4, "worst_psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4,
     "ms_per_step": 4,
@@ -51,7 +49,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Input:
-    """The input picture. path: as the user named it. alpha: whether any pixel is not opaque."""
+    """The input picture. path: as the user named it. alpha: True if any pixel is not opaque."""
 
     path: str
     sha256: str
@@ -62,10 +60,10 @@ class Input:
 
 @dataclass(frozen=True)
 class Output:
-    """The written files. svg, png: paths (None: not written, or standard output). bytes, paths: of the SVG;
-    paths are the elements that it draws: a photo's curves, and of a drawing those that its shapes are in. The
-    hashes are of the files as written; by them a later run knows whether they are complete. compressed_bytes: of the
-    SVG through gzip, where the bytes that it may have are counted so.
+    """The written files. svg, png: paths (None: not written, or standard output). bytes, paths: of the SVG; paths are
+    its drawn elements: a photo's curves, or the elements of a drawing's shapes. The hashes are of the files as written;
+    they tell a later run whether the files are complete. compressed_bytes: of the SVG after gzip, if a limit counts
+    them.
     """
 
     paths: int
@@ -79,7 +77,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Timing:
-    """Wall-clock seconds of everything and of its stages (None: there was none), steps of the fit, milliseconds of one.
+    """Wall-clock seconds in all and of the stages (None: no such stage), steps of the fit, and milliseconds of a step.
 
     read: the picture; write: the SVG; draw: the SVG, by an independent renderer; measure: PSNR and SSIM.
     """
@@ -98,9 +96,8 @@ class Timing:
 class Quality:
     """Similarity of a picture to its reference.
 
-    psnr_db: peak signal-to-noise ratio in dB, None when the pictures are identical. ssim: mean structural
-    similarity in [-1, 1], None when the picture is too small for the window (`ssim_note` says so). identical:
-    no pixel differs.
+    psnr_db: peak signal-to-noise ratio in dB, None if the pictures are identical. ssim: mean structural similarity in
+    [-1, 1], None, with an `ssim_note`, if the picture is too small for the window. identical: no pixel differs.
     """
 
     psnr_db: float | None
@@ -111,7 +108,7 @@ class Quality:
 
 @dataclass(frozen=True)
 class FileQuality(Quality):
-    """Quality of the SVG file. renderer: name and version of what drew it."""
+    """Quality of the SVG file. renderer: name and version."""
 
     renderer: str = ""
 
@@ -125,9 +122,9 @@ class OwnQuality(Quality):
 
 @dataclass(frozen=True)
 class Qualities:
-    """agreement_db: PSNR between the two pictures (None: no value differs). gap_db: how much better the engine's is.
-
-    weighted_psnr_db: of the SVG, its pixels weighted as they were in the fit (None: they were not).
+    """Quality of the SVG and of the engine's picture. agreement_db: PSNR between the two (None: no value differs).
+    gap_db: PSNR of the engine's picture above that of the SVG. weighted_psnr_db: of the SVG with the weights of the
+    fit's pixels (None: the fit had none).
     """
 
     svg: FileQuality
@@ -139,18 +136,18 @@ class Qualities:
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """Base of the reports, with what every JSON of ours begins with."""
+    """The base of the reports: the first members of every JSON of ours."""
 
     schema: int = SCHEMA
     program: str = PROGRAM
     version: str = __version__
 
     def public(self) -> dict[str, Any]:
-        """Plain JSON values in the order of the documentation, figures cut to their decimals."""
+        """Return plain JSON values in the order of the documentation, figures cut to their decimals."""
         return plain(self)
 
     def to_json(self) -> str:
-        """Strictly valid JSON, ending with a newline."""
+        """Return strictly valid JSON, ending with a newline."""
         return to_json(self.public())
 
 
@@ -158,12 +155,12 @@ class Figures:
 class Report(Figures):
     """The figures of one vectorised picture.
 
-    style: "photo", "artwork" or "pixel", and why. shapes, segments, primitives, gradients, strokes, inks (#rrggbbaa):
-    of artwork and pixel art, else None. shaded: names of the shapes with shading or a photo. colors: the picture's
-    dominant ones, as `hex` with their `share` of its pixels. settings: all that decides the result; settings_hash: the
-    hash of those that do. quality: None where it was not measured. replaced, dropped: curves seeded anew during the
-    fit, and left out at its end (None: not known). history: step, psnr_db (own picture), seconds, replaced, and
-    gini of the curves' importances once they were looked at.
+    style: "photo", "artwork" or "pixel"; style_reason: why. shapes, segments, primitives, gradients, strokes, inks
+    (#rrggbbaa): of artwork and pixel art, else None. shaded: names of the shapes with shading or a photo. colors: the
+    picture's dominant ones, as `hex` with their `share` of its pixels. settings: of the result, with the device and
+    threads, which `settings_hash` leaves out. quality: None if it was not measured. replaced, dropped: curves seeded
+    anew during the fit, and left out at its end (None: unknown). history: step, psnr_db (own picture), seconds,
+    replaced, and gini of the curves' importances once they are computed.
     """
 
     input: Input
@@ -190,12 +187,12 @@ class Report(Figures):
     history: list[dict[str, float]] = field(default_factory=list)
 
     def count(self) -> int:
-        """Number of curves of a photo, or of shapes of a drawing."""
+        """Return the number of curves of a photo, or of shapes of a drawing."""
         return self.output.paths if self.shapes is None else self.shapes
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Report:
-        """A report read back. Raises ValueError for anything else."""
+        """Read a report. Raises ValueError for any other text."""
         value = json.loads(text)
         if not isinstance(value, dict) or (value.get("schema"), value.get("program")) != (SCHEMA, PROGRAM):
             raise ValueError(f"not a report of {PROGRAM} with schema {SCHEMA}")
@@ -203,21 +200,20 @@ class Report(Figures):
 
 
 def head() -> dict[str, Any]:
-    """The first members of every JSON of ours."""
+    """Return the first members of every JSON of ours."""
     return vars(Figures())
 
 
 def gap_db(svg: Quality, surrogate: Quality) -> float | None:
-    """PSNR of the own picture minus PSNR of the SVG, dB; None when either is identical to the reference."""
+    """Return the PSNR of the own picture minus that of the SVG, dB; None if either is identical to the reference."""
     if svg.psnr_db is None or surrogate.psnr_db is None:
         return None
     return surrogate.psnr_db - svg.psnr_db
 
 
 def plain(value: Any, name: str = "") -> Any:
-    """`value` with plain containers, figures cut to their decimals, and None for floats that JSON has no number for.
-
-    A note that there is none of (`ssim_note`) is left out.
+    """Return a value with plain containers, figures cut to their decimals, None for infinite and undefined floats, and
+    no `ssim_note` that is None. name: of the value as a member, which decides its decimals.
     """
     if is_dataclass(value) and not isinstance(value, type):
         value = {f.name: getattr(value, f.name) for f in fields(value)}
@@ -235,16 +231,16 @@ def plain(value: Any, name: str = "") -> Any:
 
 
 def to_json(value: Any) -> str:
-    """Strictly valid JSON text, ending with a newline; numbers that are not finite become null."""
+    """Return strictly valid JSON text, ending with a newline; numbers that are not finite become null."""
     return json.dumps(plain(value), indent=2, allow_nan=False, ensure_ascii=True) + "\n"
 
 
 def _built(kind: type[T], value: Any) -> T:
-    """A dataclass from plain JSON values; ValueError where a member is missing or of another type."""
+    """Return a dataclass from plain JSON values. Raises ValueError if a member is missing or of another type."""
     if not isinstance(value, dict):
         raise ValueError(f"{kind.__name__} must be an object, not {type(value).__name__}")
     hints = get_type_hints(kind)
-    # Members that a newer version adds are no reason to refuse the rest.
+    # Members of newer versions are ignored.
     members = {name: _typed(hint, value[name], name) for name, hint in hints.items() if name in value}
     try:
         return kind(**members)
@@ -266,7 +262,7 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
 
 
 def chosen_metrics(text: str) -> tuple[str, ...]:
-    """The metrics of a list with commas, each once. Raises UsageError for a name that is none, or for no name."""
+    """Return the metrics of a list with commas, each once. Raises UsageError for an unknown name, or none."""
     names = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
     if not names or not set(names) <= set(NAMES):
         raise UsageError(f"must be of {', '.join(NAMES)}, with commas between them, not {text!r}", "metrics")
@@ -274,7 +270,7 @@ def chosen_metrics(text: str) -> tuple[str, ...]:
 
 
 def figures_text(figures: Mapping[str, float | None]) -> Iterator[str]:
-    """`LPIPS 0.1234`, `MS-SSIM n/a`, ..."""
+    """Yield `LPIPS 0.1234`, `MS-SSIM n/a`, and so on, for the further metrics among the figures."""
     for metric in FURTHER.values():
         if metric.member in figures:
             value = figures[metric.member]

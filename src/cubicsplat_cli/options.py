@@ -1,4 +1,4 @@
-"""Description of options, and parsers of their values: amounts of bytes, rectangles, losses, colours.
+"""Descriptions of options, and parsers of their values: amounts of bytes, rectangles, losses, colours.
 
 Imports nothing heavy, since the command line is built from it.
 """
@@ -16,13 +16,12 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import did_you_mean, hex_text
 
 Kind = Literal["count", "number", "choice", "flag", "text"]
-# The groups of the help, in its order. An option of the photos' or drawings' group implies that style.
+# The groups of the help, in its order. An option of PHOTOS or DRAWINGS implies that style.
 COMMON, BOTH, FILES = "Most used", "Photos and drawings", "Files"
 PHOTOS, DRAWINGS = "Photos (imply --style photo)", "Drawings (imply --style artwork)"
 STRUCTURE = "Structure"
 GROUPS = (COMMON, BOTH, PHOTOS, DRAWINGS, STRUCTURE, FILES)
-TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
-# Settings that had another name, by that.
+# Present names of settings by their earlier names.
 RENAMED = {"thorn_reg": "spike_penalty", "geometric_reg": "crossing_penalty"}
 
 
@@ -30,14 +29,14 @@ RENAMED = {"thorn_reg": "spike_penalty", "geometric_reg": "crossing_penalty"}
 class Setting:
     """Description of a field that is an option, and the limits of its values.
 
-    kind: a whole number or a number in [least, most], one of `choices`, a yes or no, or a text. metavar: what the help
-    calls the value. optional: the value may be None. auto: it may be the word "auto". group: of the help. of_drawings:
-    in a group of both styles, it implies the style artwork as those of DRAWINGS do.
+    kind: a whole number or a number in [least, most], one of `choices`, a yes or no, or a text. metavar: the name of
+    the value in the help. optional: the value may be None. auto: it may be the word "auto". group: of the help.
+    of_drawings: implies the style artwork, as DRAWINGS do, in a group of both styles.
 
-    option: the option's name, if it is not the field's. hidden: the help leaves the option out. by_set: the field is
-    set by `--set NAME=VALUE`. hidden_option: it also has the option of its own that earlier versions had. only_off: the
-    help shows only --no-NAME, which chooses the last value. parse: turns the given value into the field's. decides:
-    whether the result depends on the field.
+    option: its name, if that is not the field's. hidden: the help leaves the option out. by_set: `--set NAME=VALUE`
+    sets the field. hidden_option: for by_set, the option of earlier versions exists too. only_off: the help shows only
+    --no-NAME, which chooses the last value. parse: turns the given value into the field's. decides: the result depends
+    on the field.
     """
 
     kind: Kind
@@ -60,85 +59,86 @@ class Setting:
 
     def check(self, name: str, value: Any) -> None:
         """Raise UsageError, naming the setting, for a value that makes no sense."""
-        if value is None and self.optional:
-            return
-        if self.kind == "choice" and value not in self.choices:
-            raise UsageError(f"must be {listed(self.choices)}, not {value!r}", name)
-        if self.kind == "flag" and not isinstance(value, bool):
-            raise UsageError(f"must be true or false, not {value!r}", name)
-        if self.kind in ("count", "number") and not self._in_range(value):
+        # A bool is an int, and NaN compares as false.
+        number = isinstance(value, int if self.kind == "count" else (int, float)) and not isinstance(value, bool)
+        makes_sense = {
+            "choice": value in self.choices,
+            "flag": isinstance(value, bool),
+            "text": True,
+        }.get(self.kind, number and self.least <= value <= self.most)
+        if not makes_sense and not (value is None and self.optional):
             raise UsageError(f"must be {self.values()}{', or auto' if self.auto else ''}, not {value!r}", name)
 
-    def span(self) -> str:
-        """`of at least 1`, `from 0 to 6`."""
-        if self.most == math.inf:
-            return f"of at least {self.least:g}"
-        most = f"{self.most:.0f}" if self.most >= 1.0 else f"{self.most:g}"
-        return f"from {self.least:g} to {most}"
-
     def values(self) -> str:
-        """`a whole number from 0 to 6`, `crisp or soft`."""
-        if self.kind in ("count", "number"):
-            return f"{'a whole number' if self.kind == 'count' else 'a number'} {self.span()}"
-        return listed(self.choices or ("true", "false"))
+        """Return `a whole number from 0 to 6`, `a number of at least 1`, or `crisp or soft`."""
+        if self.kind not in ("count", "number"):
+            return listed(self.choices or ("true", "false"))
+        most = f"{self.most:.0f}" if self.most >= 1.0 else f"{self.most:g}"
+        span = f"of at least {self.least:g}" if self.most == math.inf else f"from {self.least:g} to {most}"
+        return f"{'a whole number' if self.kind == 'count' else 'a number'} {span}"
 
     def read(self, name: str, text: str) -> Any:
-        """The value that a text stands for. Raises UsageError, naming the setting, if it stands for none."""
+        """Return the value of a text. Raises UsageError, naming the setting, if it has none."""
         value: Any = text.strip()
         with contextlib.suppress(ValueError):
             if self.kind in ("count", "number"):
                 value = int(value) if self.kind == "count" else float(value)
-        if self.kind == "flag" and value.lower() in (*TRUE, *FALSE):
-            value = value.lower() in TRUE
+        if self.kind == "flag":
+            flags = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+            value = flags.get(value.lower(), value)
         self.check(name, value)
         return value
 
-    def _in_range(self, value: Any) -> bool:
-        allowed = int if self.kind == "count" else (int, float)
-        # A bool is an int, and NaN compares as false.
-        return isinstance(value, allowed) and not isinstance(value, bool) and self.least <= value <= self.most
-
 
 def listed(names: Sequence[str]) -> str:
-    """`a, b or c`."""
+    """Return `a, b or c`."""
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def setting(default: Any, kind: Kind, text: str, **facts: Any) -> Any:
-    """A field that is an option of the command."""
+    """Return a field of a dataclass that is an option of the command."""
     return field(default=default, metadata={"setting": Setting(kind, text, **facts)})
 
 
 def settings_of(owner: type[Any]) -> Iterator[tuple[Field[Any], Setting]]:
-    """The fields of a class that are settings, in the order of the help."""
+    """Yield the fields of a class that are settings, in the order of the help."""
     for each in fields(owner):
         if "setting" in each.metadata:
             yield each, each.metadata["setting"]
 
 
+def check_settings(owner: Any) -> None:
+    """Raise UsageError, naming the setting, where a setting of a dataclass has a value that makes no sense."""
+    for each, spec in settings_of(type(owner)):
+        spec.check(each.name, getattr(owner, each.name))
+
+
 def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values under the present names of their settings."""
+    """Return the values under the present names of their settings."""
     return {RENAMED.get(name, name): value for name, value in values.items()}
 
 
 def unknown_setting(name: str, names: Iterable[str]) -> UsageError:
-    """The error for a name that is none of the settings, with the one that was probably meant."""
+    """Return the error for a name that is no setting, with the most similar name."""
     return UsageError(f"unknown setting {name!r}{did_you_mean(name, names)}")
 
 
 def parse_background(text: str) -> str:
-    """ "auto", "none" or "#rrggbb" from those, "transparent", #rgb, or a CSS colour name; UsageError for others."""
+    """Return "auto", "none" (also for "transparent") or "#rrggbb" (also for #rgb or a CSS colour name).
+
+    Raises UsageError for other texts.
+    """
     lowered = text.strip().lower() if isinstance(text, str) else ""
-    if lowered in ("auto", "none"):
-        return lowered
-    if lowered == "transparent":
-        return "none"
+    if lowered in ("auto", "none", "transparent"):
+        return "auto" if lowered == "auto" else "none"
     return hex_text(parse_colour(text, "background", "must be auto, none, a colour name or #rrggbb"))
 
 
 def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
-    """8-bit sRGB of #rgb, #rrggbb or a CSS colour name. Raises UsageError for the setting `name`, which begins with
-    `form`, for anything else.
+    """Return the 8-bit sRGB of #rgb, #rrggbb or a CSS colour name. Raises UsageError, naming a setting, for other
+    texts.
+
+    form: how the error begins.
     """
     from PIL import ImageColor
 
@@ -151,66 +151,61 @@ def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
     return colour[0], colour[1], colour[2]
 
 
-_AMOUNT = re.compile(r"(\d+(?:\.\d+)?)\s*(k|m)?b?", re.IGNORECASE)
-_FACTORS = {"": 1, "k": 1000, "m": 1_000_000}
-MOST_BYTES = 1_000_000_000
-TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
+TINY_BYTES = 4000  # after gzip; below it the coordinates of a photo are whole numbers of a coarse grid
 
 
 class GzipBytes(int):
-    """A number of bytes of which a file may have so many after gzip."""
+    """A limit of the bytes of a file after gzip."""
 
 
 def parse_bytes(given: str | int) -> int:
-    """`20k`, `1.5MB` or a number of bytes, 1 to a thousand million; k is 1000. `400gz` counts them after gzip, as
-    GzipBytes. Raises UsageError for anything else.
+    """Return a number of bytes, 1 to 1,000,000,000, from a number, `20k` or `1.5MB`, where k is 1000; as GzipBytes,
+    which are counted after gzip, from `400gz`. Raises UsageError for anything else.
     """
     text = f"{given}gz" if isinstance(given, GzipBytes) else str(given).strip()
     plain = text[:-2] if text.lower().endswith("gz") else text
-    match = _AMOUNT.fullmatch(plain)
-    amount = int(float(match[1]) * _FACTORS[(match[2] or "").lower()]) if match and len(text) < 20 else 0
-    if not 1 <= amount <= MOST_BYTES:
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(k|m)?b?", plain, re.IGNORECASE)
+    factor = {"": 1, "k": 1000, "m": 1_000_000}[((match and match[2]) or "").lower()]
+    amount = int(float(match[1]) * factor) if match and len(text) < 20 else 0
+    if not 1 <= amount <= 1_000_000_000:
         raise UsageError(f"must be an amount of bytes such as 20k, 1.5M or 400gz, not {given!r}", "max_bytes")
     return amount if plain == text else GzipBytes(amount)
 
 
-# How many of each are in a px, as CSS has it.
-UNITS = {"px": 1.0, "mm": 25.4 / 96.0, "in": 1.0 / 96.0}
-_LENGTH = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(px|mm|in)?", re.IGNORECASE)
-_LEAST_WIDTH, _MOST_WIDTH = 0.1, 1_000_000.0  # px
-_LENGTH_DECIMALS = 5  # of any unit
+UNITS = {"px": 1.0, "mm": 25.4 / 96.0, "in": 1.0 / 96.0}  # in a px of CSS
 
 
 def length_of(text: str) -> tuple[float, str]:
-    """The number and the unit of a length such as `80mm`; no unit where it says none. Raises UsageError for others."""
-    match = _LENGTH.fullmatch(text.strip())
+    """Return the number and the unit, "" if there is none, of a length such as `80mm`. Raises UsageError for others."""
+    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(px|mm|in)?", text.strip(), re.IGNORECASE)
     number, unit = (float(match[1]), (match[2] or "").lower()) if match else (0.0, "")
-    if not _LEAST_WIDTH <= number / UNITS[unit or "px"] <= _MOST_WIDTH:
+    if not 0.1 <= number / UNITS[unit or "px"] <= 1_000_000.0:
         raise UsageError(f"must be a length such as 80mm, 3in or 400px, of at most a million px, not {text!r}", "width")
     return number, unit
 
 
 def parse_width(given: str | float) -> str:
-    """The shortest text of a length. Raises UsageError for what is none."""
+    """Return the shortest text of a length. Raises UsageError for other texts."""
     number, unit = length_of(str(given))
     return length_text(number, "") + unit
 
 
 def length_text(number: float, unit: str) -> str:
-    """`80mm`, `135.46667mm`, `400` of px."""
-    short = f"{number:.{_LENGTH_DECIMALS}f}".rstrip("0").rstrip(".")
+    """Return `80mm`, `135.46667mm`, or `400` for px."""
+    short = f"{number:.5f}".rstrip("0").rstrip(".")
     return short + ("" if unit == "px" else unit)
 
 
-KEEP, REMOVE = "keep", "remove"
-# Shapes in groups: not at all, those of one colour, or a shape with what lies on it.
-GROUPINGS = NONE, COLOR, OBJECT = "none", "color", "object"
-NO_SHADING = "none"
-PHOTO_PARTS = CURVES, IMAGE, NO_PHOTO_PARTS = "curves", "image", "none"
+KEEP, REMOVE, NONE = "keep", "remove", "none"
+# The shapes of a group: those of one colour, or a shape and the shapes on top of it.
+COLOR, OBJECT = "color", "object"
+GROUPINGS = NONE, COLOR, OBJECT
+CURVES, IMAGE = "curves", "image"  # what photos within a drawing become
+PHOTO_PARTS = CURVES, IMAGE, NONE
 
 
 def parse_ground(given: str) -> str:
-    """ "keep", "remove" or "#rrggbb" from those, #rgb, or a CSS colour name; UsageError for others."""
+    """Return "keep", "remove" or "#rrggbb" (also for #rgb or a CSS colour name). Raises UsageError for others."""
     lowered = given.strip().lower() if isinstance(given, str) else ""
     if lowered in (KEEP, REMOVE):
         return lowered
@@ -218,7 +213,7 @@ def parse_ground(given: str) -> str:
 
 
 def parse_shading(given: str | int) -> str:
-    """ "none", "auto" or a number of curves as text; UsageError for others."""
+    """Return "none", "auto" or a number of curves as text. Raises UsageError for others."""
     lowered = str(given).strip().lower()
     if lowered in ("none", "auto") or (lowered.isdecimal() and 0 < int(lowered) <= MOST_SHADING):
         return lowered
@@ -226,13 +221,12 @@ def parse_shading(given: str | int) -> str:
 
 
 MOST_SHADING = 10_000  # curves of an object
-USUAL_FACTOR = 4.0
 _FOCUS_FORM = "must be X,Y,W,H or X,Y,W,H,FACTOR: a rectangle in pixels of the picture, and how much more it matters"
 
 
 @dataclass(frozen=True)
 class Focus:
-    """A rectangle in px of the picture, and how many times as much as the rest its pixels matter.
+    """A rectangle in px of the picture, and the factor by which its pixels weigh more than the rest.
 
     Raises UsageError for an empty rectangle, a factor that is not above 0, or values that are not finite.
     """
@@ -241,7 +235,7 @@ class Focus:
     top: float
     width: float
     height: float
-    factor: float = USUAL_FACTOR
+    factor: float = 4.0
 
     def __post_init__(self) -> None:
         values = astuple(self)
@@ -250,7 +244,7 @@ class Focus:
 
 
 def parse_focus(given: str | Sequence[float] | Focus) -> Focus:
-    """A focus from `X,Y,W,H` or `X,Y,W,H,FACTOR`, text or numbers. Raises UsageError for anything else."""
+    """Return a focus from `X,Y,W,H` or `X,Y,W,H,FACTOR`, text or numbers. Raises UsageError for anything else."""
     if isinstance(given, Focus):
         return given
     parts = given.split(",") if isinstance(given, str) else given
@@ -264,11 +258,10 @@ def parse_focus(given: str | Sequence[float] | Focus) -> Focus:
 
 
 LOSSES = ("l2", "l1", "huber", "ms-ssim")
-_LOSS_FORM = f"must be {listed(LOSSES)}, or a mixture by weight such as l2:0.7,ms-ssim:0.3"
 
 
 def parse_loss(text: str) -> dict[str, float]:
-    """Weights, above 0, by name, in the order of `LOSSES`. Raises UsageError for anything that is no such mixture."""
+    """Return weights, above 0, by name, in the order of `LOSSES`. Raises UsageError for anything but a mixture."""
     weights: dict[str, float] = {}
     for part in text.lower().split(",") if isinstance(text, str) else ():
         name, given, weight = part.partition(":")
@@ -278,14 +271,15 @@ def parse_loss(text: str) -> dict[str, float]:
         except ValueError:
             weights[name] = math.nan
     if not weights or not set(weights) <= set(LOSSES) or not all(0.0 < w < 1e6 for w in weights.values()):
-        raise UsageError(f"{_LOSS_FORM}, not {text!r}", "loss")
+        form = f"must be {listed(LOSSES)}, or a mixture by weight such as l2:0.7,ms-ssim:0.3"
+        raise UsageError(f"{form}, not {text!r}", "loss")
     if "l1" in weights and "huber" in weights:
         raise UsageError(f"takes l1 or huber, not both, since both are linear for large errors: {text!r}", "loss")
     return {name: weights[name] for name in LOSSES if name in weights}
 
 
 def loss_text(weights: dict[str, float]) -> str:
-    """The shortest text of a mixture: two texts of one mean the same."""
+    """Return the shortest text of a mixture, which is the same for equal mixtures."""
     if len(weights) == 1:
         return next(iter(weights))
     total = sum(weights.values())

@@ -21,16 +21,15 @@ if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene
 
 REPORT_SECONDS = 0.1  # between two calls of `on_progress`
-log = logging.getLogger("cubicsplat")  # of warnings to whoever uses the library
+log = logging.getLogger("cubicsplat")  # of warnings to users of the library
 
 
 @record
 class Progress:
     """Progress of a fit or a drawing.
 
-    share: of the work or, under a time limit, of the time, 0..1. stage: what is being done. Of the fit of a photo only:
-    step of steps (else 0), psnr_db of the engine's own picture and ms_per_step (else None), replaced: curves re-seeded
-    so far.
+    share: of the work or, under a time limit, of the time, 0..1. stage: its name. For the fit of a photo only: step of
+    steps (else 0), psnr_db of the engine's own picture and ms_per_step (else None), replaced: curves re-seeded so far.
     """
 
     share: float
@@ -44,7 +43,7 @@ class Progress:
 
 
 class Stopped(Exception):
-    """Ends the work with the result so far: the time is up, or the user interrupted."""
+    """Ends the work with the result so far: the time is up, or the user has interrupted."""
 
 
 @dataclass(eq=False)
@@ -52,8 +51,8 @@ class Work:
     """Work in stages that can be stopped between any two steps, and still has a result.
 
     on_progress: called at the start of every stage, and about ten times a second within. deadline: by
-    `time.perf_counter`. threads: on how many native code may run. stopped: no further step starts; interrupted: by a
-    KeyboardInterrupt, not by the deadline.
+    `time.perf_counter`. threads: of native code. stopped: no further step starts; interrupted: because of a
+    KeyboardInterrupt, not of the deadline.
     """
 
     on_progress: Callable[[Progress], None] | None = None
@@ -103,7 +102,7 @@ _WORK: ContextVar[Work | None] = ContextVar("_WORK", default=None)
 
 
 def work() -> Work:
-    """The current work; without one, work that nobody watches or stops."""
+    """Return the current work; without one, work that nobody watches or stops."""
     return _WORK.get() or Work()
 
 
@@ -118,22 +117,14 @@ def under_way(one: Work) -> Iterator[Work]:
 
 
 def nothing(*_: object) -> None:
-    """A callback that ignores what it is told."""
-
-
-class _Telling(logging.Handler):
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        super().__init__(logging.WARNING)
-        self._tell = tell
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._tell(record.getMessage())
+    """Do nothing: a callback that ignores its arguments."""
 
 
 @contextmanager
 def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
-    """Within, `tell` gets the text of each warning that the library logs."""
-    handler = _Telling(tell)
+    """Within, call `tell` with the text of each warning that the library logs."""
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: tell(record.getMessage())  # type: ignore[method-assign]
     log.addHandler(handler)
     try:
         yield
@@ -141,44 +132,45 @@ def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
         log.removeHandler(handler)
 
 
-# When the command began that this process is; None in a worker, and in other programs.
+# The time at which this process's command began; None in a worker, and in other programs.
 COMMAND_BEGAN: ContextVar[float | None] = ContextVar("COMMAND_BEGAN", default=None)
 
 
 def command_began() -> float:
-    """The time at which this process's command began, by `time.perf_counter`; now where it is none."""
-    began = COMMAND_BEGAN.get()
-    return time.perf_counter() if began is None else began
+    """Return the time at which this process's command began, by `time.perf_counter`; now if it is no command."""
+    return COMMAND_BEGAN.get() or time.perf_counter()
 
 
 class Observer:
-    """Is told how the work on pictures goes on; these methods do nothing. job: the name of a picture's job."""
+    """Gets the events of the work on pictures, and ignores them. job: the name of a picture's job."""
 
     def begin(self, job: str) -> None:
-        """Its work begins; or begins again."""
+        """The work begins, or begins again."""
 
     def stage(self, stage: str, job: str) -> None:
-        """A stage begins: read, start (the engine is loaded), fit, write, draw, measure, animation or html_report."""
+        """A stage begins: read, start (the engine is loaded), fit, write, draw, measure, animation, html_report,
+        export.
+        """
 
     def step(self, progress: Progress, job: str) -> None:
-        """Its fit or drawing has come this far."""
+        """The fit or the drawing makes progress."""
 
     def note(self, text: str, job: str = "") -> None:
-        """Something the user should know that is no error."""
+        """There is a note for the user, which is no error."""
 
     def detail(self, text: str, job: str = "") -> None:
-        """Something for those who want to know everything."""
+        """There is a note for users who want all details."""
 
     def end(self, job: str) -> None:
-        """Its work has ended, in whatever way; also of a picture that needed no work."""
+        """The work ends, with any result; also that on a picture that needed none."""
 
 
 @dataclass(eq=False)
 class StageTimer:
     """Times the stages of the work on one picture ("read", "fit", "write", "draw", "measure"), and tells an observer.
 
-    job: the picture's name for the observer. started: when the work began; of a command that has one picture to do,
-    when the command began (`command_began`).
+    job: the picture's name for the observer. started: the start of the work; of a command with one picture, the start
+    of the command (`command_began`).
     """
 
     observer: Observer = field(default_factory=Observer)
@@ -197,56 +189,50 @@ class StageTimer:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - before
 
     def step(self, progress: Progress) -> None:
-        """Tell how far the fit or the drawing is."""
+        """Report the progress of the fit or the drawing."""
         self.observer.step(progress, self.job)
 
     def note(self, text: str) -> None:
-        """Tell the user something that is no error."""
+        """Report a note for the user, which is no error."""
         self.observer.note(text, self.job)
 
     def total(self) -> float:
-        """Seconds since the work began."""
+        """Return the seconds since the work began."""
         return time.perf_counter() - self.started
 
 
-AGAIN_S = 0.05
-
-
 def interrupt() -> None:
-    """Raise KeyboardInterrupt or, while torch is being imported, have the signal come again a moment later.
+    """Raise KeyboardInterrupt, in a signal handler; during the import of torch, repeat the signal a moment later.
 
-    For signal handlers. An exception that reaches torch's C++ code in the middle of its start aborts the process.
+    An exception within the start of torch's C++ code would abort the process.
     """
     torch = sys.modules.get("torch")
     if torch is None or not getattr(torch.__spec__, "_initializing", False):
         raise KeyboardInterrupt
-    threading.Timer(AGAIN_S, signal.raise_signal, (signal.SIGINT,)).start()
+    threading.Timer(0.05, signal.raise_signal, (signal.SIGINT,)).start()
 
 
-# Scenes that are kept take at most so much memory, or are as few as FEWEST_FRAMES.
-MOST_FRAME_BYTES = 1 << 26
-FEWEST_FRAMES = 8
-FIRST_STEP_DB = 0.02
-FRAMES = 48
+FRAMES = 48  # of an animation
+FEWEST_FRAMES = 8  # that are kept, even if they need more memory
 
 
 class FrameRecorder:
-    """Keeps a scene whenever the picture has become better by a step, and doubles the step when there are too many.
+    """Keeps a scene whenever the picture has become better by a step, and doubles the step if there are too many.
 
-    frames: how many are wanted at the end; four times as many are kept at most, and no more than most_bytes hold.
+    frames: at the end; up to four times as many are kept before, and no more than `most_bytes` hold.
     """
 
-    def __init__(self, frames: int, most_bytes: int = MOST_FRAME_BYTES) -> None:
+    def __init__(self, frames: int, most_bytes: int = 1 << 26) -> None:
         self.frames, self._most_bytes = frames, most_bytes
-        self._step_db = FIRST_STEP_DB
+        self._step_db = 0.02
         self._kept: list[tuple[float, Scene]] = []
 
     def due(self, psnr_db: float) -> bool:
-        """Whether to keep a scene of this quality."""
+        """Return whether to keep a scene of this quality."""
         return not self._kept or psnr_db >= self._kept[-1][0] + self._step_db
 
     def keep(self, psnr_db: float, scene: Scene) -> None:
-        """Keeps a scene that is due; it must not change afterwards."""
+        """Keep a scene that is due, which must not change afterwards."""
         self._kept.append((psnr_db, scene))
         values = sum(
             math.prod(array.shape) for array in (scene.points, scene.colours, scene.opacities, scene.half_widths)
@@ -254,19 +240,18 @@ class FrameRecorder:
         most = max(FEWEST_FRAMES, min(4 * self.frames, self._most_bytes // (4 * values)))
         while len(self._kept) > most:
             self._step_db *= 2.0
-            thinned = self._kept[:1]
-            for level, kept in self._kept[1:]:
-                if level >= thinned[-1][0] + self._step_db:
-                    thinned.append((level, kept))
-            self._kept = thinned
+            frames, self._kept = self._kept, []
+            for frame in frames:
+                if self.due(frame[0]):
+                    self._kept.append(frame)
 
     def scenes(self, last: Scene) -> list[Scene]:
-        """At most `frames` of the kept scenes, evenly by their quality, and after them `last`."""
+        """Return at most `frames` scenes: kept ones, evenly by their quality, and `last`."""
         chosen = list(range(len(self._kept)))
         if len(chosen) >= self.frames:
             levels = [level for level, _ in self._kept]
             span = (levels[-1] - levels[0]) / max(1, self.frames - 2)
-            wanted = [levels[0] + span * index for index in range(self.frames - 1)]
-            nearest = [min(chosen, key=lambda index: abs(levels[index] - level)) for level in wanted]
+            even = [levels[0] + span * index for index in range(self.frames - 1)]
+            nearest = [min(chosen, key=lambda index: abs(levels[index] - level)) for level in even]
             chosen = list(dict.fromkeys(nearest))
         return [*(self._kept[index][1] for index in chosen), last]

@@ -1,24 +1,26 @@
-"""The request of a user: everything that decides a result, as a table of options. Imports nothing heavy."""
+"""The request for one or more pictures: a table of options, and their conflicts. Imports nothing heavy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.files.paths import MOVING
 from cubicsplat_cli.options import (
     COMMON,
     CURVES,
     DRAWINGS,
     FILES,
     GROUPINGS,
+    IMAGE,
     KEEP,
-    NO_PHOTO_PARTS,
-    NO_SHADING,
     NONE,
+    OBJECT,
     PHOTO_PARTS,
     PHOTOS,
     STRUCTURE,
@@ -26,6 +28,7 @@ from cubicsplat_cli.options import (
     UNITS,
     Focus,
     GzipBytes,
+    check_settings,
     length_of,
     length_text,
     parse_bytes,
@@ -33,11 +36,9 @@ from cubicsplat_cli.options import (
     parse_ground,
     parse_shading,
     parse_width,
-    renamed,
     setting,
     settings_of,
 )  # fmt: skip
-from cubicsplat_cli.request_checks import check_request
 from cubicsplat_cli.settings import ANY, MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
@@ -46,8 +47,7 @@ if TYPE_CHECKING:
 
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
-TINY_STEPS = 1200  # of a fit whose polygons will lie on such a grid
-# px by which a DXF may be off the outlines: 13 micrometres at 96 px an inch. Cutters repeat to about 100, so that the
+# px between a DXF and the outlines: 13 micrometres at 96 px an inch. Cutters are exact to about 100 micrometres, so a
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05
 _OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
@@ -98,7 +98,7 @@ class Request:
         None, "count", "Outlines have at most so many points.", least=1, optional=True, group=DRAWINGS
     )
     shading: str = setting(
-        NO_SHADING, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
+        NONE, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
         parse=parse_shading, hidden=True, **_OF_DRAWINGS,
     )  # fmt: skip
     photo_parts: str = setting(
@@ -147,27 +147,26 @@ class Request:
     compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:
-        for each, spec in settings_of(Request):
-            spec.check(each.name, getattr(self, each.name))
-        check_request(self)
+        check_settings(self)
+        for wrong, name, text in _conflicts(self):
+            if wrong:
+                raise UsageError(text, name)
 
     def size_text(self, width: int, height: int) -> tuple[str, str]:
-        """Width and height, with their unit, of the SVG of a picture of so many px."""
+        """Return width and height, with their unit, of the SVG of a picture of width x height px."""
         number, unit = (width * UNITS[self.units], "") if self.width is None else length_of(self.width)
         return length_text(number, unit or self.units), length_text(number * height / width, unit or self.units)
 
     @property
     def may_shade(self) -> bool:
-        """Whether shapes may have shading: no option asks for few shapes or colours, groups, cutouts, strokes or an
-        animation.
-        """
-        return self.shading != NO_SHADING and self.settings.curves is None and self._is_plain
+        """True if shapes may have shading: no option asks for few shapes, colours, groups, cutouts, strokes, movies."""
+        return self.shading != NONE and self.settings.curves is None and self._is_plain
 
     @property
     def may_hold_photos(self) -> bool:
-        """Whether photos within a drawing become curves or images: the same, but that curves may be bounded."""
+        """True if photos within a drawing may become curves or images: as `may_shade`, but curves may be bounded."""
         of_style = self.style in ("auto", "artwork") and not self.of_photos()
-        return self.photo_parts != NO_PHOTO_PARTS and of_style and self._is_plain
+        return self.photo_parts != NONE and of_style and self._is_plain
 
     @property
     def _is_plain(self) -> bool:
@@ -177,22 +176,22 @@ class Request:
 
     @property
     def strokes(self) -> bool | None:
-        """Whether lines of even width in a drawing become strokes; None for where that is shorter."""
+        """True if lines of even width in a drawing become strokes; None: where that is shorter."""
         return self.settings.mode is Mode.OPEN or self.artwork.strokes
 
     def of_photos(self) -> list[str]:
-        """The given options that only the fit of a photo has."""
+        """Return the names of the given options that only the fit of a photo has."""
         names = self._given(PHOTOS)
         if self.tiny and self.settings.shapes == "polygon":
-            names.remove("shapes")  # which is what a photo is by itself there
+            names.remove("shapes")  # a tiny photo consists of polygons anyway
         return names if self.masks is None else ["weights", *names]
 
     def of_artwork(self) -> list[str]:
-        """The given options that only a drawing has."""
+        """Return the names of the given options that only a drawing has."""
         return self._given(DRAWINGS)
 
     def _given(self, group: str) -> list[str]:
-        """The names of a group's settings that differ from their defaults."""
+        """Return the names of a group's settings that differ from their defaults."""
         return [
             each.name
             for holder in (self, self.settings, self.artwork)
@@ -203,92 +202,129 @@ class Request:
 
     @property
     def counts_compressed(self) -> bool:
-        """Whether `max_bytes` are those of the compressed file."""
+        """True if `max_bytes` limits the compressed file."""
         return self.compress or isinstance(self.max_bytes, GzipBytes)
 
     @property
     def tiny(self) -> bool:
-        """Whether a photo becomes polygons on a coarse grid, in a file without all that it does not need."""
+        """True if a photo becomes polygons on a coarse grid, in a file without anything dispensable."""
         return isinstance(self.max_bytes, GzipBytes) and self.max_bytes < TINY_BYTES
 
-    def with_threads(self, threads: int | None) -> Request:
-        """The same with so many threads; None: as asked for."""
-        return self if threads is None else replace(self, settings=self.settings.with_(threads=threads))
+    def with_threads(self, threads: int) -> Request:
+        """Return the same request with another number of threads."""
+        return replace(self, settings=self.settings.with_(threads=threads))
 
     def deciding(self) -> dict[str, Any]:
-        """Everything that decides the file, and what it is computed with, as plain values."""
+        """Return everything that decides the file, and the device and threads that compute it, as plain values."""
         own = {each.name: _plain(getattr(self, each.name)) for each, spec in settings_of(Request) if spec.decides}
         return {**self.settings.public(), **own, "artwork": self.artwork.public()}
 
     def describe(self) -> str:
-        """The settings as a line; the recipe's numbers are in the JSON."""
+        """Return the settings as a line, without the recipe's numbers, which are in the JSON."""
         chosen = {"style": self.style, **self.settings.public()}
         return ", ".join(f"{name} {value}" for name, value in chosen.items() if name != "recipe" and value is not None)
 
     def digest(self) -> str:
-        """The settings hash that the files will carry."""
-        # Files are the same under any name.
-        named = {"weights": self.weights, "init": self.init}
-        return settings_hash({**self.deciding(), **{name: each and each.sha256 for name, each in named.items()}})
+        """Return the settings hash that the files will carry: the names of other files do not matter to it."""
+        contents = {"weights": self.weights and self.weights.sha256, "init": self.init and self.init.sha256}
+        return settings_hash({**self.deciding(), **contents})
+
+
+def _conflicts(request: Request) -> Iterator[tuple[object, str | None, str]]:
+    """Yield for each combination that makes no sense: whether the request has it, the option to name, and the error."""
+    fit, artwork, style, tiny = request.settings, request.artwork, request.style, request.tiny
+    photo, drawing = next(iter(request.of_photos()), ""), next(iter(request.of_artwork()), "")
+    yield (
+        photo and style in ("artwork", "pixel"), photo,
+        f"is for photos, not for {style}; leave it out, or use style photo",
+    )  # fmt: skip
+    if style == "pixel":
+        yield from _pixel_conflicts(request)
+    yield (
+        drawing and style == "photo", drawing,
+        "is for artwork, not for photos; leave it out, or use style artwork",
+    )  # fmt: skip
+    other = photo.replace("_", "-")
+    yield photo and drawing, drawing, f"is for artwork, --{other} for photos; give one of them"
+    text = "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies"
+    yield request.shading != NONE and not request.may_shade, "shading", text
+    text = (
+        "image is of drawings as they are; leave out options of photos, pixels, colours, groups, cutouts, strokes, "
+        "bytes, time, movies"
+    )
+    yield request.photo_parts == IMAGE and not request.may_hold_photos, "photo_parts", text
+    asked = next((name for name in ("layers", "gap_filler", "overlap") if getattr(request, name)), None)
+    text = (
+        f"{'is of cutouts, which have' if asked else 'cutout has'} shapes only; leave out "
+        f"{'--strokes' if artwork.strokes else '--mode open'}, which is for strokes"
+    )
+    yield artwork.stacking == CUTOUT and request.strokes, asked or "stacking", text
+    groups = request.group_by == OBJECT
+    yield request.layers and groups, "layers", "has a file for each colour; leave out --group-by object"
+    asked = "gap_filler" if request.gap_filler else "overlap"
+    yield request.overlap and groups, asked, "is drawn colour by colour; leave out --group-by object"
+    unit = length_of(request.width)[1] if request.width else ""
+    text = f"{request.width} says its own unit; leave out --units {request.units}"
+    yield unit and request.units not in ("px", unit), "width", text
+    text = "needs a drawing whose curves stay as they are; give it with --init"
+    yield request.freeze and request.init is None, "freeze", text
+    text = "are for new curves, not for those of a drawing; leave out --init"
+    yield request.init is not None and fit.shapes != ANY, "shapes", text
+    budgets = [name for name in ("max_bytes", "max_nodes", "target_psnr") if getattr(request, name) is not None]
+    budget, second = (*budgets, "", "")[:2]
+    yield second, budget, f"and --{second.replace('_', '-')} are two budgets; give one of them"
+    text = "finds the number of curves itself; leave out --curves, --init and --freeze"
+    yield budget and (request.freeze or request.init is not None or fit.curves is not None), budget, text
+    if tiny:
+        yield from _tiny_conflicts(request)
+    moving = request.animation is None or request.animation.suffix.lower() in MOVING
+    yield not moving, "animation", f"must end in {' or '.join(MOVING)}, not {str(request.animation)!r}"
+    yield set(request.suffix) & set("/\\\0"), "suffix", f"must be the end of a file's name, not {request.suffix!r}"
+    if request.geometrize is not None:
+        text = "has ellipses, rectangles and triangles; choose one of them with --shapes"
+        yield tiny or fit.shapes not in ("ellipse", "rectangle", "triangle"), "geometrize", text
+        json = request.geometrize.suffix.lower() == ".json"
+        yield not json, "geometrize", f"must end in .json, not {str(request.geometrize)!r}"
+    text = "--svgz is for files; a data: URI holds text, so leave one of them out"
+    yield request.data_uri and request.compress, "data_uri", text
+    text = "--force makes anew what --skip-existing leaves alone; give one of them"
+    yield request.force and request.skip_existing, None, text
+
+
+def _pixel_conflicts(request: Request) -> Iterator[tuple[object, str, str]]:
+    """Yield what pixel art cannot have, as `_conflicts` does."""
+    text = "joins small regions, which pixel art keeps; use style artwork, or leave it out"
+    yield request.artwork.min_area, "min_area", text
+    yield request.artwork.strokes, "strokes", "are what pixel art has none of; leave it out"
+    mode = request.settings.mode
+    yield mode is Mode.OPEN, "mode", "open is for strokes, which pixel art has none of; leave it out"
+    for name in ("max_bytes", "target_psnr"):
+        text = "leaves details out, which pixel art keeps; use style artwork, or leave it out"
+        yield getattr(request, name) is not None, name, text
+    text = "object is of shapes, but pixel art has one path a colour; use color"
+    yield request.group_by == OBJECT, "group_by", text
+
+
+def _tiny_conflicts(request: Request) -> Iterator[tuple[object, str, str]]:
+    """Yield what a file without a size, and polygons on a coarse grid, cannot have, as `_conflicts` does."""
+    fit, said = request.settings, "writes no size"
+    wrong = {"width": request.width is not None, "units": request.units != "px"}
+    if request.style != "artwork" and not any(wrong.values()):
+        said = "writes photos as polygons on a coarse grid"
+        wrong = {
+            "mode": fit.mode is Mode.OPEN, "fill": fit.fill != "flat", "precision": request.precision is not None,
+            "shapes": fit.shapes in ("ellipse", "rectangle"), "loss": fit.loss != "l2",
+        }  # fmt: skip
+    below = f"does not go with --max-bytes below {TINY_BYTES // 1000}kgz, which {said}"
+    for name, is_wrong in wrong.items():
+        yield is_wrong, name, f"{below}; leave it out, or allow more bytes"
 
 
 def _plain(value: Any) -> Any:
+    """Return a value of an option for the JSON and the settings hash."""
     if isinstance(value, Focus):
         return [float(each) for each in astuple(value)]
     if isinstance(value, GzipBytes):
         return f"{value:d}gz"
-    # A mask or a drawing.
-    return {"name": value.name, "sha256": value.sha256} if hasattr(value, "sha256") else value
-
-
-def names_for_library() -> set[str]:
-    """The options that decide a result, by the names under which the library takes them."""
-    own = {each.name for each, spec in settings_of(Request) if spec.decides}
-    artwork = {each.name for each, _ in settings_of(ArtworkSettings)}
-    # The library is given one picture.
-    return (own | artwork | FitSettings.names() | {"measure"}) - {"frame"}
-
-
-def request_of(options: Mapping[str, Any]) -> Request:
-    """The request for options by name, of the command or of the library; None means the default.
-
-    weights: any picture, or its path. init: the path or the bytes of an SVG, or an earlier result. Raises UsageError
-    for values that make no sense, and InputError for a mask or a drawing that cannot be read.
-    """
-    given = {name: value for name, value in renamed(options).items() if value is not None}
-    artwork = {each.name: given.pop(each.name) for each, _ in settings_of(ArtworkSettings) if each.name in given}
-    fit = {name: given.pop(name) for name in FitSettings.names() if name in given}
-    for each, spec in settings_of(Request):
-        if spec.parse is not None and each.name in given:
-            given[each.name] = spec.parse(given[each.name])
-    if given.get("gap_filler"):
-        given.setdefault("overlap", 1.0)
-    if given.get("layers") is not None or given.get("overlap") is not None:
-        artwork["stacking"] = CUTOUT
-    # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
-    if "max_bytes" in given and fit.get("mode", "closed") == "closed" and given.get("style") != "artwork":
-        if isinstance(given["max_bytes"], GzipBytes) and given["max_bytes"] < TINY_BYTES:
-            _prefer_polygons(fit)
-        elif fit.get("shapes", ANY) == ANY:
-            fit.setdefault("segments", 2)
-    settings, drawing = FitSettings.from_preset(**fit), ArtworkSettings(**artwork)
-    if "weights" in given:
-        from cubicsplat_cli.files.weights import load_mask
-
-        given["weights"] = load_mask(given["weights"], max_pixels=given.get("max_pixels", MAX_PIXELS))
-    if "init" in given:
-        from cubicsplat_cli.svg.initial import load_initial_drawing
-
-        svg = getattr(given["init"], "svg", None)
-        given["init"] = load_initial_drawing(given["init"] if svg is None else svg.encode(), settings.mode)
-    return Request(settings, drawing, **given)
-
-
-def _prefer_polygons(fit: dict[str, Any]) -> None:
-    """Makes a fit one of polygons for a coarse grid, of 4 vertices at first, unless other options say what it is."""
-    if fit.get("shapes", ANY) == ANY and fit.get("fill", "flat") == "flat":
-        fit["shapes"] = "polygon"
-    if fit.get("preset", "standard") == "standard":
-        fit.setdefault("steps", TINY_STEPS)
-    if fit.get("shapes", ANY) in (ANY, "polygon"):
-        fit.setdefault("segments", 4)
+    is_file = hasattr(value, "sha256")  # a mask or a drawing
+    return {"name": value.name, "sha256": value.sha256} if is_file else value

@@ -17,6 +17,7 @@ from cubicsplat_cli.options import (
     LOSSES,
     PHOTOS,
     Setting,
+    check_settings,
     listed,
     loss_text,
     parse_background,
@@ -27,16 +28,14 @@ from cubicsplat_cli.options import (
     unknown_setting,
 )
 
-# Defaults that the preset or the picture decides, before anybody computes with them; hence not in the field's type.
+# Defaults that the preset or the picture replaces before the fit; so they are no part of the fields' types.
 FROM_PRESET: Any = None
 AUTO: Any = None
 USUAL_CURVES = 512  # of a photo of ordinary size
-# The kinds of closed curves that a fit may be restricted to, and how many cubics each has; of a polygon, the preset's.
+LEAST_PIXELS_PER_CURVE = 16  # with more curves, there would be more numbers than in the picture
+# The kinds of closed curves to which a fit may be restricted, and their numbers of cubics; None: the preset's.
 ANY = "any"
 SHAPES = {"ellipse": 4, "rectangle": 4, "triangle": 3, "polygon": None}
-# Unless more curves are asked for, each has so many pixels at the least; but what was drawn for an icon's few pixels
-# needs FEWEST_CURVES, unless there would be more numbers than the picture has.
-PIXELS_PER_CURVE, FEWEST_CURVES, LEAST_PIXELS_PER_CURVE = 96, 64, 16
 
 
 class Mode(str, Enum):
@@ -63,7 +62,7 @@ def _choice(text: str, *choices: str, **facts: Any) -> Any:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Numbers of the optimisation, each of which `--set NAME=VALUE` changes.
+    """Numbers of the optimisation; `--set NAME=VALUE` changes each of them.
 
     Sizes and the step sizes of points and half-widths are fractions of the length unit.
     """
@@ -119,11 +118,10 @@ class Recipe:
     soft_edge: float = _number(2.7, "Width of soft edges at the start, in px.")
 
     def __post_init__(self) -> None:
-        for each, spec in settings_of(Recipe):
-            spec.check(each.name, getattr(self, each.name))
+        check_settings(self)
 
     def unit(self, width: int, height: int, curves: int) -> float:
-        """The length unit in px."""
+        """Return the length unit in px."""
         return 0.5 * width if self.length_unit == "canvas" else math.sqrt(width * height / curves)
 
 
@@ -138,7 +136,7 @@ _PAPER = {
     "prune_fraction": 0.2, "reallocation_density": 0.16, "reallocate_until": 0.8, "opacity_logit": 1.0,
     "tolerance": 0.0, "seeding": "discs", "seed_size": 0.01, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
 }  # fmt: skip
-# Of each preset by mode: what it says of `FitSettings`, and where its `Recipe` differs from the usual one.
+# For each preset and mode: the `FitSettings`, and the values of the `Recipe` that differ from the usual ones.
 PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
     "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 400}},
     "standard": {Mode.CLOSED: _CLOSED | {"steps": 2300}, Mode.OPEN: _OPEN | {"steps": 2000}},
@@ -152,13 +150,13 @@ PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Settings of a fit; the preset gives those that are None. Raises UsageError for senseless values.
+    """Settings of a fit; the preset replaces those that are None. Raises UsageError for senseless values.
 
-    curves: None (auto) until the picture is known, see `for_size`. loss: see `options.parse_loss`. samples: a curve
-    gets as many of these edges as its flatness needs. finish_samples: by default the preset's, or `samples` if that is
-    more. background: "auto" (the picture's mean colour), "none" (transparent) or a colour; `fit` uses it for pictures
-    without transparency, and `vectorize` lays others over a colour. time_limit: seconds of a fit, and with `vectorize`
-    of everything; the schedule follows the clock if the steps take longer.
+    curves: None (auto) until the size of the picture is known, see `for_size`. loss: see `options.parse_loss`. samples:
+    of these edges a curve gets as many as its flatness needs. finish_samples: by default the preset's, or `samples` if
+    that is more. background: "auto" (the picture's mean colour), "none" (transparent) or a colour; `fit` uses it for
+    pictures without transparency, and `vectorize` lays other pictures over a colour. time_limit: seconds of a fit, or
+    of everything in `vectorize`; the schedule follows the clock if the steps take longer.
     """
 
     curves: int = setting(
@@ -228,9 +226,7 @@ class FitSettings:
         self._set("loss", loss_text(parse_loss(self.loss)))
         given = self.background
         self._set("background", parse_background(base.get("background", "auto") if given is None else given))
-        for each, spec in settings_of(FitSettings):
-            if each.name != "mode":
-                spec.check(each.name, getattr(self, each.name))
+        check_settings(self)
         if self.shapes != ANY and (self.mode is Mode.OPEN or self.fill != "flat"):
             other = "--mode open" if self.mode is Mode.OPEN else f"--fill {self.fill}"
             raise UsageError(f"are filled with one colour each; leave out {other}", "shapes")
@@ -242,12 +238,12 @@ class FitSettings:
 
     @classmethod
     def names(cls) -> set[str]:
-        """Names of the settings that `from_preset` takes."""
+        """Return the names of the settings that `from_preset` takes."""
         return {*cls.__dataclass_fields__, *_RECIPE}
 
     @classmethod
     def from_preset(cls, preset: str = "standard", mode: Mode | str = Mode.CLOSED, **overrides: Any) -> FitSettings:
-        """Settings with numbers of the recipe among them; a value of None means the preset's."""
+        """Return settings from values of them and of the recipe; None means the preset's value."""
         given = {name: value for name, value in renamed(overrides).items() if value is not None}
         for name in given:
             if name not in cls.names():
@@ -257,14 +253,18 @@ class FitSettings:
         return settings.with_(recipe=replace(settings.recipe, **numbers)) if numbers else settings
 
     def for_size(self, width: int, height: int) -> FitSettings:
-        """The settings for a picture of width x height px: a small one gets no more curves than it has use for."""
+        """Return the settings with a number of curves for a picture of width x height px, if they have none.
+
+        A small picture has one curve per 96 px, and at least 64 for the details of an icon (`LEAST_PIXELS_PER_CURVE`
+        permitting).
+        """
         if self.curves is not None:
             return self
-        fewest = max(1, min(FEWEST_CURVES, width * height // LEAST_PIXELS_PER_CURVE))
-        return self.with_(curves=min(USUAL_CURVES, max(fewest, width * height // PIXELS_PER_CURVE)))
+        fewest = max(1, min(64, width * height // LEAST_PIXELS_PER_CURVE))
+        return self.with_(curves=min(USUAL_CURVES, max(fewest, width * height // 96)))
 
     def with_(self, **changes: Any) -> FitSettings:
-        """The same settings but for some; the preset is not asked again."""
+        """Return the settings with some changes; the preset is not applied again."""
         return replace(self, **changes)
 
     @property
@@ -276,7 +276,7 @@ class FitSettings:
         return red / 255.0, green / 255.0, blue / 255.0
 
     def public(self) -> dict[str, Any]:
-        """Plain values for the metrics file and the settings hash."""
+        """Return plain values for the metrics file and the settings hash."""
         return asdict(self) | {"mode": self.mode.value}
 
 
@@ -296,5 +296,5 @@ def _setting(name: str) -> Setting:
 
 
 def cpu_count() -> int:
-    """The CPU cores that the process may use: its affinity, not the machine's count."""
+    """Return the number of CPU cores that the process may use: its affinity, not the machine's count."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.options import DRAWINGS, parse_colour, setting, settings_of
+from cubicsplat_cli.options import DRAWINGS, check_settings, parse_colour, setting
 
 MOST_COLORS = 256
 # Upper shapes lie on lower ones, or all abut and share their edges.
@@ -77,8 +77,7 @@ class ArtworkSettings:
     curves: int | None = None
 
     def __post_init__(self) -> None:
-        for each, known in settings_of(ArtworkSettings):
-            known.check(each.name, getattr(self, each.name))
+        check_settings(self)
         given = self.palette.split(",") if isinstance(self.palette, str) else self.palette
         object.__setattr__(self, "palette", tuple(_triple(colour) for colour in given))
         if len(self.palette) > MOST_COLORS:

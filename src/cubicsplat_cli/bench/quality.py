@@ -1,4 +1,4 @@
-"""Quality over a folder of pictures: the tables and the contact sheet of `cubicsplat bench quality`."""
+"""`cubicsplat bench quality`: the tables and the contact sheet of the quality over a folder of pictures."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _HEADER = ("picture", "SVG dB", "SSIM", "own dB", "gap dB", "agreement dB", "s",
 
 
 def configuration_name(mode: str, curves: int) -> str:
-    """`closed 512`."""
+    """Return `closed 512`."""
     return f"{mode} {curves}"
 
 
 def quality_jobs(
     pictures: Sequence[Path], modes: Sequence[str], curves: Sequence[int], fit: Mapping[str, Any]
 ) -> list[FitJob]:
-    """Every picture with every mode and number of curves; all pictures of one configuration, then of the next.
+    """Return a fit of every picture with every mode and number of curves, one configuration after the other.
 
     fit: settings by name, as `FitSettings.from_preset` takes them.
     """
@@ -51,7 +51,7 @@ def quality_jobs(
 
 
 def means(runs: Sequence[FitFigures]) -> dict[str, float | int | None]:
-    """Means of one configuration; the worst agreement is given too, since a mean hides it."""
+    """Return the means of one configuration, and the worst agreement, which a mean hides."""
     agreements = [run.agreement_db for run in runs if run.agreement_db is not None]
     figures: dict[str, float | int | None] = {"pictures": len(runs)}
     for name in _DECIMALS:
@@ -62,7 +62,7 @@ def means(runs: Sequence[FitFigures]) -> dict[str, float | int | None]:
 
 
 def quality_report(runs: Runs, configurations: Sequence[str]) -> dict[str, Any]:
-    """The JSON of `bench quality`."""
+    """Return the JSON of `bench quality`."""
     return {
         **head(),
         "bench": "quality",
@@ -73,7 +73,7 @@ def quality_report(runs: Runs, configurations: Sequence[str]) -> dict[str, Any]:
 
 
 def quality_tables(runs: Runs, configurations: Sequence[str], *, markdown: bool) -> str:
-    """A table per configuration, each ending with its mean row, and one of all means."""
+    """Return a table per configuration, whose last row has the means, and a table of all means."""
     parts = []
     for name in configurations:
         fits = runs.of(name)
@@ -94,7 +94,7 @@ def _row(name: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def sheet_png(runs: Sequence[tuple[FitFigures, bytes]], paths: Mapping[str, Path]) -> bytes:
-    """PNG bytes: one row per run, original | SVG | difference x 4; longer sides over 768 px are scaled down.
+    """Return a PNG with one row per run: original | SVG | difference x 4; longer sides over 768 px are scaled down.
 
     runs: figures and SVG. paths: of the originals by the run's picture name. Transparency is shown over white.
     """
@@ -113,7 +113,7 @@ def _sheet_row(run: FitFigures, svg: bytes, path: Path) -> Image.Image:
 
 
 def cell(pixels: np.ndarray, longest: int, *, enlarge: bool = False) -> Image.Image:
-    """(H, W, 3) uint8 as an image whose longer side has at most `longest` px, or just as many with `enlarge`."""
+    """Return (H, W, 3) uint8 as an image whose longer side has at most `longest` px, or exactly with `enlarge`."""
     image = Image.fromarray(pixels)
     scale = longest / max(image.size)
     if not enlarge:
@@ -123,7 +123,7 @@ def cell(pixels: np.ndarray, longest: int, *, enlarge: bool = False) -> Image.Im
 
 
 def labelled_row(cells: Sequence[Image.Image], labels: Sequence[str], width: int) -> Image.Image:
-    """The cells in columns of `width` px, each below its label, which may have several lines."""
+    """Return the cells in columns of `width` px, each below its label of one or more lines."""
     lines = max(label.count("\n") + 1 for label in labels)
     height = max(cell.height for cell in cells) + lines * _LABEL + _MARGIN
     row = Image.new("RGB", (len(cells) * (width + _MARGIN) + _MARGIN, height), "white")
@@ -131,7 +131,7 @@ def labelled_row(cells: Sequence[Image.Image], labels: Sequence[str], width: int
     for index, (image, label) in enumerate(zip(cells, labels, strict=True)):
         left = _MARGIN + index * (width + _MARGIN)
         for place, line in enumerate(label.split("\n")):
-            # The built-in font may lack other letters, and no label is worth a failure.
+            # The built-in font may lack other letters.
             text = line.encode("ascii", "replace").decode()
             draw.text((left, 3 + place * _LABEL), text, fill="black", font=font)
         row.paste(image, (left, lines * _LABEL))
@@ -139,7 +139,7 @@ def labelled_row(cells: Sequence[Image.Image], labels: Sequence[str], width: int
 
 
 def stacked(rows: Sequence[Image.Image]) -> bytes:
-    """PNG bytes of the rows below one another."""
+    """Return a PNG of the rows below one another."""
     sheet = Image.new("RGB", (max(row.width for row in rows), sum(row.height for row in rows)), "white")
     top = 0
     for row in rows:

@@ -1,4 +1,4 @@
-"""Fits of the pictures of a folder, one after the other; a bad picture is reported and the others go on."""
+"""Fits of the pictures of a folder, one after the other; a bad picture is reported, and the others are fitted."""
 
 from __future__ import annotations
 
@@ -24,15 +24,13 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
-# Of the coordinates in the SVG: the command line's default.
-PRECISION = 2
-
+PRECISION = 2  # of the coordinates in the SVG: the command line's default
 Watch = Callable[[str], AbstractContextManager[Callable[[Progress], None] | None]]
 
 
 @record
 class FitJob:
-    """One fit: which picture, with which settings, as a part of which configuration of the benchmark."""
+    """One fit: its picture, its settings, and the configuration of the benchmark to which it belongs."""
 
     path: Path
     configuration: str
@@ -65,19 +63,19 @@ class FitFigures:
 
 @dataclass(eq=False)
 class Runs:
-    """Results: figures with the SVG of each, and failures as (picture, configuration, error); the configuration
-    of a picture that cannot be read is empty.
+    """Results: figures and SVG of each fit, and failures as (picture, configuration, error); the configuration is empty
+    if the picture cannot be read.
     """
 
     done: list[tuple[FitFigures, bytes]] = field(default_factory=list)
     failed: list[tuple[str, str, str]] = field(default_factory=list)
 
     def of(self, configuration: str) -> list[FitFigures]:
-        """The figures of one configuration, in the order of the pictures."""
+        """Return the figures of one configuration, in the order of the pictures."""
         return [run for run, _ in self.done if run.configuration == configuration]
 
     def failures(self) -> list[dict[str, str]]:
-        """The failures as members of a JSON report."""
+        """Return the failures as members of a JSON report."""
         return [dict(zip(("picture", "configuration", "error"), failure, strict=True)) for failure in self.failed]
 
 
@@ -88,39 +86,33 @@ def run_all(
     tell: Callable[[str], None],
     vectorized: Callable[..., Result] | None = None,
 ) -> Runs:
-    """Every fit, from the cache where it was done before.
+    """Do every fit, or take it from the cache.
 
     watch: makes the progress callback of a fit, a context manager of its name. tell: gets a line per picture.
-    vectorized: carries out a fit (default: `vectorize_picture`). Raises KeyboardInterrupt when a fit was interrupted
-    (what was done is in the cache).
+    vectorized: carries out a fit (default: `vectorize_picture`). Raises KeyboardInterrupt if a fit is interrupted;
+    earlier fits are in the cache.
     """
     runs = Runs()
     unreadable: set[Path] = set()
     for fit in fits:
         if fit.path in unreadable:
             continue
-        name = f"{fit.path.name}, {fit.configuration}"
+        configuration = ""
         try:
             picture = load_picture(fit.path)
-        except CubicSplatError as error:
-            unreadable.add(fit.path)
-            _fail(runs, fit.path.name, "", error, tell)
-            continue
-        try:
+            configuration = fit.configuration
             run, svg = _run(fit, picture, cache, watch, vectorized or vectorize_picture)
         except CubicSplatError as error:
-            _fail(runs, fit.path.name, fit.configuration, error, tell)
+            if not configuration:
+                unreadable.add(fit.path)
+            runs.failed.append((fit.path.name, configuration, one_line(error)))
+            tell(f"{', '.join(filter(None, runs.failed[-1][:2]))}: failed: {one_line(error)}")
             continue
         runs.done.append((run, svg))
         level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"
-        tell(f"{name}: {level}  {run.seconds:.1f} s{'  (from the cache)' if run.cached else ''}")
+        cached = "  (from the cache)" if run.cached else ""
+        tell(f"{fit.path.name}, {configuration}: {level}  {run.seconds:.1f} s{cached}")
     return runs
-
-
-def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: Callable[[str], None]) -> None:
-    text = one_line(error)
-    runs.failed.append((picture, configuration, text))
-    tell(f"{picture}{', ' if configuration else ''}{configuration}: failed: {text}")
 
 
 def _run(
@@ -136,13 +128,13 @@ def _run(
         raise KeyboardInterrupt
     if entry is not None:
         entry.write(result)
-    # As the report's file has them, so that a result is the same from the cache.
+    # The figures are those of the report's file, so that they are the same from the cache.
     report = Report.from_json(result.report.to_json())
     return _figures(fit, report, cached=False), result.svg.encode()
 
 
 def _figures(fit: FitJob, report: Report, *, cached: bool) -> FitFigures:
-    """The figures in the report of one picture, which was measured."""
+    """Return the figures in the report of one picture, which was measured."""
     quality, timing = report.quality, report.timing
     assert quality is not None
     return FitFigures(
@@ -166,7 +158,7 @@ def _figures(fit: FitJob, report: Report, *, cached: bool) -> FitFigures:
 
 
 class CacheEntry:
-    """Cache files of one fit: its report and its SVG, named by a hash of all that decides the result."""
+    """Cache files of one fit: its report and its SVG, named by a hash of everything that decides the result."""
 
     def __init__(self, folder: Path, fit: FitJob, picture: Picture, code: str | None = None) -> None:
         decisive = fit.settings.public() | {
@@ -180,7 +172,7 @@ class CacheEntry:
         self.json, self.svg = folder / f"{stem}.json", folder / f"{stem}.svg"
 
     def read(self) -> tuple[Report, bytes] | None:
-        """The cached result; None if it is missing or incomplete."""
+        """Return the cached result; None if it is missing or incomplete."""
         try:
             report, svg = Report.from_json(self.json.read_bytes()), self.svg.read_bytes()
         except (OSError, ValueError):
@@ -188,7 +180,7 @@ class CacheEntry:
         return (report, svg) if report.output.svg_sha256 == sha256_of(svg) else None
 
     def write(self, result: Result) -> None:
-        """Keeps a result; the JSON, which makes it count, comes last."""
+        """Keep a result; the JSON comes last: without it the files do not count."""
         self.json.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(self.svg, result.svg.encode())
         write_atomically(self.json, result.report.to_json().encode())
@@ -196,7 +188,7 @@ class CacheEntry:
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """SHA-256 of the files that decide a result, so that one of other code is never taken for this code's."""
+    """Return the SHA-256 of the files that decide a result, which tells results of other code apart."""
     digest = hashlib.sha256()
     root = Path(cubicsplat_cli.__file__).parent
     for package in ("photo", "raster", "svg", "evaluate"):

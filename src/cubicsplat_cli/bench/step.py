@@ -1,4 +1,4 @@
-"""Time and memory of one training step in the middle of a fit: `cubicsplat bench step`."""
+"""`cubicsplat bench step`: time and memory of one training step in the middle of a fit."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import math
 import re
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,17 +18,14 @@ from cubicsplat_cli.settings import FitSettings
 if TYPE_CHECKING:
     from cubicsplat_cli.photo.loop import FitLoop
 
-# Steps of the exact finish that are not timed: they bring its larger polylines and tile lists into memory.
+# Untimed steps of the exact finish, which bring its larger polylines and tile lists into memory.
 _EXACT_WARMUP = 5
-# Of the drawn picture: seed and number of its shapes; other values would be another benchmark.
-_PICTURE_SEED = 20_26
-_SHAPES = 40
 STATUS = Path("/proc/self/status")
 
 
 def total_steps(warmup: int, steps: int, finish: float) -> int:
-    """Least length of a fit in which the timed steps end no later than half-way, and whose exact finish, a share
-    `finish` of it, is long enough to time as many.
+    """Return the fewest steps of a fit whose timed steps end half-way at the latest, and whose exact finish, a share
+    `finish` of it, has enough steps to time.
     """
     needed = 2 * (warmup + steps)
     return max(needed, math.ceil((steps + _EXACT_WARMUP + 1) / finish)) if finish > 0 else needed
@@ -38,18 +34,17 @@ def total_steps(warmup: int, steps: int, finish: float) -> int:
 def measure_step(
     target: np.ndarray, name: str, settings: FitSettings, *, warmup: int, steps: int, baseline: Memory
 ) -> dict[str, Any]:
-    """The report of `bench step` as plain values.
+    """Return the report of `bench step` as plain values.
 
-    target: (H, W, 3), or (H, W, 4) premultiplied, float32. name: of the picture. settings: of the fit, whose number
-    of steps is raised where it is too short to be measured in its middle. warmup, steps: done before timing, and
-    timed, in each phase. baseline: memory before the target was made. Raises UsageError for a warm-up below 0 or steps
-    below 1.
+    target: (H, W, 3), or (H, W, 4) premultiplied, float32. name: of the picture. settings: of the fit, which gets more
+    steps if it has too few to be measured in its middle. warmup, steps: untimed first steps, and timed steps, of each
+    phase. baseline: memory before the target was made. Raises UsageError for a warm-up below 0 or steps below 1.
     """
     if warmup < 0 or steps < 1:
         raise UsageError(f"warmup-steps must be at least 0 and steps at least 1, not {warmup} and {steps}")
     finish = settings.recipe.finish
     settings = settings.with_(steps=max(settings.steps, total_steps(warmup, steps, finish)), time_limit=None)
-    # What these take is the fit's memory, and not the baseline's.
+    # Their memory counts as the fit's, not as the baseline's.
     from cubicsplat_cli.photo.loop import FitLoop
     from cubicsplat_cli.scene.arrays import one_torch_thread
 
@@ -80,14 +75,14 @@ def measure_step(
 
 
 def wait_for_gpu() -> None:
-    """Returns when a GPU, if one is in use, has done all that it was given."""
+    """Wait until a GPU, if one is in use, has done all of its work."""
     torch = sys.modules.get("torch")
     if torch is not None and torch.cuda.is_initialized():
         torch.cuda.synchronize()
 
 
 def _time(loop: FitLoop, steps: int) -> dict[str, Any]:
-    """Times so many steps from where the fit stands."""
+    """Time the next steps of a fit."""
     phase = loop.schedule.phase(loop.progress)
     seconds: list[float] = []
     stages: list[dict[str, float]] = []
@@ -97,9 +92,9 @@ def _time(loop: FitLoop, steps: int) -> dict[str, Any]:
         loop.advance()
         wait_for_gpu()
         seconds.append(time.perf_counter() - started)
-        # An engine that works asynchronously has no timings: its steps are timed as a whole.
+        # An asynchronous engine has no timings: its steps are timed as a whole.
         engine = loop.engine.timings() or {"engine": seconds[-1]}
-        # What a step takes beside the engine is Python and, now and then, the replacement of curves.
+        # The rest of a step is Python and, in some steps, the replacement of curves.
         rest = seconds[-1] - sum(engine.values())
         changed = loop.log.replaced > replaced
         stages.append({**engine, "replacement": rest if changed else 0.0, "other": 0.0 if changed else rest})
@@ -114,37 +109,30 @@ def _time(loop: FitLoop, steps: int) -> dict[str, Any]:
         "p90_ms": round(p90, 3),
         "mean_ms": round(1e3 * total / steps, 3),
         "stages": {
-            name: {
-                "ms": round(1e3 * sum(stage[name] for stage in stages) / steps, 3),
-                "share": round(sum(stage[name] for stage in stages) / total, 4),
-            }
-            for name in stages[0]
+            name: {"ms": round(1e3 * spent / steps, 3), "share": round(spent / total, 4)}
+            for name, spent in ((name, sum(stage[name] for stage in stages)) for name in stages[0])
         },
         "pairs": {name: int(np.median([count[name] for count in counts])) for name in counts[0]},
     }
 
 
 def _memory_fields(before: Memory, after: Memory) -> dict[str, float | None]:
-    """Megabytes (10^6 bytes): the process before, now and at most, and what the fit took of it."""
+    """Return megabytes (10^6 bytes): of the process before, now and at most, and the part of the fit."""
+    bytes_of = {
+        "before_mb": (before.resident, 0),
+        "resident_mb": (after.resident, 0),
+        "peak_mb": (after.peak, 0),
+        "resident_above_mb": (after.resident, before.resident),
+        "peak_above_mb": (after.peak, before.resident),
+    }
     return {
-        "before_mb": _megabytes(before.resident),
-        "resident_mb": _megabytes(after.resident),
-        "peak_mb": _megabytes(after.peak),
-        "resident_above_mb": _difference(after.resident, before.resident),
-        "peak_above_mb": _difference(after.peak, before.resident),
+        name: None if count is None or less is None else round((count - less) / 1e6, 1)
+        for name, (count, less) in bytes_of.items()
     }
 
 
-def _megabytes(count: int | None) -> float | None:
-    return None if count is None else round(count / 1e6, 1)
-
-
-def _difference(after: int | None, before: int | None) -> float | None:
-    return None if after is None or before is None else _megabytes(after - before)
-
-
 def step_lines(report: dict[str, Any]) -> str:
-    """The report as a few lines for people."""
+    """Return the report as a few lines for people."""
     picture, settings, device = report["picture"], report["settings"], report["device"]
     machine = ", ".join(f"{name} {value}" for name, value in device.items())
     lines = [
@@ -177,13 +165,13 @@ def _memory_text(figures: dict[str, float | None]) -> str:
 
 
 def synthetic_picture(width: int, height: int) -> np.ndarray:
-    """(H, W, 3) float32 in [0, 1]: a smooth gradient, discs and bars with sharp edges, and a band of fine texture."""
+    """Return (H, W, 3) float32 in [0, 1]: a smooth gradient, sharp discs and bars, a band of fine texture."""
     y, x = np.mgrid[0:height, 0:width].astype(np.float64)
     u, v = (x + 0.5) / width, (y + 0.5) / height
     picture = np.stack([0.35 + 0.45 * v, 0.55 - 0.25 * u * v, 0.75 - 0.5 * v + 0.1 * np.sin(5.0 * u)], axis=-1)
-    random = np.random.default_rng(_PICTURE_SEED)
+    random = np.random.default_rng(2026)  # another seed, or another number of shapes, would be another benchmark
     aspect = width / height
-    for index in range(_SHAPES):
+    for index in range(40):
         cx, cy, size, turn = random.uniform(0, 1, 4) * (1.0, 1.0, 0.14, 2 * np.pi)
         colour = random.uniform(0.05, 0.95, 3)
         dx, dy = (u - cx) * aspect, v - cy
@@ -200,16 +188,15 @@ def synthetic_picture(width: int, height: int) -> np.ndarray:
     return np.clip(picture, 0.0, 1.0).astype(np.float32)
 
 
-@dataclass(frozen=True)
-class Memory:
-    """Bytes of this process in physical memory: `resident` now, `peak` the most so far; None where unknown."""
+class Memory(NamedTuple):
+    """Bytes of this process in physical memory: `resident` now, `peak` the most so far; None if unknown."""
 
     resident: int | None
     peak: int | None
 
 
 def memory(status: Path = STATUS) -> Memory:
-    """Read Linux's process status, or elsewhere the peak of `getrusage`; Windows has neither."""
+    """Return the figures of Linux's process status, or elsewhere the peak of `getrusage`; Windows has neither."""
     try:
         return from_status(status.read_text(encoding="ascii"))
     except OSError:
@@ -217,7 +204,7 @@ def memory(status: Path = STATUS) -> Memory:
 
 
 def from_status(text: str) -> Memory:
-    """The figures in the text of /proc/self/status."""
+    """Return the figures in the text of /proc/self/status."""
     sizes = {name: 1024 * int(kilobytes) for name, kilobytes in re.findall(r"^(Vm\w+):\s*(\d+) kB$", text, re.M)}
     return Memory(sizes.get("VmRSS"), sizes.get("VmHWM"))
 

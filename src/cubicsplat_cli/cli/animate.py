@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,21 +11,12 @@ import typer
 
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, Verbose, takes_options
-from cubicsplat_cli.clip_request import (
-    ARTWORK,
-    FIT_SETTINGS,
-    FRAMES,
-    LOTTIE,
-    SMIL,
-    ClipReport,
-    ClipRequest,
-    clip_request_of,
-)
+from cubicsplat_cli.clip_request import ARTWORK, FIT_SETTINGS, FRAMES, LOTTIE, SMIL, ClipReport, ClipRequest
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
 from cubicsplat_cli.files.paths import check_outputs, is_folder, make_folder_of, same_file
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
-from cubicsplat_cli.options import settings_of
+from cubicsplat_cli.from_options import clip_request_of
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import FitSettings
 
@@ -33,8 +24,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.pipeline.animation import Animation, ClipTask
 
 EXIT_INTERRUPTED = 130
-_LOTTIE_SUFFIX, _METRICS = ".json", ".metrics.json"
-_OWN = tuple(each.name for each, _ in settings_of(ClipRequest))
+_SUFFIXES = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}
 
 Source = Annotated[
     str,
@@ -52,18 +42,18 @@ Output = Annotated[
 
 @record
 class _Places:
-    """Paths of the results: the file, or the folder of frames; the JSON of the figures; the page."""
+    """Paths of the results: the file or the folder of frames, the JSON of the figures, and the page."""
 
     result: Path
     metrics: Path
     page: Path | None
 
     def frames(self) -> list[Path]:
-        """Frames that are there, of ours or of whoever named them so."""
+        """Return the existing files with names of frames."""
         return sorted(self.result.glob("[0-9][0-9][0-9][0-9]*.svg")) if is_folder(self.result) else []
 
 
-@takes_options(*FIT_SETTINGS, *_OWN, owners=(FitSettings, ClipRequest))
+@takes_options(*FIT_SETTINGS, *(each.name for each in fields(ClipRequest)), owners=(FitSettings, ClipRequest))
 def animate(
     clip: Source,
     output: Output = None,
@@ -94,15 +84,15 @@ def animate(
 
 
 def _format(output: str | None, chosen: str | None) -> str:
-    """The format that was asked for, or that the output's name says. Raises UsageError where these differ."""
+    """Return the chosen format, or that of the output's name. Raises UsageError where these differ."""
     if output is None:
         return chosen or SMIL
     suffix = Path(output).suffix.lower()
-    named = {PLAIN: SMIL, _LOTTIE_SUFFIX: LOTTIE}.get(suffix)
+    named = {PLAIN: SMIL, ".json": LOTTIE}.get(suffix)
     if names_a_folder(output) or (not suffix and chosen == FRAMES):
         named = FRAMES
     if named is None:
-        near = did_you_mean(suffix, (*SVG_SUFFIXES, _LOTTIE_SUFFIX))
+        near = did_you_mean(suffix, (*SVG_SUFFIXES, ".json"))
         raise UsageError(f"the output must end in .svg, .json (Lottie) or / (frames), but -o is {output}{near}")
     if chosen is not None and chosen != named:
         raise UsageError(f"-o {output} is for the format {named}, but --format is {chosen}; leave out --format")
@@ -110,20 +100,22 @@ def _format(output: str | None, chosen: str | None) -> str:
 
 
 def _places(clip: Path, output: str | None, request: ClipRequest) -> _Places:
-    name = clip.resolve().name if is_folder(clip) else clip.stem
-    if output is not None:
-        result = Path(output)
-    else:
-        suffix = {SMIL: PLAIN, LOTTIE: _LOTTIE_SUFFIX, FRAMES: ".frames"}[str(request.format)]
-        result = (clip.resolve() if is_folder(clip) else clip).parent / f"{name}{suffix}"
+    """Return the paths of the results; by default they lie beside the clip."""
+    if output is None:
+        whole = is_folder(clip)
+        beside, name = (clip.resolve().parent, clip.resolve().name) if whole else (clip.parent, clip.stem)
+        output = str(beside / f"{name}{_SUFFIXES[str(request.format)]}")
+    result = Path(output)
     if request.format == FRAMES:
-        return _Places(result, result / "metrics.json", result / "index.html" if request.html_report else None)
-    metrics = result.with_suffix(_METRICS if request.format == LOTTIE else ".json")
-    return _Places(result, metrics, result.with_suffix(PAGE) if request.html_report else None)
+        metrics, page = result / "metrics.json", result / "index.html"
+    else:
+        metrics = result.with_suffix(".metrics.json" if request.format == LOTTIE else ".json")
+        page = result.with_suffix(PAGE)
+    return _Places(result, metrics, page if request.html_report else None)
 
 
 def _check(places: _Places, clip: Path, request: ClipRequest) -> None:
-    """Raise an error before the work where a file cannot be written, or is the clip."""
+    """Raise an error before the work if a file cannot be written, or is the clip."""
     if same_file(places.result, clip):
         raise UsageError(f"{places.result} is the input and would be overwritten; choose another output with -o")
     make_folder_of(places.metrics)
@@ -133,6 +125,7 @@ def _check(places: _Places, clip: Path, request: ClipRequest) -> None:
 
 
 def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) -> ClipReport:
+    """Do the work and write the results; return the figures."""
     from cubicsplat_cli.files.clips import open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
     from cubicsplat_cli.pipeline.animation import ClipTask
@@ -143,13 +136,8 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
         reporter.begin(job)
         timer = StageTimer(reporter, job, started=command_began())
         with timer("read"):
-            source = open_clip(
-                clip,
-                fps=request.fps,
-                most_frames=request.frames,
-                max_size=request.max_size,
-                max_pixels=request.max_pixels,
-            )
+            bounds: dict[str, Any] = {"max_size": request.max_size, "max_pixels": request.max_pixels}
+            source = open_clip(clip, fps=request.fps, most_frames=request.frames, **bounds)
         task = ClipTask(source, request, clip.resolve().name, timer, timer.step)
         animation = animate_clip(task, lambda made: _write(made, places, request))
         report = animation.report
@@ -166,7 +154,7 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
 
 
 def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
-    """Write the result, before anything is measured; frames of an earlier, longer clip go."""
+    """Write the result, before anything is measured; remove frames of an earlier, longer clip."""
     from cubicsplat_cli.files.write import write_atomically
 
     files = {
@@ -182,7 +170,7 @@ def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
 
 
 def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Places) -> None:
-    """Write the page, and last the figures."""
+    """Write the page, if there is one, and last the figures."""
     from cubicsplat_cli.files.write import write_atomically
 
     if places.page is not None:
@@ -194,7 +182,7 @@ def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Pla
 
 
 def clip_summary(report: ClipReport) -> str:
-    """`clip.svg  60 frames  256 curves  180 kB  SVG 27.9 dB  1.2 s a frame`."""
+    """Return `clip.svg  photo  60 frames  256 curves  180 kB  27.9 dB  72 s`."""
     output, quality = report.output, report.quality
     level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.1f} dB"
     what = "shape" if report.style == ARTWORK else "curve"

@@ -17,18 +17,16 @@ from cubicsplat_cli.files.paths import is_there
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
 
-# What may stand in place of a command.
 _OWN_OPTIONS = ("--help", "-h", "--version", "--install-completion", "--show-completion")
-# Commands of `bench` that are now programs of a checkout, with the names of their modules.
-_MOVED = {name: name for name in ("ablation", "artwork", "paper", "peers")} | {"thorns": "spikes"}
-# The functions of the commands, in the modules of these names, and their classes; a typer of its own has none.
+# Commands of `bench` that are programs of a checkout by now, with the names of their modules.
+_MOVED = {"ablation": "ablation", "artwork": "artwork", "paper": "paper", "peers": "peers", "thorns": "spikes"}
+# For each command, in the module of its name: the function and its class, or a group of commands and None.
 _FUNCTIONS = {
     "vectorize": ("vectorize", GroupedCommand), "animate": ("animate", Command), "eval": ("evaluate", Command),
     "render": ("render", Command), "doctor": ("doctor", Command), "bench": ("bench", None),
 }  # fmt: skip
 COMMANDS = tuple(_FUNCTIONS)
-# All that the parser raises for wrong usage derives from what BadParameter derives from.
-_ParserError = typer.BadParameter.__mro__[2]
+_ParserError = typer.BadParameter.__mro__[2]  # the base of all errors of the parser
 
 
 def _print_version(wanted: bool) -> None:
@@ -47,15 +45,15 @@ def _all_commands(
 
 @lru_cache
 def application(*commands: str) -> typer.Typer:
-    """The command line with some of its commands, of COMMANDS; each of them imports what it needs, and makes parsers
-    of its options, which takes as long as a small drawing.
+    """Return the command line with some of COMMANDS: each one imports modules and makes parsers of its options, which
+    takes as long as a small drawing.
     """
     app = typer.Typer(
         name="cubicsplat",
         cls=CommandGroup,
         help="Turn pictures into SVGs: photos as curves that blend, drawings as few shapes. Measure any SVG.",
         add_completion=True,
-        # A traceback of a bug is for a bug report: plain, complete, and without the values of local variables.
+        # Tracebacks are for bug reports: plain, complete, and without the values of local variables.
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
         context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
@@ -72,34 +70,31 @@ def application(*commands: str) -> typer.Typer:
 
 
 def run_command(arguments: list[str]) -> int | None:
-    """Run a command by its arguments, as `meant` gives them; the exit code, None where the command just ended."""
-    # Only the first word can name a command; without one the help, or an error, lists them all.
+    """Run a command by its arguments, as `meant` returns them; return the exit code, None for success."""
+    # Only the first word can name a command; otherwise the help, or an error, lists all of them.
     named = [arguments[0]] if arguments[0] in COMMANDS else COMMANDS
     code: int | None = application(*named)(args=arguments, prog_name="cubicsplat", standalone_mode=False)
     return code
 
 
 def meant(arguments: list[str]) -> list[str]:
-    """The arguments as they were meant: `help` or nothing is --help. A picture, a folder or an option of vectorize
-    needs no command."""
-    if not arguments:
-        return ["--help"]
-    first = arguments[0]
+    """Return the arguments with what their user left out: `help` and nothing mean --help; pictures, folders and options
+    of vectorize need no command.
+    """
+    first = arguments[0] if arguments else "help"
     if first == "help":
         return [*arguments[1:], "--help"]
     if arguments == ["bench"]:
         return ["bench", "--help"]
     if first in COMMANDS or first.partition("=")[0] in _OWN_OPTIONS:
         return arguments
-    if first.startswith("-") or is_there(Path(first)):  # STDIO too
-        return ["vectorize", *arguments]
-    if difflib.get_close_matches(first, COMMANDS):
-        return arguments
-    return ["vectorize", *arguments] if re.search(r"[./\\*?]", first) else arguments
+    is_input = first.startswith("-") or is_there(Path(first))  # - is standard input
+    is_path = re.search(r"[./\\*?]", first) and not difflib.get_close_matches(first, COMMANDS)
+    return ["vectorize", *arguments] if is_input or is_path else arguments
 
 
 def parser_error(error: Exception) -> str | None:
-    """The parser's complaint in our words; "" where the user gave up (Ctrl-C), None for any other exception."""
+    """Return the parser's error in our words; "" if the user gave up (Ctrl-C), None for any other exception."""
     if isinstance(error, typer.Abort):
         return ""
     if not isinstance(error, _ParserError):
@@ -124,11 +119,11 @@ def parser_error(error: Exception) -> str | None:
         return f"there is nothing that {match[1]!r} could be for; see --help"
     if match := re.match(r"Option '(.*)' requires", text):
         return f"{match[1]} needs a value; see --help"
-    return _lowered(text).rstrip(".")
+    return (text[:1].lower() + text[1:]).rstrip(".")
 
 
 def _reason(text: str, cause: BaseException | None) -> str:
-    """The reason without the jargon of the parser and of what it checks values with, which is the cause."""
+    """Return the reason without the jargon of the parser, and of the library whose error is the cause."""
     errors = getattr(cause, "errors", None)
     given = "" if errors is None else f", not {errors()[0]['input']!r}"
     if "valid integer" in text:
@@ -138,8 +133,4 @@ def _reason(text: str, cause: BaseException | None) -> str:
     if match := re.match(r"(?:Value error, )?'(.*)' is not one of (.*?)\.?$", text, re.DOTALL):
         choices = match[2].replace("'", "").split(", ")
         return f"must be {listed(choices)}, not {match[1]!r}"
-    return _lowered(text).rstrip(".")
-
-
-def _lowered(text: str) -> str:
-    return text[:1].lower() + text[1:]
+    return (text[:1].lower() + text[1:]).rstrip(".")

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 bench = typer.Typer(help="Measure the speed of a training step, and quality.")
 
 _MOST_SIDE = 16_384
-_SHEET_PICTURES = 4
-_LIMIT = Setting("count", "", least=1, optional=True)
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
 CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
@@ -122,22 +120,22 @@ def quality(
 
 
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
-    """Write a sheet of the first pictures, with all configurations of a picture below one another."""
+    """Write a sheet of the first four pictures, with all configurations of a picture below one another."""
     from cubicsplat_cli.bench.quality import sheet_png
     from cubicsplat_cli.files.write import write_atomically
 
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
-    rows = [(run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name]
+    rows = [(run, svg) for picture in shown[:4] for run, svg in runs.done if run.picture == picture.name]
     write_atomically(path, sheet_png(rows, {picture.name: picture for picture in pictures}))
 
 
 def comma_parts(text: str) -> list[str]:
-    """The parts of a value with commas in it, each once."""
+    """Return the parts of a value with commas, each once."""
     return list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
 
 
 def counts_of(text: str) -> list[int]:
-    """The value of --curves: whole numbers with commas between them."""
+    """Return the value of --curves: whole numbers with commas between them."""
     parts = comma_parts(text)
     if not parts or not all(part.isdecimal() for part in parts):
         raise UsageError(f"must be whole numbers with commas between them, not {text!r}", "curves")
@@ -148,20 +146,20 @@ def counts_of(text: str) -> list[int]:
 
 
 def modes_of(text: str) -> list[str]:
-    """The value of --mode: closed, open, or both with a comma between them."""
-    modes, known = comma_parts(text), [mode.value for mode in Mode]
-    if not modes or not set(modes) <= set(known):
-        raise UsageError(f"must be {listed(known)}, or both with a comma, not {text!r}", "mode")
+    """Return the value of --mode: closed, open, or both with a comma between them."""
+    modes, names = comma_parts(text), [mode.value for mode in Mode]
+    if not modes or not set(modes) <= set(names):
+        raise UsageError(f"must be {listed(names)}, or both with a comma, not {text!r}", "mode")
     return modes
 
 
 def check_limit(limit: int | None) -> None:
-    """Raises UsageError for a --limit below 1."""
-    _LIMIT.check("limit", limit)
+    """Raise UsageError for a --limit below 1."""
+    Setting("count", "", least=1, optional=True).check("limit", limit)
 
 
 def check_png(path: Path | None, option: str) -> None:
-    """A picture that a benchmark draws may replace an older one of ours, never a picture of the user's."""
+    """Raise UsageError if the picture of a benchmark is no PNG, or would replace a picture of the user's."""
     if path is None:
         return
     if path.suffix.lower() != ".png":
@@ -172,7 +170,7 @@ def check_png(path: Path | None, option: str) -> None:
 
 
 def pictures_of(folder: Path, limit: int | None) -> list[Path]:
-    """The pictures of a folder, the first so many of them. Raises what finding them raises."""
+    """Return the first pictures of a folder, up to a limit. Raises the errors of `pictures_in`."""
     from cubicsplat_cli.files.names import pictures_in
 
     check_limit(limit)
@@ -180,7 +178,7 @@ def pictures_of(folder: Path, limit: int | None) -> list[Path]:
 
 
 def run_fits(jobs: Sequence[FitJob], cache: Path | None, reporter: Reporter) -> Runs:
-    """Carries out the fits and reports each on stderr. Raises InputError where all of them failed."""
+    """Do the fits, and report each one on stderr. Raises InputError if all of them fail."""
     from cubicsplat_cli.bench.runs import run_all
 
     runs = run_all(jobs, cache, reporter.progress, reporter.summary)
@@ -197,7 +195,7 @@ def print_json(report: dict[str, Any]) -> None:
 
 
 def end_with(failed: Sequence[tuple[str, str, str]]) -> None:
-    """Failures, as (picture, what was made of it or "", error), come last, and make the exit code 1."""
+    """Print failures, as (picture, its configuration or "", error), and exit with 1 if there are any."""
     for picture, made, error in failed:
         typer.echo(f"cubicsplat: failed: {picture}{', ' if made else ''}{made}: {error}", err=True)
     if failed:

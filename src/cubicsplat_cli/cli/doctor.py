@@ -1,4 +1,4 @@
-"""`cubicsplat doctor`: versions, renderers and the engine, and what does not work here."""
+"""`cubicsplat doctor`: versions, renderers and engines, and the problems of this machine."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def doctor(json: Annotated[bool, typer.Option("--json", help="Print everything a
 
 
 def examine() -> dict[str, Any]:
-    """Versions, renderers and engine as plain values; `problems` lists, one sentence each, what is broken."""
+    """Return versions, renderers and engines as plain values; `problems` has a sentence about each failure."""
     from cubicsplat_cli.evaluate.rerender import available_renderers
 
     problems: list[str] = []
@@ -80,17 +80,16 @@ def _engine(problems: list[str]) -> dict[str, Any]:
 def _engine_text(state: dict[str, Any]) -> str:
     if not state["available"]:
         return f"not available: {state['reason']}"
-    shown = {name: value for name, value in state.items() if name not in ("available", "name")}
-    used = "the one used; " if shown.pop("used", False) else ""
-    return used + ", ".join(f"{name.replace('_', ' ')} {_plain(value)}" for name, value in shown.items())
-
-
-def _plain(value: Any) -> str:
-    return " ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+    shown = {
+        name.replace("_", " "): " ".join(map(str, value)) if isinstance(value, (list, tuple)) else value
+        for name, value in state.items()
+        if name not in ("available", "name", "used")
+    }
+    return ("the one used; " if state.get("used") else "") + ", ".join(f"{n} {value}" for n, value in shown.items())
 
 
 def _folded(line: str) -> list[str]:
-    """A line as a terminal can show it: folded between words, below where its text begins. Whole for other readers."""
+    """Return the rows of a line: folded between words and indented for a terminal, else one."""
     if not sys.stdout.isatty():
         return [line]
     width = max(2 * _INDENT, shutil.get_terminal_size().columns)

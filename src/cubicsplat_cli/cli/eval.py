@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,7 +29,7 @@ Compare = Callable[[Path, Path], "Comparison"]
 
 @dataclass(eq=False)
 class ComparedPairs:
-    """Results of two folders: comparisons, failures as (reference, error), and candidates without a reference."""
+    """Results: comparisons, failures as (reference, error), and candidates without a reference."""
 
     compared: list[Comparison] = field(default_factory=list)
     failed: list[tuple[Path, str]] = field(default_factory=list)
@@ -85,7 +86,7 @@ def evaluate(
     if reference.is_dir() and not candidate.is_dir():
         raise UsageError(f"{reference} is a folder, so the candidate must be one too, not {candidate}")
     check_csv(csv)
-    wanted = chosen_metrics(metrics)
+    chosen = chosen_metrics(metrics)
     folders = reference.is_dir()
     page = None
     if report is not None:
@@ -93,19 +94,16 @@ def evaluate(
 
         page = planned_pages(report, folders=folders)
     reporter = Reporter(quiet=quiet)
-    given = {"renderer": renderer, "scale": scale, "threads": threads, "measures": wanted}
-
-    def compare(first: Path, second: Path) -> Comparison:
-        return _compare(first, second, reporter, max_pixels, **given)
-
+    options: dict[str, Any] = {"renderer": renderer, "scale": scale, "threads": threads, "measures": chosen}
+    compare: Compare = partial(_compare, reporter=reporter, max_pixels=max_pixels, **options)
     if folders:
-        pairs = _folders(reference, candidate, compare, reporter, () if json else wanted)
+        pairs = _folders(reference, candidate, compare, reporter, () if json else chosen)
         printed = _folder_report(reference, candidate, pairs)
     else:
         pairs = ComparedPairs([compare(reference, candidate)])
         printed = {**head(), **pairs.compared[0].public()}
         if not json:
-            _show(pairs.compared[0], wanted)
+            _show(pairs.compared[0], chosen)
     write_csv(csv, [_row(comparison) for comparison in pairs.compared])
     if page is not None:
         write_pages(page, pairs.compared, pairs.failed, threads, folders=folders)
@@ -119,22 +117,16 @@ def evaluate(
 
 
 def _compare(reference: Path, candidate: Path, reporter: Reporter, max_pixels: int, **options: Any) -> Comparison:
-    """options: those of `compare_with` that hold for every pair."""
+    """Compare one pair, and print its notes. options: of `compare_with`."""
     from cubicsplat_cli.evaluate.comparison import compare_with
     from cubicsplat_cli.files.load import load_picture
     from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 
     target = load_picture(reference, max_pixels=max_pixels, smaller="compare smaller copies")
-    data = unpacked(read_stdin(max_pixels), "stdin") if str(candidate) == STDIO else read_file(candidate)
-    comparison = compare_with(
-        target,
-        str(reference),
-        data,
-        "stdin" if str(candidate) == STDIO else str(candidate),
-        is_svg=looks_like_svg(candidate, data),
-        max_pixels=max_pixels,
-        **options,
-    )
+    name = "stdin" if str(candidate) == STDIO else str(candidate)
+    data = unpacked(read_stdin(max_pixels), name) if str(candidate) == STDIO else read_file(candidate)
+    is_svg = looks_like_svg(candidate, data)
+    comparison = compare_with(target, str(reference), data, name, is_svg=is_svg, max_pixels=max_pixels, **options)
     for note in comparison.notes:
         reporter.note(note)
     return comparison
@@ -143,7 +135,7 @@ def _compare(reference: Path, candidate: Path, reporter: Reporter, max_pixels: i
 def _folders(
     reference: Path, candidate: Path, compare: Compare, reporter: Reporter, shown: Sequence[str]
 ) -> ComparedPairs:
-    """All pairs of two folders; one that fails does not stop the others. shown: metrics to print, none for nothing."""
+    """Compare all pairs of two folders, failures or not. shown: metrics to print; without any print nothing."""
     from cubicsplat_cli.files.names import match_folders
 
     matched, missing, extra = match_folders(reference, candidate)
@@ -156,10 +148,9 @@ def _folders(
             continue
         if shown:
             _show(pairs.compared[-1], shown)
-    if pairs.extra:
-        names = ", ".join(path.name for path in pairs.extra[:3])
-        more = "" if len(pairs.extra) <= 3 else f" and {len(pairs.extra) - 3} more"
-        reporter.note(f"without a reference: {names}{more}")
+    if extra:
+        more = "" if len(extra) <= 3 else f" and {len(extra) - 3} more"
+        reporter.note(f"without a reference: {', '.join(path.name for path in extra[:3])}{more}")
     if not pairs.compared:
         raise InputError("; ".join(f"{path}: {error}" for path, error in pairs.failed[:3]))
     if shown:
@@ -168,6 +159,7 @@ def _folders(
 
 
 def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
+    """Print the chosen metrics of one pair, and its changes at scale."""
     candidate = comparison.candidate
     drawn_by = [] if candidate.renderer is None else [candidate.renderer]
     usual = [part for name, part in zip(USUAL, _quality_parts(comparison.quality), strict=True) if name in metrics]
@@ -190,7 +182,7 @@ def _quality_parts(quality: Quality) -> list[str]:
 
 
 def _change_text(change: Change) -> str:
-    """`31.77 dB  SSIM 0.8528  (native 31.78 dB, -0.01 dB)`."""
+    """Return `31.77 dB  SSIM 0.8528  (native 31.78 dB, -0.01 dB)`."""
     native = _quality_parts(change.native)[0]
     difference = "" if change.change_db is None else f", {change.change_db:+.3f} dB"
     return "  ".join([*_quality_parts(change.scaled), f"(native {native}{difference})"])
@@ -201,7 +193,7 @@ def _mean_line(pairs: ComparedPairs) -> str:
     parts = [f"mean of {means['pairs']}"]
     parts += [] if means["psnr_db"] is None else [f"{means['psnr_db']:.2f} dB"]
     parts += [] if means["ssim"] is None else [f"SSIM {means['ssim']:.4f}"]
-    parts += figures_text({name: means[name] for name in _further_members(pairs)})
+    parts += figures_text(means)
     for name in ("svg", "engine"):
         change = means[f"{name}_change_db"]
         parts += [] if change is None else [f"{name} {change:+.3f} dB at scale"]
@@ -209,29 +201,20 @@ def _mean_line(pairs: ComparedPairs) -> str:
 
 
 def _means(pairs: ComparedPairs) -> dict[str, Any]:
-    """Means over the pairs that have a figure; an identical pair has no PSNR and is counted apart."""
+    """Return the means of the pairs that have a figure; an identical pair has no PSNR and is counted apart."""
     qualities = [comparison.quality for comparison in pairs.compared]
     scales = [comparison.scale for comparison in pairs.compared if comparison.scale is not None]
-    means: dict[str, Any] = plain(
-        {
-            "pairs": len(qualities),
-            "identical": sum(quality.identical for quality in qualities),
-            "psnr_db": mean(quality.psnr_db for quality in qualities),
-            "ssim": mean(quality.ssim for quality in qualities),
-            **{
-                name: mean(comparison.measures[name] for comparison in pairs.compared)
-                for name in _further_members(pairs)
-            },
-            "svg_change_db": mean(scale.file.change_db for scale in scales),
-            "engine_change_db": mean(scale.engine.change_db for scale in scales if scale.engine is not None),
-        }
-    )
-    return means
-
-
-def _further_members(pairs: ComparedPairs) -> list[str]:
-    """The members of the further measures that were asked for."""
-    return list(pairs.compared[0].measures) if pairs.compared else []
+    further = pairs.compared[0].measures if pairs.compared else ()
+    means = {
+        "pairs": len(qualities),
+        "identical": sum(quality.identical for quality in qualities),
+        "psnr_db": mean(quality.psnr_db for quality in qualities),
+        "ssim": mean(quality.ssim for quality in qualities),
+        **{name: mean(comparison.measures[name] for comparison in pairs.compared) for name in further},
+        "svg_change_db": mean(scale.file.change_db for scale in scales),
+        "engine_change_db": mean(scale.engine.change_db for scale in scales if scale.engine is not None),
+    }
+    return {name: plain(value, name) for name, value in means.items()}
 
 
 def _folder_report(reference: Path, candidate: Path, pairs: ComparedPairs) -> dict[str, Any]:
@@ -247,6 +230,7 @@ def _folder_report(reference: Path, candidate: Path, pairs: ComparedPairs) -> di
 
 
 def _row(comparison: Comparison) -> dict[str, Any]:
+    """Return the row of a pair in the CSV table."""
     candidate, quality, scale = comparison.candidate, comparison.quality, comparison.scale
     engine = None if scale is None else scale.engine
     return {

@@ -1,4 +1,6 @@
-"""Options made from the tables of settings (`settings.py`, `request.py`, `artwork/settings.py`), and the help."""
+"""Options made from the tables of settings (`settings.py`, `request.py`, `artwork/settings.py`); the layout of the
+help.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ Pictures = Annotated[
     ),
 ]
 
-_PRESENT = {  # names of options by those that earlier versions gave them
+_PRESENT = {  # the present names of options by their earlier names
     f"--{earlier}".replace("_", "-"): f"--{name}".replace("_", "-")
     for earlier, name in {"measures": "metrics", **RENAMED}.items()
 }
@@ -53,30 +55,31 @@ _OWNERS = (FitSettings, Request, Recipe, ArtworkSettings)
 def takes_options(
     *names: str, after: int = 2, owners: tuple[type[Any], ...] = _OWNERS
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Gives a command, whose last parameter is `**options`, options in place of that parameter.
+    """Replace the last parameter of a command, `**options`, by options made from settings.
 
-    names: of settings of the owners; all if none is named. after: how many of the command's own options the help shows
-    first.
+    names: of settings of the owners; all by default. after: the number of the command's own parameters that come before
+    them in the help.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         signature = inspect.signature(command)
         hints = get_type_hints(command, include_extras=True)
         own = [
-            p.replace(annotation=hints[p.name]) for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD
+            p.replace(annotation=hints[p.name], kind=p.KEYWORD_ONLY)
+            for p in signature.parameters.values()
+            if p.kind is not p.VAR_KEYWORD
         ]
-        more = [p for p in _parameters(owners) if not names or p.name in names]
-        places = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]
-        parameters = [*places[:after], *more, *places[after:]]
+        made = [p for p in _parameters(owners) if not names or p.name in names]
+        parameters = [*own[:after], *made, *own[after:]]
         command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-        command.__annotations__ = {p.name: p.annotation for p in [*own, *more]}
+        command.__annotations__ = {p.name: p.annotation for p in [*own, *made]}
         return command
 
     return decorate
 
 
 def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """The values of all settings by their names. overrides: of --set. Raises UsageError for one that makes no sense."""
+    """Return the values of all settings by name. overrides: of --set. Raises UsageError for a senseless one."""
     values = {name: value for name, value in options.items() if not name.startswith("no_")}
     for _, each, spec in _settings():
         if spec.only_off and options.get(f"no_{each.name}"):
@@ -85,7 +88,7 @@ def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, An
 
 
 def print_names(overrides: list[str]) -> list[str]:
-    """The values of --set; of `--set help` the command ends with all names, their defaults and what they mean."""
+    """Return the values of --set; for `--set help` print all names, defaults and meanings, and end the command."""
     if "help" not in overrides:
         return overrides
     fit = FitSettings()
@@ -98,13 +101,13 @@ def print_names(overrides: list[str]) -> list[str]:
 
 
 def _override(text: str) -> tuple[str, Any]:
-    """Name and value of `NAME=VALUE`; hyphens and underscores in names are the same."""
+    """Return name and value of `NAME=VALUE`; hyphens and underscores in names are the same."""
     said, equals, value = text.partition("=")
-    name = said.strip().replace("-", "_")
-    settings = {each.name: spec for _, each, spec in _settings() if spec.by_set}
     if not equals:
         raise UsageError(f"--set takes NAME=VALUE, such as importance=visibility, not {text!r}")
+    name = said.strip().replace("-", "_")
     name = RENAMED.get(name, name)
+    settings = {each.name: spec for _, each, spec in _settings() if spec.by_set}
     if name not in settings:
         raise UsageError(f"--set knows no {said.strip()!r}{did_you_mean(name, settings)}; --set help lists the names")
     return name, settings[name].read(f"set {name}", value)
@@ -117,16 +120,16 @@ def _settings(owners: tuple[type[Any], ...] = _OWNERS) -> Iterator[tuple[type[An
 
 
 def _parameters(owners: tuple[type[Any], ...]) -> Iterator[inspect.Parameter]:
-    """The options of all settings, in the order of the help."""
+    """Yield the options of all settings, in the order of the help."""
     for owner, each, spec in _settings(owners):
         if spec.only_off:
-            off = Option(
-                f"--no-{spec.option or each.name}", help=spec.help, rich_help_panel=spec.group, hidden=spec.hidden
+            facts: dict[str, Any] = {"help": spec.help, "rich_help_panel": spec.group, "hidden": spec.hidden}
+            yield _parameter(
+                f"no_{each.name}", False, Annotated[bool, Option(f"--no-{spec.option or each.name}", **facts)]
             )
-            yield _parameter(f"no_{each.name}", False, Annotated[bool, off])
         if (spec.only_off and spec.kind == "flag") or (spec.by_set and not spec.hidden_option):
             continue
-        # A preset decides about its recipe.
+        # The preset decides the defaults of its recipe.
         default = None if owner is Recipe or each.default == () else getattr(each.default, "value", each.default)
         from_preset = owner is FitSettings and default is None and not spec.optional
         text = spec.help + ("  [default: from the preset]" if from_preset else "")
@@ -138,13 +141,13 @@ def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
 
 
 def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
-    """The annotation for Typer. `Setting.check` checks limits, so that all errors have the same form."""
+    """Return the annotation for Typer. `Setting.check` checks limits, so that all errors have the same form."""
     facts: dict[str, Any] = {
         "help": text,
         "rich_help_panel": spec.group,
         "show_default": default is not True and default != "",
+        "hidden": spec.hidden or spec.by_set or spec.only_off,
     }
-    facts["hidden"] = spec.hidden or spec.by_set or spec.only_off
     kind: Any = object if spec.auto else str if spec.parse is not None else _KINDS.get(spec.kind)
     if spec.kind == "choice":
         kind = Literal[spec.choices]
@@ -160,7 +163,7 @@ def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
 
 
 def _number_or_word(text: str) -> Any:
-    """A whole number as such, and anything else as it is: `Setting.check` says what is wrong with it."""
+    """Return a whole number, or any other text in lower case for `Setting.check`."""
     try:
         return int(text)
     except ValueError:
@@ -168,7 +171,7 @@ def _number_or_word(text: str) -> Any:
 
 
 def _value(parameter: Any, convert: Callable[[Any, Any], Any], kind: Any, context: Any, given: Any) -> Any:
-    """The value of a parameter of some type, from what the command line or its default says. convert: Typer's way."""
+    """Return the value of a parameter of a type from the command line or its default. convert: the way of Typer."""
     if given is None or given == parameter.default:
         return convert(context, given) if parameter.required else given
     try:
@@ -180,7 +183,7 @@ def _value(parameter: Any, convert: Callable[[Any, Any], Any], kind: Any, contex
 
 
 def check_csv(path: Path | None) -> None:
-    """Raises UsageError where --csv has another suffix, InputError where it cannot be written."""
+    """Raise UsageError if --csv has another suffix, InputError if it cannot be written."""
     if path is None:
         return
     if path.suffix.lower() != ".csv":
@@ -191,7 +194,7 @@ def check_csv(path: Path | None) -> None:
 
 
 def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write the rows, where a table was asked for."""
+    """Write the rows if the user asked for a table."""
     if path is not None:
         from cubicsplat_cli.files.write import write_atomically
 
@@ -199,10 +202,10 @@ def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 class _AsGiven:
-    """Reads texts, numbers and words, for which Typer would import pydantic: that takes as long as our own imports."""
+    """Reads values of simple types without pydantic, whose import by Typer takes as long as all of our imports."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """The parameters, with --help."""
+        """Return the parameters, with --help."""
         parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
         kinds = get_type_hints(self.callback) if self.callback else {}  # type: ignore[attr-defined]
         for each in parameters:
@@ -212,31 +215,30 @@ class _AsGiven:
 
 
 class CommandGroup(_AsGiven, TyperGroup):
-    """Commands with a name in common."""
+    """A group of commands."""
 
 
 class Command(_AsGiven, TyperCommand):
-    """A command whose help is plain text, and which knows the options of earlier versions."""
+    """A command with help in plain text, which accepts the options of earlier versions."""
 
     grouped = False
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments, with the present names of options that were renamed."""
+        """Parse the arguments, with earlier names of options replaced by the present ones."""
         end = args.index("--") if "--" in args else len(args)
         parts = [argument.partition("=") for argument in args[:end]]
         present = [_PRESENT.get(name, name) + equals + value for name, equals, value in parts]
         return super().parse_args(ctx, [*present, *args[end:]])
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """`[OPTIONS] IN...`."""
+        """Return `[OPTIONS] IN...`."""
         arguments = [str(p.metavar) for p in self.get_params(ctx) if p.param_type_name == "argument"]
         return [self.options_metavar or "", *arguments]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write what the parameters mean."""
-        groups: dict[str, list[tuple[str, str]]] = {"Arguments": []}
-        for name in GROUPS if self.grouped else ("Options",):
-            groups[name] = []
+        """Write the meanings of the parameters."""
+        names = GROUPS if self.grouped else ("Options",)
+        groups: dict[str, list[tuple[str, str]]] = {name: [] for name in ("Arguments", *names)}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is None:
@@ -246,7 +248,7 @@ class Command(_AsGiven, TyperCommand):
                 groups["Arguments"].append((str(parameter.metavar), text.replace("  [required]", "")))
             else:
                 name = (getattr(parameter, "rich_help_panel", None) or COMMON) if self.grouped else "Options"
-                # The parser shows choices in brackets of its own.
+                # The parser puts choices into brackets.
                 groups[name].append((re.sub(r"[<\[]([^<\[]*\|[^>\]]*)[>\]]$", r"\1", shown), text))
         for name, rows in groups.items():
             if rows:
@@ -255,6 +257,6 @@ class Command(_AsGiven, TyperCommand):
 
 
 class GroupedCommand(Command):
-    """A command of many options, which come in groups."""
+    """A command of many options, in groups."""
 
     grouped = True

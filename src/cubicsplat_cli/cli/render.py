@@ -90,31 +90,27 @@ def render(
 
 
 def _plan(sources: list[str], output: str | None) -> list[tuple[Path | None, Path | None]]:
-    """Each SVG, None for standard input, with the PNG that it becomes, None for standard output."""
+    """Return pairs of an SVG, None for standard input, and its PNG, None for standard output."""
     if STDIO in sources and len(sources) > 1:
         raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
     several = len(sources) > 1 or is_folder(Path(sources[0]))
-    if several and output is not None and not _may_hold_several(output):
-        kind = Path(output).suffix[1:].upper() or "file"
-        raise UsageError(f"-o {output} names one {kind}, but there may be several; give a folder")
+    if several and output is not None:
+        folder = Path(output)
+        may_be_folder = is_folder(folder) or (not is_there(folder) and folder.suffix.lower() not in _ENDINGS)
+        if output == STDIO or not may_be_folder:
+            kind = folder.suffix[1:].upper() or "file"
+            raise UsageError(f"-o {output} names one {kind}, but there may be several; give a folder")
     inside = several or (output is not None and output != STDIO and names_a_folder(output))
-    places: list[tuple[Path | None, Path | None]] = []
+    places = [(source, _place(source, output, inside=inside)) for source in _files(sources)]
     taken: dict[Path, Path] = {}
-    for source in _files(sources):
-        path = _place(source, output, inside=inside)
-        places.append((source, path))
+    for source, path in places:
         if source is not None and path is not None and (other := taken.setdefault(path, source)) != source:
             raise UsageError(f"{other} and {source} would both give {path}; use two runs with different folders")
     return places
 
 
-def _may_hold_several(output: str) -> bool:
-    path = Path(output)
-    return output != STDIO and (is_folder(path) or (not is_there(path) and path.suffix.lower() not in _ENDINGS))
-
-
 def _files(sources: list[str]) -> list[Path | None]:
-    """The files named, and of folders the SVGs in them; each once."""
+    """Return the files, with the SVGs of folders in place of these, each once; None for standard input."""
     files: dict[Path | None, None] = {}
     for name in sources:
         folder = Path(name)
@@ -124,9 +120,8 @@ def _files(sources: list[str]) -> list[Path | None]:
         try:
             inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SVG_SUFFIXES and not is_folder(p))
         except OSError as error:
-            raise InputError(
-                f"{printable(name)}: folder cannot be read ({error.strerror}); check its permissions"
-            ) from error
+            text = f"{printable(name)}: folder cannot be read ({error.strerror}); check its permissions"
+            raise InputError(text) from error
         if not inside:
             raise InputError(f"{printable(name)}: is a folder without SVGs; give one with .svg files")
         files.update(dict.fromkeys(inside))
@@ -134,7 +129,7 @@ def _files(sources: list[str]) -> list[Path | None]:
 
 
 def _place(source: Path | None, output: str | None, *, inside: bool) -> Path | None:
-    """Return the path of the result; None: standard output. inside: whether `output` is a folder for it."""
+    """Return the path of the result, None for standard output. inside: `output` is a folder for it."""
     if output == STDIO or (output is None and source is None):
         return None
     if output is None:
@@ -151,9 +146,7 @@ def _draw(
     source: Path | None, path: Path | None, size: dict[str, Any], tolerance: float, renderer: str, reporter: Reporter,
     *, force: bool,
 ) -> None:  # fmt: skip
-    """Draw one SVG. size, tolerance: see `exported`. force: not for a name that nobody chose, which is never worth a
-    picture of the user's.
-    """
+    """Draw one SVG. size, tolerance: see `exported`. force: replace files of other programs; not for a default name."""
     if path is not None:
         if path.suffix.lower() not in _ENDINGS:
             near = did_you_mean(path.suffix.lower(), _ENDINGS) or "; choose another with -o"
@@ -174,20 +167,17 @@ def _draw(
         from cubicsplat_cli.export.formats import exported
 
         made = exported(svg, form, name, tolerance=tolerance, **size)
-        for note in made.notes:
-            reporter.note(f"{name}: {note}")
-        make_folder_of(path)
-        write_atomically(path, made.data)
-        reporter.summary(f"{path}  {file_size(len(made.data))}")
-        return
-    rendered, _ = rerender_untrusted(svg, source=name, renderer=renderer, **size)
-    data = encode_png(rendered.pixels)
-    if rendered.note is not None:
-        reporter.note(rendered.note)
+        data, notes, about = made.data, [f"{name}: {note}" for note in made.notes], file_size(len(made.data))
+    else:
+        rendered, _ = rerender_untrusted(svg, source=name, renderer=renderer, **size)
+        height, width = rendered.pixels.shape[:2]
+        data, about = encode_png(rendered.pixels), f"{width} x {height} px  {rendered.renderer}"
+        notes = [] if rendered.note is None else [rendered.note]
+    for note in notes:
+        reporter.note(note)
     if path is None:
         write_stdout(data)
         return
     make_folder_of(path)
     write_atomically(path, data)
-    height, width = rendered.pixels.shape[:2]
-    reporter.summary(f"{path}  {width} x {height} px  {rendered.renderer}")
+    reporter.summary(f"{path}  {about}")

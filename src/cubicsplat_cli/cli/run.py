@@ -1,4 +1,4 @@
-"""A run of `vectorize` over one picture or many: told as it goes, summed up at its end."""
+"""A run of `vectorize` over one picture or many: its messages, and its summary at the end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.paths import check_ownership
 from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
-from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, lacking, look, planned_others, write_index
+from cubicsplat_cli.jobs.execute import execute, lacking, look, pictures_at_once, with_others, write_index
 from cubicsplat_cli.jobs.plan import Job, JobPlan
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, uri_line
 from cubicsplat_cli.metrics import Report, plain
@@ -25,13 +25,13 @@ from cubicsplat_cli.progress import Observer, interrupt
 from cubicsplat_cli.request import Request
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
-STATES = (DONE, UNCHANGED, INTERRUPTED, FAILED)  # of what has ended, in the order of the closing table
+STATES = (DONE, UNCHANGED, INTERRUPTED, FAILED)  # of ended pictures, in the order of the closing table
 
 
 def closing_table(ended: Sequence[Outcome], planned: int, seconds: float) -> list[str]:
-    """The lines of the closing table; `planned` pictures there were to do, in so many seconds."""
-    alike = {status: [each for each in ended if each.status == status] for status in STATES}
-    lines = [[status, *_cells(outcomes)] for status, outcomes in alike.items() if outcomes]
+    """Return the lines of the closing table. planned: pictures in all; seconds: of the run."""
+    alike = ((status, [each for each in ended if each.status == status]) for status in STATES)
+    lines = [[status, *_cells(outcomes)] for status, outcomes in alike if outcomes]
     if planned > len(ended):
         lines.append(["not begun", str(planned - len(ended)), "", "", "", ""])
     table = text_table(["", "pictures", "curves", "SVG", "mean dB", "mean SSIM"], lines)
@@ -43,23 +43,19 @@ def _cells(outcomes: Sequence[Outcome]) -> list[str]:
     curves, size = sum(report.count() for report in reports), sum(report.output.bytes for report in reports)
     measured = [report.quality.svg for report in reports if report.quality is not None]
     decibels, similarity = mean(q.psnr_db for q in measured), mean(q.ssim for q in measured)
-    return [
-        str(len(outcomes)),
-        str(curves or ""),
-        file_size(size) if size else "",
-        "" if decibels is None else number(decibels, 2),
-        "" if similarity is None else number(similarity, 3),
-    ]
+    figures = ["" if value is None else number(value, places) for value, places in ((decibels, 2), (similarity, 3))]
+    return [str(len(outcomes)), str(curves or ""), file_size(size) if size else "", *figures]
 
 
 @dataclass(eq=False)
 class BatchRun:
-    """One run: what it is to do, and what came of it so far."""
+    """One run: its plan and options, and its outcomes so far. workers, cluster: see `execute`."""
 
     plan: JobPlan
     request: Request
-    options: ExecutionOptions
     reporter: Reporter
+    workers: int | None = None
+    cluster: str | None = None
     json: bool = False
     dry_run: bool = False
     ended: list[Outcome] = field(default_factory=list)
@@ -67,16 +63,17 @@ class BatchRun:
     started: float = field(default_factory=time.perf_counter)
 
     def go(self) -> int:
-        """Do everything; the exit code."""
+        """Do everything; return the exit code."""
         for reason, paths in self.plan.left_out.items():
-            self._note_left_out(reason, [str(path) for path in paths])
+            shown = ", ".join(map(str, paths[:3])) + (f" and {len(paths) - 3} more" if len(paths) > 3 else "")
+            self.reporter.note(f"left out, {reason}: {len(paths)} ({shown})")
         for name, error in self.plan.problems:
             self.record_outcome(failure(Job(name, None, Outputs(None, None, None)), error))
         if self.plan.index is not None and not self.dry_run:
             check_ownership([self.plan.index], force=self.request.force)
         if self.dry_run:
             for job in self.plan.jobs:
-                self.record_outcome(planned_others(look(job, self.request), self.request))
+                self.record_outcome(with_others(look(job, self.request), self.request, self.reporter, dry_run=True))
         elif self.plan.jobs:
             self._work()
         self._close()
@@ -114,13 +111,8 @@ class BatchRun:
             self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")
         if outcome.status != PLANNED:
             self.ended.append(outcome)
-        svg = outcome.job.outputs.svg
-        if (
-            self.request.data_uri
-            and svg is not None
-            and outcome.status in (DONE, UNCHANGED, INTERRUPTED)
-            and not self.dry_run
-        ):
+        svg, written = outcome.job.outputs.svg, outcome.status in (DONE, UNCHANGED, INTERRUPTED)
+        if self.request.data_uri and svg is not None and written and not self.dry_run:
             write_stdout(uri_line(svg.read_bytes()))
         if self.json:
             line = json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False)
@@ -129,29 +121,29 @@ class BatchRun:
     def _work(self) -> None:
         if self.plan.pictures > 1:
             self.reporter.detail(self.request.describe())
-            self._note_cores()
+            asked, at_once = self.workers or 1, pictures_at_once(self.workers)
+            if self.cluster is None and min(asked, self.plan.pictures) > at_once:
+                cores = f"{counted(at_once, 'core')}, so {counted(at_once, 'picture')} at once"
+                self.reporter.note(f"--jobs {asked}: {cores}")
         with self.reporter.showing(self.plan.pictures), self._interrupts():
-            for outcome in execute(self.plan, self.request, self.options, self.reporter, lambda: self.stopped):
+            outcomes = execute(
+                self.plan, self.request, self.reporter, lambda: self.stopped, workers=self.workers, cluster=self.cluster
+            )
+            for outcome in outcomes:
                 self.record_outcome(outcome)
 
-    def _note_cores(self) -> None:
-        """Note that more jobs than cores would not be faster, if more were asked for."""
-        asked, at_once = self.options.workers, self.options.at_once()
-        if asked is not None and self.options.cluster is None and min(asked, self.plan.pictures) > at_once:
-            self.reporter.note(f"--jobs {asked}: {counted(at_once, 'core')}, so {counted(at_once, 'picture')} at once")
-
     def _close(self) -> None:
-        """The table, the page to look at, and after it what failed."""
-        if self.plan.pictures > 1 and not self.dry_run:
-            for line in closing_table(self.ended, self.plan.pictures, time.perf_counter() - self.started):
-                self.reporter.summary(line)
+        """Print the table, the page to look at, and last the failures."""
         if not self.dry_run:
-            self._close_pages()
+            self._sum_up()
         for outcome in self._failures():
             self.reporter.error(outcome.error or "")
 
-    def _close_pages(self) -> None:
-        """The index, in the order of the plan, and where to begin to look."""
+    def _sum_up(self) -> None:
+        """Print the table; write the index, in the order of the plan; name the page to look at."""
+        if self.plan.pictures > 1:
+            for line in closing_table(self.ended, self.plan.pictures, time.perf_counter() - self.started):
+                self.reporter.summary(line)
         page = self.plan.jobs[0].outputs.html_report if self.plan.pictures == 1 and self.plan.jobs else None
         if self.plan.index is not None:
             page = self.plan.index
@@ -160,21 +152,17 @@ class BatchRun:
         if page is not None and len(self._failures()) < self.plan.pictures:
             self.reporter.summary(f"to look at: {page}")
 
-    def _note_left_out(self, reason: str, names: list[str]) -> None:
-        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-        self.reporter.note(f"left out, {reason}: {len(names)} ({shown})")
-
     @contextmanager
     def _interrupts(self) -> Iterator[None]:
-        """The first Ctrl-C is acknowledged at once and ends the fits and drawings under way with what they have. The
-        second ends everything.
+        """Within, the first Ctrl-C ends the fits and drawings under way with their results so far, and the second ends
+        everything.
         """
 
         def stop(_number: int, _frame: FrameType | None) -> None:
             again, self.stopped = self.stopped, True
             if not again:
                 self.reporter.note("interrupted: the work under way ends with what it has; Ctrl-C again ends at once")
-            if again or self.options.inline:
+            if again or (self.cluster is None and self.plan.pictures == 1):
                 interrupt()
 
         if threading.current_thread() is not threading.main_thread():
@@ -199,7 +187,7 @@ def check_stdout(plan: JobPlan, *, json: bool, cluster: bool, uri: bool = False)
 
 
 def _print_plan(outcome: Outcome, request: Request) -> None:
-    """Print the line of a dry run about a job: where its SVG goes, or what is made of one that is there."""
+    """Print the line of a dry run about a job: the path of its SVG, or of the files to be made of a finished SVG."""
     paths = [outcome.job.outputs.svg]
     if outcome.report is not None and outcome.status != UNCHANGED:
         paths = [*lacking(outcome.job, outcome.report, request, Observer())]
@@ -209,7 +197,7 @@ def _print_plan(outcome: Outcome, request: Request) -> None:
 
 
 def summary_line(report: Report, status: str = DONE) -> str:
-    """`out.svg  512 curves  61 kB  SVG 31.9 dB  SSIM 0.86  47 s  cpu`."""
+    """Return `out.svg  512 curves  61 kB  SVG 31.9 dB  SSIM 0.86  47 s  cpu`."""
     output = report.output
     parts = [output.svg or "stdout", report.style, _size_text(report), _bytes_text(report), *_quality_parts(report)]
     if status == UNCHANGED:
@@ -222,7 +210,7 @@ def summary_line(report: Report, status: str = DONE) -> str:
 
 
 def _size_text(report: Report) -> str:
-    """`512 curves`, `5 shapes`, `27 shapes in 3 elements` of the file."""
+    """Return `512 curves`, `5 shapes`, or `27 shapes in 3 elements`."""
     if report.shapes is None:
         return counted(report.output.paths, "curve")
     apart = report.shapes == report.output.paths
@@ -230,7 +218,7 @@ def _size_text(report: Report) -> str:
 
 
 def _bytes_text(report: Report) -> str:
-    """`61 kB`, or `958 B, 396 B gzipped` where those are counted."""
+    """Return `61 kB`, or `958 B, 396 B gzipped` if a limit counts gzipped bytes."""
     size, packed = report.output.bytes, report.output.compressed_bytes
     return file_size(size) + ("" if packed in (None, size) else f", {file_size(packed)} gzipped")
 

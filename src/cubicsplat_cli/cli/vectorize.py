@@ -14,9 +14,9 @@ from cubicsplat_cli.cli.options import Pictures, Quiet, Verbose, chosen, print_n
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import parse_formats
 from cubicsplat_cli.files.paths import format_of
+from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.jobs.plan import plan, with_masks
 from cubicsplat_cli.options import BOTH, COMMON, FILES, Setting
-from cubicsplat_cli.request import request_of
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
@@ -97,7 +97,6 @@ def vectorize(
     request = request_of(values)
     from cubicsplat_cli.cli.run import BatchRun, check_stdout
     from cubicsplat_cli.files.read import read_stdin
-    from cubicsplat_cli.jobs.execute import ExecutionOptions
 
     planned = plan(inputs, output, request, recursive=recursive)
     if request.masks is not None:
@@ -110,8 +109,7 @@ def vectorize(
     check_stdout(planned, json=json, cluster=cluster is not None, uri=request.data_uri)
     if planned.jobs and planned.jobs[0].path is None:
         planned = replace(planned, jobs=[replace(planned.jobs[0], data=read_stdin(request.max_pixels))])
-    execution = ExecutionOptions(workers=jobs, cluster=cluster, inline=cluster is None and planned.pictures == 1)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not (json and sys.stdout.isatty()))
-    code = BatchRun(planned, request, execution, reporter, json=json, dry_run=dry_run).go()
+    code = BatchRun(planned, request, reporter, jobs, cluster, json=json, dry_run=dry_run).go()
     if code:
         raise typer.Exit(code)

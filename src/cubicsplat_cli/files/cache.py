@@ -1,6 +1,5 @@
-"""What takes long to make and is the same each time, kept in the user's folder for such things.
-
-It is a convenience: a damaged file, or a folder that cannot be written, costs the time to make it again.
+"""A cache of data that take long to make, in the user's cache folder. Damaged files and folders that cannot be written
+are no errors: the data are made again.
 """
 
 from __future__ import annotations
@@ -18,22 +17,18 @@ _MAGIC = b"cubicsplat cache 1\n"  # at the start of each file
 
 
 def cache_folder(kind: str) -> Path | None:
-    """The folder of what is kept of a kind, by the custom of the platform; None where the user has no such place."""
-    if sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
-        base = Path(os.environ["LOCALAPPDATA"])
-    elif os.environ.get("XDG_CACHE_HOME"):
-        base = Path(os.environ["XDG_CACHE_HOME"])
-    else:
-        try:
-            home = Path.home()
-        except RuntimeError:  # neither HOME nor an entry in the user database, as in some containers
-            return None
-        base = home / ("Library/Caches" if sys.platform == "darwin" else ".cache")
-    return base / "cubicsplat" / kind
+    """Return the folder of the data of a kind, by the custom of the platform; None if the user has no home."""
+    windows = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
+    base = windows or os.environ.get("XDG_CACHE_HOME")
+    try:
+        folder = Path(base) if base else Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    except RuntimeError:  # neither HOME nor an entry in the user database, as in some containers
+        return None
+    return folder / "cubicsplat" / kind
 
 
 def read_cache(kind: str, key: str) -> bytes | None:
-    """What is kept under a key, or None where there is nothing that is whole."""
+    """Return the data under a key; None if there are none, or they are damaged."""
     folder = cache_folder(kind)
     try:
         data = (folder / f"{key}.bin").read_bytes() if folder else b""
@@ -45,7 +40,7 @@ def read_cache(kind: str, key: str) -> bytes | None:
 
 
 def write_cache(kind: str, key: str, data: bytes) -> None:
-    """Keeps data under a key; gives up where it may not write."""
+    """Keep data under a key, if the folder can be written."""
     folder = cache_folder(kind)
     if folder is None:
         return

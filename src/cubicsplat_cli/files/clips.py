@@ -1,7 +1,6 @@
-"""Clips, read one frame at a time: animated GIF, PNG and WebP files, folders of pictures, and videos by PyAV, which is
-imported when one is read.
+"""Clips, read one frame at a time: animated GIF, PNG and WebP files, folders of pictures, and videos by PyAV.
 
-Every failure is an `InputError` of one line, but for a video that cannot be read for want of a package: `EngineError`.
+Every failure is an `InputError` of one line, except that a video without PyAV is an `EngineError`.
 """
 
 from __future__ import annotations
@@ -30,16 +29,8 @@ from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
 
-FOLDER_FPS = 25.0  # of pictures in a folder, which say no times; as ffmpeg has it
-# Browsers show frames of GIFs that ask for at most so many ms for UNTIMED_S each.
-_SHORTEST_MS, UNTIMED_S = 10, 0.1
-_FORMS = "give a GIF, an animated PNG or WebP, a video, or a folder of pictures"
-USUAL_FPS = 25.0  # of a video that says none
-# How the files of videos begin that are read: no lists of other files or addresses, which would be followed.
-_STARTS = (b"\x1a\x45\xdf\xa3", b"OggS", b"FLV\x01", b"\0\0\x01\xba", b"\0\0\x01\xb3")
-_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip")
-_STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"mif1", b"msf1")  # pictures in the same boxes
-_TRANSPORT, _PACKET = 0x47, 188  # of an MPEG transport stream: how each packet begins, and its bytes
+FOLDER_FPS = 25.0  # of pictures in a folder, which have no times: the default of ffmpeg
+UNTIMED_S = 0.1  # of a frame that asks for 10 ms or less, as browsers show it
 
 
 @record
@@ -55,20 +46,24 @@ class Frame:
 class ClipSource:
     """A clip that can be read.
 
-    frames: reads it from the start, one frame at a time. transparent: whether any frame is. plays: how often it is to
-    be shown, 0 for ever. count, seconds: of its frames and of all of it, about, as its file says; None: it does not.
-    sha256: of its bytes, of a folder of those of all pictures one after the other.
+    frames: reads it from the start, one frame at a time. transparent: whether any frame is. plays: how often to show
+    it, 0 for ever. count, seconds: the approximate number of frames and length that its file states, or None. sha256:
+    of its bytes; of a folder, of the hashes of all pictures. width, height: px.
     """
 
     name: str
-    width: int
-    height: int
     transparent: bool
     plays: int
     count: int | None
     sha256: str
     frames: Callable[[], Iterator[Frame]]
     seconds: float | None = None
+    width: int = 0
+    height: int = 0
+
+    def changed(self, change: Callable[[Iterator[Frame]], Iterator[Frame]], count: int | None) -> ClipSource:
+        """Return the clip with its frames changed, about `count` of them."""
+        return replace(self, frames=lambda: change(self.frames()), count=count)
 
 
 def open_clip(
@@ -79,33 +74,37 @@ def open_clip(
     max_size: int | None = None,
     max_pixels: int = MAX_PIXELS,
 ) -> ClipSource:
-    """Look a clip through, and give its frames.
+    """Open a clip, and check all of its frames.
 
-    fps: frames a second that are taken in place of the clip's own (folders: FOLDER_FPS). most_frames: taken from the
+    fps: frames to take a second, in place of the clip's own times (folders: FOLDER_FPS). most_frames: to take from the
     start. max_size: px of the longer side of the frames; larger ones are scaled down. max_pixels: of a frame.
-    Raises InputError for what is no clip, has a single frame, or cannot be read; EngineError for a video without PyAV.
+    Raises InputError for anything but a readable clip of two frames or more; EngineError for a video without PyAV.
     """
     shown = printable(str(path))
     if is_folder(path):
         source = _folder_clip(path, fps or FOLDER_FPS, most_frames, max_pixels)
     else:
-        data, most = read_whole(path), None if fps else most_frames
-        video = is_video(data)
-        source = _video_clip(data, shown, max_pixels) if video else _picture_clip(data, shown, most, max_pixels)
+        data = read_whole(path)
+        if is_video(data):
+            source = _video_clip(data, shown, max_pixels)
+        else:
+            source = _picture_clip(data, shown, None if fps else most_frames, max_pixels)
         if fps is not None:
             count = None if source.seconds is None else max(1, round(source.seconds * fps))
-            source = replace(source, frames=_then(source.frames, lambda frames: _resampled(frames, fps)), count=count)
+            source = source.changed(lambda frames: _resampled(frames, fps), count)
     return _finished(source, most_frames, max_size)
 
 
 def _finished(source: ClipSource, most_frames: int | None, max_size: int | None) -> ClipSource:
-    """The clip with as many frames as are wanted, as large as is wanted, and its size. InputError for a single one."""
+    """Return the clip cut to so many frames, scaled down, with its size. Raises InputError for a single frame."""
     if most_frames is not None:
         count = None if source.count is None else min(source.count, most_frames)
-        taken = _then(source.frames, lambda frames: islice(frames, most_frames))
-        source = replace(source, frames=taken, count=count)
+        source = source.changed(lambda frames: islice(frames, most_frames), count)
     if max_size is not None:
-        source = replace(source, frames=_then(source.frames, lambda frames: _smaller(frames, max_size)))
+        source = source.changed(
+            lambda frames: (replace(frame, picture=resize_picture(frame.picture, max_size)) for frame in frames),
+            source.count,
+        )
     first = [*islice(source.frames(), 2)]
     if len(first) < 2:
         raise _single(source.name)
@@ -116,82 +115,64 @@ def _single(shown: str) -> InputError:
     return InputError(f"{shown}: has one frame only; `cubicsplat vectorize` is for single pictures")
 
 
-def _then(
-    frames: Callable[[], Iterator[Frame]], change: Callable[[Iterator[Frame]], Iterator[Frame]]
-) -> Callable[[], Iterator[Frame]]:
-    return lambda: change(frames())
-
-
 def _resampled(frames: Iterator[Frame], fps: float) -> Iterator[Frame]:
-    """Whatever frame is shown at each multiple of 1 / fps seconds."""
+    """Yield the frame that is shown at each multiple of 1 / fps seconds."""
     taken = 0
     for frame in frames:
-        # A time may miss the start of its frame by the rounding of either.
-        while taken / fps < frame.end - 1e-6:
+        while taken / fps < frame.end - 1e-6:  # rounding may move a time across the start of its frame
             yield replace(frame, begin=taken / fps, end=(taken + 1) / fps)
             taken += 1
 
 
-def _smaller(frames: Iterator[Frame], max_size: int) -> Iterator[Frame]:
-    for frame in frames:
-        yield replace(frame, picture=resize_picture(frame.picture, max_size))
-
-
 def _natural(path: Path) -> list[tuple[int, int, str]]:
-    """A key that sorts frame2 before frame10."""
+    """Return a key that sorts frame2 before frame10."""
     parts = re.split(r"(\d+)", path.name.lower())
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]
 
 
 def _folder_clip(folder: Path, fps: float, most: int | None, max_pixels: int) -> ClipSource:
     paths = sorted(pictures_in(folder), key=_natural)[:most]
-
-    def loaded() -> Iterator[tuple[Picture, str]]:
-        return ((load_picture(path, max_pixels=max_pixels), printable(str(path))) for path in paths)
-
-    return _clip_at(printable(str(folder)), loaded, fps)
+    loaded = [(partial(load_picture, path, max_pixels=max_pixels), printable(str(path))) for path in paths]
+    return _timed_clip(printable(str(folder)), loaded, fps)
 
 
 def clip_of_pictures(
     pictures: Sequence[PictureLike], *, fps: float = FOLDER_FPS, max_size: int | None = None
 ) -> ClipSource:
-    """A clip of pictures that are no files. Raises InputError for what is none, and for fewer than two."""
-    name = "<frames>"
-
-    def loaded() -> Iterator[tuple[Picture, str]]:
-        return ((as_picture(each), f"{name}: frame {index + 1}") for index, each in enumerate(pictures))
-
-    return _finished(_clip_at(name, loaded, fps), None, max_size)
+    """Return a clip of pictures that are no files. Raises InputError for anything else, and for fewer than two."""
+    loaded = [(partial(as_picture, picture), f"<frames>: frame {n}") for n, picture in enumerate(pictures, 1)]
+    return _finished(_timed_clip("<frames>", loaded, fps), None, max_size)
 
 
-def _clip_at(name: str, loaded: Callable[[], Iterator[tuple[Picture, str]]], fps: float) -> ClipSource:
-    """A clip of so many frames a second, of pictures with their names. Its size is left open."""
+def _timed_clip(name: str, loaded: Sequence[tuple[Callable[[], Picture], str]], fps: float) -> ClipSource:
+    """Return a clip of so many frames a second. loaded: for each picture a function that loads it, and its name."""
 
     def frames() -> Iterator[Frame]:
         size = None
-        for index, (picture, shown) in enumerate(loaded()):
-            size = size or picture.size
-            _check_size(picture, size, shown)
+        for index, (load, shown) in enumerate(loaded):
+            picture = load()
+            size = _checked_size(picture, size, shown)
             yield Frame(picture, index / fps, (index + 1) / fps)
 
     looked = [(frame.picture.alpha is not None, frame.picture.sha256) for frame in frames()]
     digest = sha256_of("".join(sha256 for _, sha256 in looked).encode())
-    return ClipSource(name, 0, 0, any(alpha for alpha, _ in looked), 0, len(looked), digest, frames)
+    return ClipSource(name, any(alpha for alpha, _ in looked), 0, len(looked), digest, frames)
 
 
-def _check_size(picture: Picture, size: tuple[int, int], shown: str) -> None:
-    if picture.size != size:
+def _checked_size(picture: Picture, size: tuple[int, int] | None, shown: str) -> tuple[int, int]:
+    """Return a frame's size. Raises InputError if it is not that of the frames before, if there are any."""
+    if size and picture.size != size:
         raise InputError(
             f"{shown}: is {picture.width} x {picture.height} px, the frames before it {size[0]} x {size[1]}; "
             "scale it to their size"
         )
+    return picture.size
 
 
 def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) -> ClipSource:
-    """The first `most` frames of an animated GIF, PNG, WebP or AVIF file."""
+    """Return a clip of the first `most` frames of an animated GIF, PNG, WebP or AVIF file."""
     plays = _plays(data, shown) if data else None
-    # The checks of a still picture: its bytes, its pixels.
-    load_picture(data, name=shown, max_pixels=max_pixels, frame=1)
+    load_picture(data, name=shown, max_pixels=max_pixels, frame=1)  # checks bytes and pixels as of a still picture
     if plays is None:
         raise _single(shown)
     digest = sha256_of(data)
@@ -204,11 +185,11 @@ def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) ->
 
     looked = [(frame.picture.alpha is not None, frame.end) for frame in frames()]
     transparent = any(alpha for alpha, _ in looked)
-    return ClipSource(shown, 0, 0, transparent, plays, len(looked), digest, frames, looked[-1][1])
+    return ClipSource(shown, transparent, plays, len(looked), digest, frames, looked[-1][1])
 
 
 def _plays(data: bytes, shown: str) -> int | None:
-    """The number of times an animation asks to be shown, 0 for ever; None of any other picture."""
+    """Return the number of times that an animation asks to be shown, 0 for ever; None for any other picture."""
     try:
         with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
             if not getattr(image, "is_animated", False) or image.format == "TIFF":
@@ -219,13 +200,14 @@ def _plays(data: bytes, shown: str) -> int | None:
             # A GIF counts the repetitions after the first showing, and without a count there are none.
             return 1 if loop is None else 0 if loop == 0 else int(loop) + 1
     except UnidentifiedImageError as error:
-        raise InputError(f"{shown}: is no clip; {_FORMS}") from error
+        forms = "a GIF, an animated PNG or WebP, a video, or a folder of pictures"
+        raise InputError(f"{shown}: is no clip; give {forms}") from error
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise InputError(f"{shown}: is damaged or truncated ({printable(one_line(error))}); save it again") from error
 
 
 def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
-    """Each frame as it is shown, on those before it, and for how many seconds."""
+    """Yield each frame as it is shown, composed with the frames before it, and its seconds."""
     with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
         # An animated PNG may begin with a picture for those who show no animations.
         first = 1 if image.info.get("default_image") else 0
@@ -242,20 +224,26 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
                     "those before it with --frames"
                 ) from error
             milliseconds = float(image.info.get("duration") or 0.0)
-            yield decoded, milliseconds / 1000.0 if milliseconds > _SHORTEST_MS else UNTIMED_S
+            yield decoded, milliseconds / 1000.0 if milliseconds > 10.0 else UNTIMED_S
 
 
 def is_video(data: bytes) -> bool:
-    """Whether the bytes begin as those of a video that is read."""
-    if data[4:8] == b"ftyp" and data[8:12] in _STILLS:
+    """Return whether the bytes begin as those of a video of a kind that is read.
+
+    Lists of other files or addresses are not: PyAV would follow them.
+    """
+    stills = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"mif1", b"msf1")  # pictures in the boxes of videos
+    if data[4:8] == b"ftyp" and data[8:12] in stills:
         return False
-    transport = len(data) > _PACKET and data[0] == data[_PACKET] == _TRANSPORT
+    transport = len(data) > 188 and data[0] == data[188] == 0x47  # the start of each packet of an MPEG transport stream
     avi = data.startswith(b"RIFF") and data[8:12] == b"AVI "
-    return data.startswith(_STARTS) or data[4:8] in _BOXES or transport or avi
+    starts = (b"\x1a\x45\xdf\xa3", b"OggS", b"FLV\x01", b"\0\0\x01\xba", b"\0\0\x01\xb3")
+    boxes = (b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip")
+    return data.startswith(starts) or data[4:8] in boxes or transport or avi
 
 
 def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:
-    """Raises EngineError where there is no PyAV."""
+    """Return the clip of a video. Raises EngineError without PyAV."""
     opened, digest = partial(_opened_video, data, shown, max_pixels), sha256_of(data)
     with opened() as (_, stream):
         count = stream.frames or None
@@ -266,16 +254,15 @@ def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:
         with opened() as (container, stream):
             for index, (pixels, begin, end) in enumerate(_video_frames(container, stream)):
                 picture = Picture(pixels, None, shown, digest)
-                size = size or picture.size
-                _check_size(picture, size, f"{shown}: frame {index + 1}")
+                size = _checked_size(picture, size, f"{shown}: frame {index + 1}")
                 yield Frame(picture, begin, end)
 
-    return ClipSource(shown, 0, 0, False, 0, count, digest, frames, seconds)
+    return ClipSource(shown, False, 0, count, digest, frames, seconds)
 
 
 @contextmanager
 def _opened_video(data: bytes, shown: str, max_pixels: int) -> Iterator[tuple[Any, Any]]:
-    """The container of a video and its stream of pictures."""
+    """Open a video; give its container and its stream of pictures."""
     try:
         import av
     except ModuleNotFoundError as error:
@@ -299,11 +286,11 @@ def _opened_video(data: bytes, shown: str, max_pixels: int) -> Iterator[tuple[An
 
 
 def _video_frames(container: Any, stream: Any) -> Iterator[tuple[np.ndarray, float, float]]:
-    """Pictures (H, W, 3) float32 in [0, 1], each with the seconds from which and until which it is shown.
+    """Yield pictures (H, W, 3) float32 in [0, 1] with the seconds at which each begins and ends.
 
-    The last is shown as long as one usually is.
+    The last one lasts as long as the average, or a 25th of a second.
     """
-    rate = float(stream.average_rate or USUAL_FPS)
+    rate = float(stream.average_rate or 25.0)
     waiting: tuple[np.ndarray, float] | None = None
     start = None
     for index, image in enumerate(container.decode(stream)):
@@ -319,5 +306,6 @@ def _video_frames(container: Any, stream: Any) -> Iterator[tuple[np.ndarray, flo
 
 
 def _upright(image: Any) -> np.ndarray:
+    """Return a frame of a video, turned as its file says, as (H, W, 3) float32 in [0, 1]."""
     turned = int(getattr(image, "rotation", 0) or 0) // 90 % 4  # counterclockwise
     return np.ascontiguousarray(np.rot90(image.to_ndarray(format="rgb24"), turned), np.float32) / np.float32(255)

@@ -1,9 +1,9 @@
-"""The formats of pictures that are read, and an opened Pillow image of any mode as straight sRGB floats: frame,
-orientation, profile, alpha; and how the file was compressed with loss, and the same done to another picture.
+"""Decode Pillow images of any mode to straight sRGB floats: frame, orientation, profile, alpha. Also the formats that
+are read, and the lossy compression of a file, which can be applied to another picture.
 
-Very large pictures are read smaller, by a whole factor, for those who want a small copy anyway. A JPEG is decoded at
-1/2, 1/4 or 1/8 of its size to begin with. What else Pillow reads it decodes whole, into at most 4 bytes a pixel; from
-there on a band of rows at a time is all that exists at full size.
+Very large pictures are read smaller by a whole factor if only a small copy is needed. Pillow decodes a JPEG at 1/2, 1/4
+or 1/8 of its size. It decodes all other formats whole, at 4 bytes a pixel at most; after that only a band of rows at a
+time has the full size.
 """
 
 from __future__ import annotations
@@ -23,21 +23,14 @@ from cubicsplat_cli.files.names import reads_heic
 from cubicsplat_cli.files.paths import is_file, read_head
 from cubicsplat_cli.record import record
 
-_MOST_TABLE = 255  # a step of the quantisation, which baseline files hold
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 FORMATS_TEXT = ", ".join((*FORMATS, "AVIF"))
 _AVIF = {b"avif", b"avis"}
 _HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
-# Pictures of no more pixels are read as they are: so many are measured as they are too.
-READ_WHOLE_PIXELS = 2**25
-# What is read smaller has this many at most, and a quarter of them at least.
-MOST_PIXELS = 2**24
-# That Pillow may have to hold: 2 GiB.
-MAX_DECODED_PIXELS = 2**29
+READ_WHOLE_PIXELS = 2**25  # larger pictures may be read smaller; those up to here are measured as they are, too
+MOST_PIXELS = 2**24  # of a picture that is read smaller, which has a quarter of them at least
+MAX_DECODED_PIXELS = 2**29  # in Pillow's memory: 2 GiB
 BAND_PIXELS = 2**22
-_JPEG_FACTORS = (8, 4, 2)
-_EXIF_ORIENTATION = 0x0112
-_PHOTOMETRIC, _WHITE_IS_ZERO = 262, 0  # TIFF's tag for what numbers mean, and a value of it
 _UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -47,16 +40,14 @@ _UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-_WITH_ALPHA = ("LA", "La", "PA", "RGBA", "RGBa")
-# Colour space of a profile -> mode its transform reads, and the modes of pictures it can be meant for.
-_PROFILE_MODES = {"RGB": "RGB", "GRAY": "L", "CMYK": "CMYK"}
-_PROFILE_FITS = {"RGB": ("RGB", "RGBX", "L", "YCbCr"), "GRAY": ("L",), "CMYK": ("CMYK",)}
+# The colour space of a profile: the mode that its transform reads, and the modes of pictures that it fits.
+_PROFILES = {"RGB": ("RGB", ("RGB", "RGBX", "L", "YCbCr")), "GRAY": ("L", ("L",)), "CMYK": ("CMYK", ("CMYK",))}
 
 
 @dataclass(frozen=True)
 class Compression:
-    """tables: (64,) steps of the quantisation of a JPEG's luma and chroma; none where the file's are unknown or not of
-    the pixels as they are read. sampling: of chroma, by Pillow's number: 0 for 4:4:4, 1 for 4:2:2, 2 for 4:2:0.
+    """Lossy compression. tables: (64,) quantisation steps of a JPEG's luma and chroma; empty if they are unknown, or do
+    not apply to the pixels as read. sampling: of chroma, by Pillow's number: 0 for 4:4:4, 1 for 4:2:2, 2 for 4:2:0.
     """
 
     tables: tuple[tuple[int, ...], ...] = ()
@@ -69,11 +60,11 @@ class Compression:
 
     @property
     def rounding(self) -> float:
-        """Levels: the standard deviation of luma that is rounded to its tables' steps."""
+        """The standard deviation, in levels, of the error of luma rounded to the steps of its table."""
         return float(np.sqrt(np.mean(np.square(self.tables[0], dtype=float)) / 12.0))
 
     def again(self, levels: np.ndarray) -> np.ndarray:
-        """(H, W, 3) uint8 of a picture (H, W, 3) in levels that is compressed like this and read."""
+        """Compress a picture (H, W, 3) in levels like this, and decode it: (H, W, 3) uint8."""
         buffer = io.BytesIO()
         image = Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
         image.save(buffer, "JPEG", qtables=[list(table) for table in self.tables], subsampling=self.sampling)
@@ -82,7 +73,7 @@ class Compression:
 
 
 def compression_of(image: Image.Image, data: bytes) -> Compression | None:
-    """The compression of a JPEG, or of a file that is a WebP of nothing but a lossy picture; None of others."""
+    """Return the compression of a JPEG, or of a WebP that holds nothing but a lossy picture; None for other files."""
     if image.format == "WEBP" and data[12:16] == b"VP8 ":
         return Compression()
     if not isinstance(image, JpegImageFile):
@@ -91,12 +82,12 @@ def compression_of(image: Image.Image, data: bytes) -> Compression | None:
     if image.mode != "RGB" or image.info.get("adobe_transform", 1) != 1 or sampling < 0:
         return Compression()
     tables = tuple(tuple(image.quantization[component[3]]) for component in image.layer[:2])
-    return Compression(tables, sampling) if max(map(max, tables)) <= _MOST_TABLE else Compression()
+    return Compression(tables, sampling) if max(map(max, tables)) <= 255 else Compression()  # as in baseline files
 
 
 @record
 class Decoded:
-    """`rgb` (H, W, 3) and `alpha` (H, W) or None, float32 in [0, 1], straight; the rest as in `Picture`."""
+    """rgb (H, W, 3) and alpha (H, W) or None, float32 in [0, 1], straight; the rest as in `Picture`."""
 
     rgb: np.ndarray
     alpha: np.ndarray | None
@@ -105,12 +96,11 @@ class Decoded:
 
 
 def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chosen: bool = False) -> Decoded:
-    """Decode the frame at which `image` is, whose file bytes are `data`; `shown` is its name for messages.
+    """Decode the current frame of an image.
 
-    factor: by how much its sides are to become shorter. chosen: whether somebody has said which frame.
-
-    Raises `InputError` for colour modes and value ranges with no defined meaning; whatever Pillow raises for
-    broken bytes passes through.
+    data: the bytes of its file. shown: its name for messages. factor: divides its sides. chosen: the user has chosen
+    this frame. Raises InputError for colour modes and value ranges without a defined meaning, and anything that Pillow
+    raises for broken bytes.
     """
     notes: list[str] = []
     if not chosen and getattr(image, "is_animated", False):
@@ -123,18 +113,19 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
     upright = _turn_upright(image if factor == 1 else shrunk(image, factor), notes)
     if upright.mode.startswith("I") or upright.mode == "F":
         grey, alpha = _deep_grey(upright, shown), _key_alpha(upright)
-        # Pillow turns over what has 1 to 8 bits itself.
-        if image.mode.startswith("I;16") and _white_is_zero(image):
+        photometric = getattr(image, "tag_v2", {}).get(262)  # of a TIFF; 0: white is zero
+        if image.mode.startswith("I;16") and photometric == 0:  # Pillow itself inverts 1 to 8 bits
             grey = np.float32(1.0) - grey
         if upright.info.get("icc_profile"):
-            notes.append(f"embedded colour profile ignored for {_depth(upright)} grey")
+            depth = "floating-point" if upright.mode == "F" else "16-bit"
+            notes.append(f"embedded colour profile ignored for {depth} grey")
         rgb = np.repeat(grey[..., None], 3, axis=2)
     else:
         colour, alpha = _split_alpha(upright)
         colour = _to_srgb(colour, upright.info.get("icc_profile"), notes, shown)
         same = upright is image and not upright.info.get("icc_profile")
         if compression is not None and not (same or np.array_equal(np.asarray(colour), np.asarray(image))):
-            compression = Compression()  # it says nothing of pixels that were turned, or of other colours
+            compression = Compression()  # its tables do not apply to turned pixels, or other colours
         rgb = _as_float(colour)
     if alpha is not None and bool((alpha >= 1.0).all()):
         alpha = None
@@ -146,10 +137,10 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
 
 
 def _turn_upright(image: Image.Image, notes: list[str]) -> Image.Image:
-    """Apply the EXIF orientation (where Pillow did so on loading, as for TIFF, it has removed the tag)."""
+    """Apply the EXIF orientation; Pillow removes the tag if it did so on loading, as for TIFF."""
     try:
-        orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
-    except Exception as error:  # as hostile as the pixels, but without it the picture is merely unturned
+        orientation = image.getexif().get(0x0112, 1)
+    except Exception as error:  # EXIF may be as hostile as the pixels; without it the picture is only not turned
         notes.append(f"EXIF data unreadable ({type(error).__name__}): orientation not applied")
         return image
     method = _UPRIGHT.get(orientation) if isinstance(orientation, int) else None
@@ -161,8 +152,8 @@ def _turn_upright(image: Image.Image, notes: list[str]) -> Image.Image:
 
 
 def _split_alpha(image: Image.Image) -> tuple[Image.Image, np.ndarray | None]:
-    """The image without transparency, in a mode that keeps its colour space, and alpha (H, W) or None."""
-    if image.mode in _WITH_ALPHA or "transparency" in image.info:
+    """Return the image without transparency, in a mode that keeps its colour space, and alpha (H, W) or None."""
+    if image.mode in ("LA", "La", "PA", "RGBA", "RGBa") or "transparency" in image.info:
         grey = image.mode in ("1", "L", "LA", "La")
         with_alpha = (image.convert("LA") if image.mode == "La" else image).convert("RGBA")
         alpha = _as_float(with_alpha.getchannel("A"))
@@ -174,11 +165,9 @@ def _split_alpha(image: Image.Image) -> tuple[Image.Image, np.ndarray | None]:
 
 
 def _to_srgb(image: Image.Image, profile: bytes | None, notes: list[str], shown: str) -> Image.Image:
-    """An opaque 8-bit image in mode RGB, through the embedded colour profile when there is a usable one."""
+    """Return an opaque 8-bit image in mode RGB, through the embedded colour profile if there is a usable one."""
     if profile:
-        converted = _through_profile(image, profile, notes)
-        if converted is not None:
-            return converted
+        image = _through_profile(image, profile, notes)
     elif image.mode == "CMYK":
         notes.append("CMYK without a colour profile: converted by the plain formula")
     try:
@@ -187,30 +176,27 @@ def _to_srgb(image: Image.Image, profile: bytes | None, notes: list[str], shown:
         raise InputError(f"{shown}: colour mode {image.mode} is not supported; save it as RGB") from error
 
 
-def _through_profile(image: Image.Image, profile: bytes, notes: list[str]) -> Image.Image | None:
-    """`image` in sRGB; None when the profile needs no conversion, or allows none, which is noted."""
+def _through_profile(image: Image.Image, profile: bytes, notes: list[str]) -> Image.Image:
+    """Return the image in sRGB; the same image if the profile is sRGB, or, with a note, if it cannot be used."""
     try:
         source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
         if (source.profile.profile_description or "").startswith("sRGB"):
-            return None
+            return image
         space = source.profile.xcolor_space.strip()
-        if image.mode not in _PROFILE_FITS.get(space, ()):
+        mode, modes = _PROFILES.get(space, ("", ()))
+        if image.mode not in modes:
             notes.append(f"embedded {space} colour profile does not fit {image.mode} pixels: ignored")
-            return None
-        return ImageCms.profileToProfile(
-            image.convert(_PROFILE_MODES[space]),
-            source,
-            ImageCms.createProfile("sRGB"),
-            renderingIntent=ImageCms.Intent.RELATIVE_COLORIMETRIC,
-            outputMode="RGB",
-        )
+            return image
+        srgb, intent = ImageCms.createProfile("sRGB"), ImageCms.Intent.RELATIVE_COLORIMETRIC
+        converted = ImageCms.profileToProfile(image.convert(mode), source, srgb, intent, outputMode="RGB")
+        return image if converted is None else converted
     except (ImageCms.PyCMSError, ImportError, OSError, TypeError, ValueError) as error:
         notes.append(f"embedded colour profile unusable ({type(error).__name__}): colours taken as sRGB")
-        return None
+        return image
 
 
 def _deep_grey(image: Image.Image, shown: str) -> np.ndarray:
-    """(H, W) float32 in [0, 1] of a grey image with 16-bit, 32-bit integer or floating-point pixels."""
+    """Return (H, W) float32 in [0, 1] of a grey image with 16-bit, 32-bit integer or floating-point pixels."""
     values = np.asarray(image)
     if image.mode == "F":
         low, high = float(values.min()), float(values.max())
@@ -226,41 +212,31 @@ def _deep_grey(image: Image.Image, shown: str) -> np.ndarray:
     return values.astype(np.float32) / np.float32(65535)
 
 
-def _white_is_zero(image: Image.Image) -> bool:
-    tags = getattr(image, "tag_v2", {})  # of a TIFF
-    return bool(tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO)
-
-
 def _key_alpha(image: Image.Image) -> np.ndarray | None:
-    """Alpha (H, W) of a deep grey image where one value is declared transparent (PNG tRNS), or None."""
+    """Return alpha (H, W) of a deep grey image if it declares one value transparent (PNG tRNS), else None."""
     key = image.info.get("transparency")
     return None if not isinstance(key, int) else (np.asarray(image) != key).astype(np.float32)
 
 
-def _depth(image: Image.Image) -> str:
-    return "floating-point" if image.mode == "F" else "16-bit"
-
-
 def _as_float(image: Image.Image) -> np.ndarray:
+    """Return 8-bit channels as float32 in [0, 1]."""
     values = np.asarray(image, dtype=np.float32)
-    # In place: of a large picture this is most of the memory.
-    values /= np.float32(255)
+    values /= np.float32(255)  # in place: for a large picture this is most of the memory
     return values
 
 
 def factor_for(size: tuple[int, int], max_size: int | None) -> int:
-    """By how much a picture of `size` px can be read smaller, its longer side still of `max_size` px; 1: not at all."""
+    """Return the factor by which a picture may be read smaller, its longer side still of `max_size` px at least."""
     pixels = size[0] * size[1]
     if max_size is None or pixels <= READ_WHOLE_PIXELS:
         return 1
-    # A power of two, as the decoder of JPEGs has them.
-    factor = 2 ** math.ceil(math.log2(pixels / MOST_PIXELS) / 2)
+    factor = 2 ** math.ceil(math.log2(pixels / MOST_PIXELS) / 2)  # a power of two, as the decoder of JPEGs needs
     return max(1, min(factor, max(size) // max_size))
 
 
 def draft(image: Image.Image, factor: int) -> int:
-    """Have a JPEG decoded smaller, which no other format can; what is left of the factor then."""
-    for scale in _JPEG_FACTORS:
+    """Have a JPEG decoded smaller, the only format that can be; return the rest of the factor."""
+    for scale in (8, 4, 2):
         if isinstance(image, JpegImageFile) and factor >= scale:
             image.draft(None, (max(1, image.width // scale), max(1, image.height // scale)))
             return max(1, factor // scale)
@@ -268,9 +244,8 @@ def draft(image: Image.Image, factor: int) -> int:
 
 
 def shrunk(image: Image.Image, factor: int) -> Image.Image:
-    """A copy by the means of blocks of factor x factor px, in a mode that can be averaged; `info` is kept.
-
-    Alpha is premultiplied there, so that what is hidden does not bleed in.
+    """Return a copy of the means of blocks of factor x factor px, with the same `info`, in a mode that can be averaged:
+    alpha is premultiplied, so that hidden colours do not bleed in.
     """
     small: Image.Image | None = None
     rows = max(1, BAND_PIXELS // image.width // factor) * factor
@@ -295,7 +270,7 @@ def _averageable(band: Image.Image) -> Image.Image:
 
 
 def holds_picture(path: Path) -> bool:
-    """Whether an existing regular file begins as a raster picture does, whatever its name."""
+    """Return whether an existing regular file, of any name, begins as a raster picture does."""
     try:
         if not is_file(path) or _brands(read_head(path)) & (_AVIF | _HEIC):
             return is_file(path)
@@ -308,10 +283,10 @@ def holds_picture(path: Path) -> bool:
 
 
 def formats_of(data: bytes, shown: str) -> tuple[str, ...]:
-    """The formats, by Pillow's names, that a file of these bytes may be opened as.
+    """Return the formats, by Pillow's names, as which a file of these bytes may be opened.
 
-    AVIF is read where Pillow was built with it, HEIC where there is pillow-heif. Raises InputError, naming the file,
-    for one of these that cannot be read here, with what to install.
+    AVIF needs a Pillow that was built with it, HEIC pillow-heif. Raises InputError, naming the file and the package to
+    install, if that is missing.
     """
     brands = _brands(data)
     if brands & _AVIF:
@@ -330,7 +305,7 @@ def formats_of(data: bytes, shown: str) -> tuple[str, ...]:
 
 
 def _brands(data: bytes) -> set[bytes]:
-    """The brands that a file of the MPEG-4 family declares; none for another kind of file."""
+    """Return the brands that a file of the MPEG-4 family declares; none for other files."""
     if data[4:8] != b"ftyp":
         return set()
     names = data[8 : min(int.from_bytes(data[:4], "big"), 256)]

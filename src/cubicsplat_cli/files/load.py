@@ -1,13 +1,12 @@
-"""Loading a picture from a file or from bytes that nobody vouches for, or taking it from an array or a Pillow image.
+"""Load a picture from a file or from untrusted bytes, or take it from an array or a Pillow image.
 
-Every failure is an `InputError` of one line that names the file, what is wrong and what to do. The order of
-the checks matters: kind of file before opening it (a FIFO would block), bytes before reading them, pixels
-before decoding them (a decompression bomb is a small file).
+Every failure is an `InputError` of one line that names the file, the problem and a remedy. The order of the checks
+matters: the kind of file before opening it (a FIFO would block), the bytes before reading them, the pixels before
+decoding them (a decompression bomb is a small file).
 """
 
 from __future__ import annotations
 
-import hashlib
 import io
 import os
 import tempfile
@@ -39,18 +38,16 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
 
 _pillow_lock = threading.Lock()
-_BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"II*\0", b"MM\0*")
 
 
 @record
 class Picture:
-    """A decoded picture in sRGB, independent of the file it came from.
+    """A decoded picture in sRGB, independent of its file.
 
-    `rgb` is (H, W, 3) float32 in [0, 1], straight (not premultiplied), 0 where `alpha` is 0.
-    `alpha` is (H, W) float32 in [0, 1], or None when every pixel is opaque.
-    `source` is the name for messages, `sha256` the digest of the file's bytes, `notes` what the user should
-    know about how the file was read (one sentence each). `full_size` is the width and height of a picture that was
-    read smaller than it is, else None. `compression`: of a file that was compressed with loss, else None.
+    rgb: (H, W, 3) float32 in [0, 1], straight (not premultiplied), 0 where `alpha` is 0. alpha: (H, W) float32 in
+    [0, 1], or None if every pixel is opaque. source: the name for messages. sha256: of the file's bytes. notes: for the
+    user, about how the file was read, one sentence each. full_size: width and height of the picture in the file if it
+    was read smaller, else None. compression: of a file compressed with loss, else None.
     """
 
     rgb: np.ndarray
@@ -75,16 +72,16 @@ class Picture:
         return int(self.rgb.shape[0])
 
     def premultiplied(self) -> np.ndarray:
-        """(H, W, 4) float32 in [0, 1]: colours times alpha, and alpha (1 where the picture has none)."""
+        """Return (H, W, 4) float32 in [0, 1]: colours times alpha, and alpha (1 if the picture has none)."""
         alpha = np.ones(self.rgb.shape[:2], np.float32) if self.alpha is None else self.alpha
         return np.concatenate([self.rgb * alpha[..., None], alpha[..., None]], axis=2)
 
     def target(self) -> np.ndarray:
-        """The target of a fit: (H, W, 3) when the picture is opaque, else premultiplied (H, W, 4); float32."""
+        """Return the target of a fit: (H, W, 3) if the picture is opaque, else premultiplied (H, W, 4); float32."""
         return self.rgb if self.alpha is None else self.premultiplied()
 
 
-PictureLike = str | Path | bytes | np.ndarray | Image.Image | Picture  # whatever a person has
+PictureLike = str | Path | bytes | np.ndarray | Image.Image | Picture
 
 
 def load_picture(
@@ -98,42 +95,38 @@ def load_picture(
 ) -> Picture:
     """Read a picture from a path, or from the bytes of a file (standard input, a network answer).
 
-    `name` replaces the path in messages and in `Picture.source`; for bytes it defaults to "<bytes>". `max_size`: a very
-    large picture (`READ_WHOLE_PIXELS`) may be read smaller, its longer side still of so many pixels at least; it then
-    needs `max_pixels` pixels at most. `frame`: which one of a file with several, from 1; by default the first, and a
-    note. `smaller`: what a refusal advises.
-    Raises `InputError` for anything that cannot be read as a picture of at most `max_pixels` pixels in one of the
-    formats of `formats_of`, and `UsageError` for a senseless `max_pixels`.
+    name: replaces the path in messages and in `Picture.source`; for bytes it is "<bytes>" by default. max_pixels: the
+    most that are accepted, as read. max_size: a very large picture (`READ_WHOLE_PIXELS`) may be read smaller, its
+    longer side still at least so many px. frame: of a file with several, from 1; by default the first, with a note.
+    smaller: the advice for pictures that are too large.
+
+    Raises InputError for anything that is no picture in one of the formats of `formats_of`, or too large; UsageError
+    for a max_pixels below 1.
     """
     if max_pixels < 1:
         raise UsageError(f"max_pixels is {max_pixels}, it must be at least 1")
-    if isinstance(source, bytes):
-        shown = printable(name or "<bytes>")
-        data = source
-    else:
-        shown = printable(name or str(source))
-        data = read_whole(Path(source), shown)
+    in_memory = isinstance(source, bytes)
+    shown = printable(name or ("<bytes>" if in_memory else str(source)))
+    data = source if isinstance(source, bytes) else read_whole(Path(source), shown)
     check_size(len(data), shown)
     if not data:
         raise InputError(f"{shown}: is empty (0 bytes); give a picture")
     decoded, size = _open_and_decode(data, shown, max_pixels, max_size, smaller, frame)
-    height, width = decoded.rgb.shape[:2]
-    # A picture that was turned upright has its sides exchanged.
-    if (width - height) * (size[0] - size[1]) < 0:
+    picture = Picture(decoded.rgb, decoded.alpha, shown, sha256_of(data), decoded.notes, None, decoded.compression)
+    width, height = picture.width, picture.height
+    if (width - height) * (size[0] - size[1]) < 0:  # it was turned upright
         size = size[::-1]
-    full, notes = None, decoded.notes
-    if size != (width, height):
-        full, notes = size, (*notes, f"read at {width} x {height} of its {size[0]} x {size[1]} pixels")
-    compression = decoded.compression if full is None else None
-    return Picture(decoded.rgb, decoded.alpha, shown, hashlib.sha256(data).hexdigest(), notes, full, compression)
+    if size == (width, height):
+        return picture
+    note = f"read at {width} x {height} of its {size[0]} x {size[1]} pixels"
+    return replace(picture, notes=(*picture.notes, note), full_size=size, compression=None)
 
 
 @contextmanager
 def _libtiff_listened_to(data: bytes) -> Iterator[list[str]]:
-    """The lines that libtiff, unlike every other decoder, prints to stderr itself: gathered, and kept off it.
+    """Within, keep off stderr the lines that libtiff, unlike all other decoders, prints; the list gets them at the end.
 
-    They would come between ours. Only for TIFF, since whatever else the process says meanwhile is lost. The list is
-    filled on leaving.
+    They would come between ours. For TIFF only, because all other output to stderr is lost meanwhile.
     """
     lines: list[str] = []
     if not data.startswith((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")):
@@ -158,10 +151,9 @@ def _libtiff_listened_to(data: bytes) -> Iterator[list[str]]:
 
 @contextmanager
 def _pillow_settings() -> Iterator[list[str]]:
-    """Pillow with its process-wide pixel limit off and its warnings gathered in the list that is yielded.
+    """Within, Pillow has no limit of pixels, since `_check_pixels` has one; the list gets its warnings at the end.
 
-    `_check_pixels` is explicit and names the numbers instead; what the decoder warns about belongs to the
-    picture and not on stderr between progress lines. The list is filled on leaving.
+    The warnings are notes about the picture, and would come between the lines of progress on stderr.
     """
     notes: list[str] = []
     with _pillow_lock, warnings.catch_warnings(record=True) as caught:
@@ -184,7 +176,7 @@ def _pillow_settings() -> Iterator[list[str]]:
 def _open_and_decode(
     data: bytes, shown: str, max_pixels: int, max_size: int | None, smaller: str, frame: int | None
 ) -> tuple[Decoded, tuple[int, int]]:
-    """The picture, and its size in the file."""
+    """Return the picture, and its size in the file."""
     try:
         with (
             _pillow_settings() as notes,
@@ -211,14 +203,13 @@ def _open_and_decode(
     except MemoryError as error:
         raise InputError(f"{shown}: not enough memory to decode it; scale it down first") from error
     except Exception as error:
-        # Pillow's decoders answer broken bytes with nearly any exception (OSError, SyntaxError, struct.error,
-        # ValueError, IndexError ...); whichever it is, the file is wrong, and the cause stays chained.
+        # Pillow raises nearly any exception for broken bytes: OSError, SyntaxError, struct.error, IndexError...
         reason = printable(one_line(error)) or type(error).__name__
         raise InputError(f"{shown}: is damaged or truncated ({reason}); save or download it again") from error
 
 
 def _go_to(image: Image.Image, frame: int, shown: str) -> None:
-    """Make a frame, from 1, the one that is read. Raises InputError where there are fewer."""
+    """Choose the frame to read, from 1. Raises InputError if there are fewer."""
     count = getattr(image, "n_frames", 1)
     if frame > count:
         raise InputError(f"{shown}: has {counted(count, 'frame')}, and --frame is {frame}; give one that there is")
@@ -226,7 +217,7 @@ def _go_to(image: Image.Image, frame: int, shown: str) -> None:
 
 
 def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: int, smaller: str) -> None:
-    """Raise InputError where a picture read smaller by `factor` has no pixels, or too many."""
+    """Raise InputError if a picture, read smaller by `factor`, has no pixels or too many."""
     width, height = size
     if width < 1 or height < 1:
         raise InputError(f"{shown}: has no pixels ({width} x {height}); give a picture of at least 1 x 1")
@@ -238,16 +229,18 @@ def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: in
 
 
 def _not_a_picture(data: bytes, shown: str) -> str:
+    """Return the error for a file that Pillow does not identify."""
     head = data[:512].lstrip().lower()
+    starts = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"II*\0", b"MM\0*")
     if head.startswith((b"<svg", b"<?xml")):
         return f"{shown}: is an SVG or XML file, already vector; give a raster picture ({FORMATS_TEXT})"
-    if data.startswith(_BEGINNINGS) or (data.startswith(b"RIFF") and data[8:12] == b"WEBP"):
+    if data.startswith(starts) or (data.startswith(b"RIFF") and data[8:12] == b"WEBP"):
         return f"{shown}: begins like a picture, but is damaged or truncated; save or download it again"
     return f"{shown}: is not a picture in a supported format; give one of {FORMATS_TEXT}"
 
 
 def laid_over(picture: Picture, colour: tuple[float, float, float] | None) -> Picture:
-    """The picture on a ground, sRGB in [0, 1], opaque; the same object where it is opaque already or there is none."""
+    """Return the picture opaque, on a ground, sRGB in [0, 1]; the same object if it is opaque or without a ground."""
     if picture.alpha is None or colour is None:
         return picture
     alpha = picture.alpha[..., None]
@@ -256,17 +249,17 @@ def laid_over(picture: Picture, colour: tuple[float, float, float] | None) -> Pi
 
 
 def resize_picture(picture: Picture, max_size: int) -> Picture:
-    """The picture scaled down so that its longer side is at most `max_size` px; the same object when it fits.
+    """Return the picture scaled down to at most `max_size` px on its longer side; the same object if it fits.
 
-    Lanczos filter, in sRGB values, on premultiplied colours so that hidden colours of transparent pixels do
-    not bleed in. Adds a note with both sizes. Raises `UsageError` when `max_size` is below 1.
+    A Lanczos filter scales sRGB values, of premultiplied colours because hidden colours of transparent pixels must not
+    bleed in. Adds a note with both sizes. Raises UsageError for a max_size below 1.
     """
     if max_size < 1:
         raise UsageError(f"max-size is {max_size}, it must be at least 1 pixel")
-    longer = max(picture.width, picture.height)
-    if longer <= max_size:
+    sides = picture.width, picture.height
+    if max(sides) <= max_size:
         return picture
-    width, height = (max(1, round(side * max_size / longer)) for side in (picture.width, picture.height))
+    width, height = (max(1, round(side * max_size / max(sides))) for side in sides)
     channels = picture.target()
     scaled = np.stack([_resample(channels[..., k], width, height) for k in range(channels.shape[2])], axis=2)
     rgb, alpha = scaled[..., :3], None
@@ -281,18 +274,17 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
 
 
 def _resample(channel: np.ndarray, width: int, height: int) -> np.ndarray:
-    """One (H, W) float32 channel to another size, clipped to [0, 1] (Lanczos overshoots)."""
+    """Scale one (H, W) float32 channel; clip it to [0, 1], since Lanczos overshoots."""
     image = Image.fromarray(np.ascontiguousarray(channel, dtype=np.float32))
     return np.clip(np.asarray(image.resize((width, height), Image.Resampling.LANCZOS)), 0.0, 1.0)
 
 
 def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS, max_size: int | None = None) -> Picture:
-    """A picture from whatever a person has.
+    """Return a picture from anything that holds one.
 
     source: a path; the bytes of a file; an array (H, W), (H, W, 3) or (H, W, 4), uint8 or float in [0, 1], sRGB with
-    straight alpha; or a Pillow image.
-
-    max_pixels, max_size: of files, as for `load_picture`. Raises InputError for anything that is no picture.
+    straight alpha; or a Pillow image. max_pixels, max_size: of files, as for `load_picture`. Raises InputError for
+    anything that is no picture.
     """
     if isinstance(source, Picture):
         return source
@@ -332,8 +324,7 @@ def _of_image(image: Image.Image) -> Picture:
     except InputError:
         raise
     except Exception as error:
-        # Pillow reads the pixels only now, and answers broken ones with nearly any exception.
+        # Pillow reads the pixels only now, and raises nearly any exception for broken ones.
         raise InputError(f"the Pillow image cannot be read ({one_line(error)})") from error
-    alpha = b"" if decoded.alpha is None else decoded.alpha.tobytes()
-    digest = sha256_of(decoded.rgb.tobytes() + alpha)
+    digest = sha256_of(decoded.rgb.tobytes() + (b"" if decoded.alpha is None else decoded.alpha.tobytes()))
     return Picture(decoded.rgb, decoded.alpha, "<image>", digest, decoded.notes, compression=decoded.compression)

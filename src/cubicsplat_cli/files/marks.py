@@ -1,7 +1,5 @@
-"""The comment that says which program, seed, settings and input made a file, and how to find it again.
-
-The mark in a PNG is its Software text, in a JSON file its "program" member. Imports nothing heavy: the
-command line uses this before anything is loaded.
+"""Marks of the files that cubicsplat writes: in an SVG a comment with the program, seed, settings and input, in a PNG
+the Software text, in a JSON file the member "program". Imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -15,18 +13,16 @@ from typing import Any
 from cubicsplat_cli._version import __version__
 
 PROGRAM = "cubicsplat"
-GZIP = b"\x1f\x8b"  # what every gzip file begins with
-# The mark sits in the first lines of every file we write; a longer search would only cost time.
-HEAD_BYTES = 4096
-
+GZIP = b"\x1f\x8b"  # the first bytes of every gzip file
+HEAD_BYTES = 4096  # every file of ours has its mark within them
 _MADE = re.compile(rb"cubicsplat \S+, of [0-9a-f]{64}")
 _CHECKSUM = re.compile(rb"<!-- cubicsplat [^>]*?(, checksum ([0-9a-f]{12})) -->")
 
 
 def settings_hash(settings: Mapping[str, Any]) -> str:
-    """Twelve hexadecimal digits that identify the `settings` that decide a file: SHA-256 of their canonical JSON.
+    """Return twelve hexadecimal digits that identify the settings of a file: SHA-256 of their canonical JSON.
 
-    The file is the same for every number of threads, and on one engine for every device of its kind.
+    device and threads do not count: they do not change the file, except that every engine has files of its own.
     """
     decisive = {name: value for name, value in settings.items() if name not in ("device", "threads")}
     text = json.dumps(decisive, sort_keys=True, separators=(",", ":"), default=str)
@@ -34,32 +30,32 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
 
 
 def made_mark(about: str) -> str:
-    """The mark of a file that was made of another one. about: that one's SHA-256, or what else it shows."""
+    """Return the mark of a file that was made of another one. about: the SHA-256 of that file, or a description."""
     return f"{PROGRAM} {__version__}, of {about}"
 
 
 def holds_made_mark(data: bytes) -> bool:
-    """Whether the bytes hold the mark of a file that was made of another one."""
+    """Return whether the bytes hold the mark of a file that was made of another one."""
     return _MADE.search(data) is not None
 
 
 def sha256_of(data: bytes) -> str:
-    """SHA-256 in hexadecimal digits."""
+    """Return the SHA-256 in hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 def provenance_comment(version: str, seed: int, digest: str, sha256: str) -> str:
-    """The text of the SVG's comment: version, seed, settings hash, and the SHA-256 of the input's bytes."""
+    """Return the text of the SVG's comment: version, seed, settings hash, and the SHA-256 of the input's bytes."""
     return f"{PROGRAM} {version}, seed {seed}, settings {digest}, input {sha256}"
 
 
 def with_checksum(svg: str) -> str:
-    """An SVG whose first comment, which is ours, also says the first digits of the SHA-256 of all the rest."""
+    """Add the first digits of the SHA-256 of an SVG to its first comment, which must be ours."""
     return svg.replace(" -->", f", checksum {_short(svg.encode())} -->", 1)
 
 
 def is_edited(svg: bytes) -> bool:
-    """Whether the text of an SVG of ours is not what its checksum says, or says none."""
+    """Return whether an SVG of ours has no checksum, or another text than its checksum says."""
     match = _CHECKSUM.search(svg[:HEAD_BYTES])
     return match is None or _short(svg[: match.start(1)] + svg[match.end(1) :]) != match[2].decode()
 
@@ -69,5 +65,5 @@ def _short(data: bytes) -> str:
 
 
 def svg_is_ours(head: bytes) -> bool:
-    """Whether the first bytes of a file are those of an SVG that carries our comment."""
+    """Return whether the first bytes of a file are those of an SVG with our comment."""
     return f"<!-- {PROGRAM} ".encode() in head[:HEAD_BYTES]

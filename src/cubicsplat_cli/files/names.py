@@ -1,7 +1,4 @@
-"""The names of files: where results go, which suffixes mean what, which files of two folders belong together.
-
-Imports nothing heavy.
-"""
+"""Names of files: the files of a result, the meaning of suffixes, and pairs of two folders. Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -32,22 +29,20 @@ PAGE = ".html"
 SVG_SUFFIXES = frozenset((PLAIN, COMPRESSED))
 _RENDERED = ".rendered.png"
 LAYER = "layer "
-_LAYER_NAME = re.compile(r"\d{2,}-[0-9a-f]{6}(?:[0-9a-f]{2})?\.svg")
-# In a folder, these are taken for pictures; a file that is named itself may be called anything.
-PICTURE_SUFFIXES = frozenset(
-    (
-        *(".png", ".jpg", ".jpeg", ".jpe", ".webp", ".avif", ".gif", ".tif", ".tiff"),
-        *(".bmp", ".dib", ".ppm", ".pgm", ".pbm", ".pnm"),
-    )
-)
+# A folder's files with these suffixes count as pictures; a file that the user names may have any name.
+PICTURE_SUFFIXES = {
+    ".png", ".jpg", ".jpeg", ".jpe", ".webp", ".avif", ".gif", ".tif", ".tiff", ".bmp", ".dib", ".ppm", ".pgm", ".pbm",
+    ".pnm",
+}  # fmt: skip
 
 
 @record
 class Outputs:
-    """Files of one vectorised picture; None: not written. `svg` None means standard output. metrics: the JSON;
-    html_report: a page to look at, made of the others; animation: the fit as it develops; geometrize: the shapes as a
-    list; exports: the SVG in formats of other programs, no two of one format; layers: how the names of the SVGs of each
-    colour begin.
+    """Files of one vectorised picture; None: not written, or for `svg` standard output.
+
+    metrics: the JSON. html_report: the page about the result. animation: the fit as it develops. geometrize: the list
+    of shapes. exports: the SVG in formats of other programs, each once. layers: the path at which the names of the SVGs
+    of the colours begin.
     """
 
     svg: Path | None
@@ -60,62 +55,66 @@ class Outputs:
     layers: Path | None = None
 
     def place(self, kind: str) -> Path | None:
-        """The file of a kind: a member, a format of other programs, or LAYER and the name of a layer."""
+        """Return the file of a kind: a member, a format of other programs, or LAYER and the name of a layer."""
         if kind.startswith(LAYER):
             name = f"-{kind.removeprefix(LAYER)}{PLAIN}"
             return None if self.layers is None else self.layers.with_name(self.layers.name + name)
         exports = {format_of(path): path for path in self.exports}
         return exports[kind] if kind in exports else getattr(self, kind)
 
-    def with_exports(self, formats: tuple[str, ...]) -> Outputs:
-        """The same with the SVG in more formats of other programs, beside it."""
+    def with_others(self, formats: tuple[str, ...], folder: Path | None, *, page: bool) -> Outputs:
+        """Return the same with the files that are made of the SVG: beside it more formats of other programs and a page,
+        in a folder, if there is one, the layers. Without an SVG on the disk there are none.
+        """
+        if self.svg is None:
+            return self
         have = {format_of(path) for path in self.exports}
-        more = [self.svg.with_suffix(f".{form}") for form in formats if self.svg and form not in have]
-        return replace(self, exports=(*self.exports, *more))
-
-    def existing_layers(self) -> list[Path]:
-        """Files that are there and have the name of a layer of this picture, in order."""
-        if self.layers is None or not is_folder(self.layers.parent):
-            return []
-        start = f"{self.layers.name}-"
-        return sorted(
-            path
-            for path in self.layers.parent.iterdir()
-            if path.name.startswith(start) and _LAYER_NAME.fullmatch(path.name.removeprefix(start))
+        more = [self.svg.with_suffix(f".{form}") for form in formats if form not in have]
+        return replace(
+            self,
+            exports=(*self.exports, *more),
+            layers=None if folder is None else folder / self.svg.stem,
+            html_report=self.svg.with_suffix(PAGE) if page else None,
         )
 
+    def existing_layers(self) -> list[Path]:
+        """Return the existing files with the names of this picture's layers, in order."""
+        if self.layers is None or not is_folder(self.layers.parent):
+            return []
+        name = re.compile(re.escape(self.layers.name) + r"-\d{2,}-[0-9a-f]{6}(?:[0-9a-f]{2})?\.svg")
+        return sorted(path for path in self.layers.parent.iterdir() if name.fullmatch(path.name))
+
     def files(self) -> list[Path]:
-        """All files that will be written, but for the layers, whose colours nobody knows before."""
-        return [path for path in (*self.results(), self.html_report, *self.exports) if path is not None]
+        """Return all files that will be written, except the layers, which depend on the picture's colours."""
+        return list(filter(None, (*self.results(), self.html_report, *self.exports)))
 
     def results(self) -> list[Path]:
-        """All files except the page and the exports, which can be made again without a fit."""
-        files = self.svg, self.png, self.metrics, self.animation, self.geometrize
-        return [path for path in files if path is not None]
+        """Return all files except the page and the exports, which can be made again without a fit."""
+        return list(filter(None, (self.svg, self.png, self.metrics, self.animation, self.geometrize)))
 
 
 def is_picture_name(path: Path) -> bool:
-    """Whether a file in a folder is taken for a picture: by its suffix, and not hidden."""
+    """Return whether a file in a folder counts as a picture: its suffix says so, and it is not hidden."""
     return path.suffix.lower() in PICTURE_SUFFIXES and not path.name.startswith(".")
 
 
 def is_heic_name(path: Path) -> bool:
-    """Whether a file is an HEIC picture by its name."""
+    """Return whether the name is that of an HEIC picture that is not hidden."""
     return path.suffix.lower() in (".heic", ".heif") and not path.name.startswith(".")
 
 
 def reads_heic() -> bool:
-    """Whether HEIC pictures can be read here."""
+    """Return whether HEIC pictures can be read here."""
     return importlib.util.find_spec("pillow_heif") is not None
 
 
 def is_compressed_name(path: Path | None) -> bool:
-    """Whether the name of an SVG says that it is compressed."""
+    """Return whether the name of an SVG says that it is compressed."""
     return path is not None and path.suffix.lower() == COMPRESSED
 
 
 def parse_formats(given: Iterable[str]) -> tuple[str, ...]:
-    """Formats of other programs from texts such as `pdf,dxf`, each once. Raises UsageError for any other name."""
+    """Return formats of other programs from texts such as `pdf,dxf`, each once. Raises UsageError for other names."""
     names = [part.strip().lower().removeprefix(".") for text in given for part in text.split(",")]
     for name in names:
         if name not in EXPORTS:
@@ -132,24 +131,20 @@ def plan_outputs(
     compress: bool = False,
     ending: str = "",
 ) -> Outputs:
-    """The files for the picture at `source` (None: standard input) and the value of `-o` (None: not given). ending:
-    what a name that is made of the picture's gets at its end.
+    """Return the files for the picture at `source` (None: standard input) and the value of `-o` (None: not given).
 
     `-o` is an SVG file; a file in a format of other programs, beside which the SVG lies; a folder for the SVG (one that
     exists, or a name that ends with a slash); or "-" for standard output, which is also the default for standard input.
-    Raises UsageError when the name would end otherwise (with `compress` the SVG's in .svgz), or be the input itself.
+    ending: added to names that are made of the picture's name. Raises UsageError if the name of the SVG has another
+    suffix than .svg or .svgz (with `compress` than .svgz), or if a file is the input.
     """
     if output == STDIO or (output is None and source is None):
         return Outputs(None, None, None)
     suffix = COMPRESSED if compress else PLAIN
     exports: tuple[Path, ...] = ()
-    if output is None:
-        assert source is not None
-        svg = place_for(source, source.parent, f"{ending}{suffix}")
-    elif names_a_folder(output):
-        svg = Path(output) / f"stdin{ending}{suffix}"
-        if source is not None:
-            svg = place_for(source, Path(output), f"{ending}{suffix}")
+    if output is None or names_a_folder(output):
+        folder = Path(output) if output is not None else source.parent if source is not None else Path()
+        svg = place_for(source, folder, f"{ending}{suffix}") if source else folder / f"stdin{ending}{suffix}"
     else:
         svg = Path(output)
         if ending:
@@ -166,7 +161,7 @@ def plan_outputs(
 
 
 def _instead(svg: Path, suffix: str) -> str:
-    """Advice for an output of another kind than `suffix`."""
+    """Return advice for an output of another kind than `suffix`."""
     if svg.suffix.lower() in PICTURE_SUFFIXES:
         kind = svg.suffix.lower()[1:].upper()
         return f"for a drawn {kind} make {svg.stem}{suffix} first: its PNG is written beside it"
@@ -177,11 +172,11 @@ def _instead(svg: Path, suffix: str) -> str:
 
 
 def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) -> Path:
-    """The default path of a picture's SVG: the picture's name without its ending, and a suffix.
+    """Return the default path of a picture's SVG: the picture's name with another suffix.
 
-    Where another picture has that name, as a.jpg and a.png do, the ending stays (a.png.svg): with `shared` there is one
-    now, and there was one where the SVG is there already and the picture that it says it was made of still is.
-    Whoever came first keeps the short name, so that no earlier results are replaced or left behind.
+    The picture's own suffix stays (a.png.svg) if another picture, such as a.jpg, has the same name: now, with `shared`,
+    or earlier, when it became the SVG that is there, and still exists. The first picture keeps the short name, so that
+    no earlier results are replaced or left behind.
     """
     short = folder / f"{source.stem}{suffix}"
     first = pictured_name(short)
@@ -190,10 +185,10 @@ def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) 
 
 
 def outputs_beside(svg: Path, *, png: bool, metrics: bool = True, source: Path | None = None) -> Outputs:
-    """The SVG's companions: its picture and its figures.
+    """Return an SVG with its PNG and its metrics.
 
-    `photo.png` gives `photo.svg`, whose picture must not be `photo.png`; nor may it be any other picture that is
-    there and not drawn by us, since it is only a by-product. It is called `photo.rendered.png` then.
+    The PNG of `photo.svg` is `photo.png`, or `photo.rendered.png` if that is the input, or a picture that cubicsplat
+    did not draw: a by-product replaces no picture.
     """
     picture = drawn_name(svg)
     if source is not None and same_file(picture, source):
@@ -202,18 +197,18 @@ def outputs_beside(svg: Path, *, png: bool, metrics: bool = True, source: Path |
 
 
 def drawn_name(svg: Path) -> Path:
-    """The default path of the PNG of an SVG; never that of a picture that cubicsplat did not draw."""
+    """Return the default path of the PNG of an SVG, which is no picture that cubicsplat did not draw."""
     picture = svg.with_suffix(".png")
     return picture if is_replaceable(picture) else svg.with_suffix(_RENDERED)
 
 
 def names_a_folder(output: str) -> bool:
-    """Whether the value of `-o` means a folder: it is one, or ends with a slash."""
+    """Return whether the value of `-o` means a folder: it is one, or ends with a slash."""
     return output.endswith(("/", "\\")) or is_folder(Path(output))
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """The picture files right in a folder, by name, less those that cubicsplat drew itself.
+    """Return the pictures directly in a folder, sorted by name, without those that cubicsplat drew.
 
     Raises InputError where the folder cannot be read or has none.
     """
@@ -224,10 +219,10 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def match_folders(references: Path, candidates: Path) -> tuple[list[tuple[Path, Path]], list[Path], list[Path]]:
-    """Pairs of the pictures of one folder and the SVGs, or else pictures, of the same stem in another; the pictures
-    without such a candidate; and candidates without a picture.
+    """Match the pictures of one folder with the SVGs, or else pictures, of the same stem in another.
 
-    Raises InputError where the folders are one, cannot be read, or a stem is not unique in one of them.
+    Return the pairs, the pictures without a candidate, and the candidates without a picture. Raises InputError where
+    the folders are one, cannot be read, or a stem is not unique in one of them.
     """
     if references.resolve() == candidates.resolve():
         raise InputError(f"{references}: is both the reference and the candidate; give two folders")

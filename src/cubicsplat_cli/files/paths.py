@@ -1,7 +1,7 @@
 """Kinds of paths: a file, a folder, an SVG; whether cubicsplat wrote it and may replace it. Imports nothing heavy.
 
-A path that cannot be looked at (no permission, a name too long, a null byte) is no folder and no file; whoever uses it
-finds out why, and says so.
+A path that cannot be examined (no permission, a name too long, a null byte) is no folder and no file; the code that
+uses it reports the reason.
 """
 
 from __future__ import annotations
@@ -17,43 +17,41 @@ from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mar
 
 MOVING = (".webp", ".gif")
 EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by the suffixes of their files
-_TITLE = re.compile(rb"<title>(.*?)</title>", re.DOTALL)
 _PROGRAM = re.compile(rb'"program": ?"' + PROGRAM.encode() + b'"')  # in a JSON, spaced out or not
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
 
 
 def format_of(path: Path) -> str | None:
-    """The format of other programs that a path names by its suffix, None for any other."""
+    """Return the format of other programs that a path's suffix names, None for other suffixes."""
     form = path.suffix[1:].lower()
     return form if form in EXPORTS else None
 
 
 def is_folder(path: Path) -> bool:
-    """Whether there is a folder, links followed."""
+    """Return whether the path leads to a folder, through links or not."""
     return stat.S_ISDIR(_kind(path))
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file, links followed."""
+    """Return whether the path leads to a regular file, through links or not."""
     return stat.S_ISREG(_kind(path))
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is anything, links followed."""
+    """Return whether the path leads to anything, through links or not."""
     return _kind(path) != 0
 
 
 def same_file(first: Path, second: Path) -> bool:
-    """Whether two paths lead to the same existing file, links and letter case considered."""
+    """Return whether two paths lead to the same existing file, links and letter case considered."""
     try:
         return first.samefile(second)
-    except (OSError, ValueError):
-        # One of them does not exist (or cannot be looked at), so writing the one cannot harm the other.
+    except (OSError, ValueError):  # one does not exist or cannot be examined: writing one cannot harm the other
         return False
 
 
 def make_folder_of(path: Path) -> None:
-    """Make the folder that a file is to lie in, where it is missing. Raises InputError where that cannot be done."""
+    """Make the folder of a file if it is missing. Raises InputError if that fails."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
@@ -71,11 +69,7 @@ def _kind(path: Path) -> int:
 
 
 def check_outputs(paths: list[Path], *, force: bool) -> None:
-    """Find out before the work whether every file can be written and may be replaced.
-
-    Raises InputError where a file cannot be written, UsageError where one exists that cubicsplat did not
-    write and `force` is not given.
-    """
+    """Raise InputError where a file cannot be written, UsageError where it may not be (`check_ownership`)."""
     from cubicsplat_cli.files.write import check_writable
 
     for path in paths:
@@ -91,37 +85,31 @@ def check_ownership(paths: list[Path], *, force: bool) -> None:
 
 
 def is_replaceable(path: Path) -> bool:
-    """Whether writing `path` destroys nobody's work: there is nothing, a file of ours, or a file of 0 bytes, as a
-    crashed disk leaves them.
+    """Return whether writing `path` destroys nobody's work: there is nothing, a file that cubicsplat wrote, or a file
+    of 0 bytes, as a crashed disk leaves them.
     """
     return not is_there(path) or is_ours(path) or (is_file(path) and path.stat().st_size == 0)
 
 
 def is_ours(path: Path) -> bool:
-    """Whether an existing regular file carries the mark that cubicsplat leaves in what it writes.
-
-    A file that cannot be read is not ours, as far as we can tell.
-    """
-    if not is_file(path):
+    """Return whether a regular file carries the mark of a file that cubicsplat wrote; False if it cannot be read."""
+    head, suffix = _head_or_nothing(path), path.suffix.lower()
+    if head is None:
         return False
-    try:
-        head = read_head(path)
-    except OSError:
-        return False
-    if path.suffix.lower() == ".png":
+    if suffix == ".png":
         return f"tEXtSoftware\0{PROGRAM} ".encode() in head
-    if path.suffix.lower() in MOVING:
+    if suffix in MOVING:
         return f"{PROGRAM} ".encode() in read_ends(path)
     if format_of(path) is not None:
         return holds_made_mark(read_ends(path))
-    if path.suffix.lower() == ".json":
-        # A report that was cut short is ours too.
+    if suffix == ".json":
+        # A report that was cut short counts too.
         return _PROGRAM.search(head) is not None or (head != b"" and _REPORT.startswith(head))
     return svg_is_ours(head) or _is_in_report(path)
 
 
 def _is_in_report(path: Path) -> bool:
-    """Whether the JSON beside an SVG is ours and names its SHA-256: the smallest files carry no mark."""
+    """Return whether the JSON beside an SVG is ours and names its SHA-256: the smallest files carry no mark."""
     report = path.with_suffix(".json")
     try:
         return is_ours(report) and f'"svg_sha256": "{sha256_of(path.read_bytes())}"'.encode() in report.read_bytes()
@@ -130,25 +118,28 @@ def _is_in_report(path: Path) -> bool:
 
 
 def pictured_name(path: Path) -> str | None:
-    """The name of the picture that an SVG of ours was made of, which is its title; None where there is no such file."""
-    try:
-        head = read_head(path) if is_file(path) else b""
-    except OSError:
-        return None
-    title = _TITLE.search(head) if svg_is_ours(head) else None
+    """Return the title of an SVG of ours, which is the name of its picture; None if there is no such SVG."""
+    head = _head_or_nothing(path) or b""
+    title = re.search(rb"<title>(.*?)</title>", head, re.DOTALL) if svg_is_ours(head) else None
     return None if title is None else html.unescape(title[1].decode(errors="replace"))
 
 
 def is_svg(path: Path) -> bool:
-    """Whether a regular file begins like an SVG or any XML; not where it cannot be read."""
+    """Return whether a regular file begins like an SVG or any XML; False if it cannot be read."""
+    head = _head_or_nothing(path) or b""
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
+
+
+def _head_or_nothing(path: Path) -> bytes | None:
+    """Return `read_head` of a regular file; None if there is none, or it cannot be read."""
     try:
-        return is_file(path) and read_head(path).lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
+        return read_head(path) if is_file(path) else None
     except OSError:
-        return False
+        return None
 
 
 def read_ends(path: Path) -> bytes:
-    """The first and the last bytes of a file: a GIF has its comment in front, a WebP its texts at the end."""
+    """Return the first and the last bytes of a file: a GIF has its comment in front, a WebP its texts at the end."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
         file.seek(max(len(head), path.stat().st_size - HEAD_BYTES))
@@ -156,14 +147,9 @@ def read_ends(path: Path) -> bytes:
 
 
 def read_head(path: Path) -> bytes:
-    """The first bytes of a file, unpacked where it is compressed; marks of ours are in them."""
+    """Return the first bytes of a file, unpacked if it is compressed; they contain the mark of our files."""
     with path.open("rb") as file:
-        return head_of(file.read(HEAD_BYTES))
-
-
-def head_of(data: bytes) -> bytes:
-    """`read_head` of a file's bytes."""
-    head = data[:HEAD_BYTES]
+        head = file.read(HEAD_BYTES)
     if not head.startswith(GZIP):
         return head
     try:

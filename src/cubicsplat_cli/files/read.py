@@ -1,4 +1,4 @@
-"""The bytes of files: of those the user named never a pipe, which would block, nor what is absurdly large."""
+"""Read files: never a pipe that the user named, which would block, and nothing absurdly large."""
 
 from __future__ import annotations
 
@@ -15,15 +15,13 @@ from cubicsplat_cli.formatting import printable
 
 MAX_FILE_BYTES = 1 << 30
 MAX_UNPACKED_BYTES = 1 << 28
-MAX_SVG_BYTES = 1 << 26  # that is drawn or measured
-_PIXEL_BYTES = 16  # of the largest a pixel can be in a file: four channels of 32 bits, not compressed
-_CHUNK_BYTES = 1 << 20
+MAX_SVG_BYTES = 1 << 26  # of an SVG that is drawn or measured
 
 
 def read_whole(path: Path, name: str | None = None) -> bytes:
-    """The bytes of a regular file of at most 1 GiB; nothing else is ever opened.
+    """Return the bytes of a regular file of at most 1 GiB; open nothing else.
 
-    name: replaces the path in messages. Raises InputError that says what is in the way.
+    name: replaces the path in messages. Raises InputError for anything else, and for a file that cannot be read.
     """
     shown = printable(name or str(path))
     try:
@@ -45,19 +43,17 @@ def read_whole(path: Path, name: str | None = None) -> bytes:
 
 
 def read_stdin(max_pixels: int = 0) -> bytes:
-    """Standard input, which may be endless: as many bytes as an SVG has at most, or a picture of `max_pixels` pixels,
-    whose metadata may take what an SVG may. Raises InputError where there are more, or where it cannot be read.
+    """Return standard input, which may be endless: at most the bytes of an SVG, and those of a picture of `max_pixels`
+    pixels. Raises InputError if there are more bytes, or if it cannot be read.
     """
-    limit, gathered = min(MAX_SVG_BYTES + _PIXEL_BYTES * max_pixels, MAX_FILE_BYTES), io.BytesIO()
+    pixel_bytes = 16  # at most, in a file: four channels of 32 bits, not compressed
+    limit, gathered = min(MAX_SVG_BYTES + pixel_bytes * max_pixels, MAX_FILE_BYTES), io.BytesIO()
     try:
-        while chunk := sys.stdin.buffer.read(_CHUNK_BYTES):
+        while chunk := sys.stdin.buffer.read(1 << 20):
             gathered.write(chunk)
             if gathered.tell() > limit:
-                reason = (
-                    "the limit"
-                    if limit == MAX_FILE_BYTES or not max_pixels
-                    else f"what --max-pixels {max_pixels} needs"
-                )
+                plain = limit == MAX_FILE_BYTES or not max_pixels
+                reason = "the limit" if plain else f"what --max-pixels {max_pixels} needs"
                 raise InputError(f"stdin: is larger than {limit >> 20} MiB, {reason}; give a smaller file")
     except OSError as error:
         raise InputError(f"stdin: cannot be read ({error.strerror}); give a file") from error
@@ -74,14 +70,14 @@ def check_size(size: int, shown: str) -> None:
 
 
 def read_file(path: Path) -> bytes:
-    """`read_whole` of a file that may be a compressed SVG (.svgz), which is unpacked."""
+    """Return the bytes of a file (`read_whole`), unpacked if it is a compressed SVG (.svgz)."""
     return unpacked(read_whole(path), str(path))
 
 
 def unpacked(data: bytes, name: str) -> bytes:
-    """The content of a gzip file, or `data` where it is none.
+    """Return the content of a gzip file, or `data` if it is none.
 
-    Raises InputError, naming the file, where it is damaged or holds more than a limit: a small file can hold any
+    Raises InputError, naming the file, if it is damaged, or if its content is over a limit: a small file can hold any
     number of zeros.
     """
     if not data.startswith(GZIP):
@@ -99,16 +95,16 @@ def unpacked(data: bytes, name: str) -> bytes:
 
 
 def packed(svg: str, *, compressed: bool) -> bytes:
-    """The bytes of an SVG file: UTF-8, or gzip of it without a time stamp: the same SVG gives the same bytes."""
+    """Return the bytes of an SVG file: UTF-8, or its gzip without a time stamp, so that equal SVGs give equal bytes."""
     data = svg.encode()
     return gzip.compress(data, mtime=0) if compressed else data
 
 
 def gzip_size(svg: str) -> int:
-    """How many bytes an SVG file has when compressed like that; gzip adds 12 more to a stream than zlib."""
+    """Return the bytes of an SVG file that `packed` compresses; gzip adds 12 bytes more to a stream than zlib."""
     return len(zlib.compress(svg.encode(), 9)) + 12
 
 
 def looks_like_svg(path: Path, data: bytes) -> bool:
-    """By name, or because the file starts like XML, which no raster format does."""
+    """Return whether a file is an SVG by its name, or begins like XML, which no raster format does."""
     return path.suffix.lower() in (".svg", ".svgz") or data[:256].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")

@@ -11,13 +11,12 @@ from cubicsplat_cli.options import Focus
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
 
-GREY = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of the channels in a mask's brightness
-ASPECT_TOLERANCE = 0.01  # sides of pictures scaled down are rounded to whole pixels
+GREY = np.array([0.2126, 0.7152, 0.0722], np.float32)  # shares of the channels in a mask's brightness
 
 
 @record
 class Mask:
-    """Brightness (H, W) float32 in [0, 1] of a picture that says how much each pixel of another matters; not all 0."""
+    """A picture's brightness (H, W), float32 in [0, 1], not all 0: the weights of the pixels of another picture."""
 
     grey: np.ndarray
     name: str
@@ -25,7 +24,7 @@ class Mask:
 
 
 def load_mask(source: PictureLike, *, max_pixels: int = MAX_PIXELS) -> Mask:
-    """A mask from any picture; what is transparent counts as black. Raises InputError where there is none in it."""
+    """Load a mask from any picture; transparent pixels count as black. Raises InputError if all is black."""
     picture = as_picture(source, max_pixels=max_pixels)
     grey = np.ascontiguousarray(picture.premultiplied()[..., :3] @ GREY)
     if not grey.max() > 0.0:
@@ -34,11 +33,11 @@ def load_mask(source: PictureLike, *, max_pixels: int = MAX_PIXELS) -> Mask:
 
 
 def pixel_weights(picture: Picture, mask: Mask | None, focus: Focus | None, full: tuple[int, int]) -> np.ndarray | None:
-    """Weights (H, W) float32 of a picture's pixels, of mean 1; None where all matter alike.
+    """Return the weights (H, W) float32 of a picture's pixels, of mean 1; None if all weigh the same.
 
-    full: width and height, in px, of the picture that this one may be a smaller copy of, in which the focus counts. A
-    mask is scaled to the picture.
-    Raises InputError for a mask of another shape, a focus outside, or where the two leave nothing that matters.
+    full: width and height, in px, of the full picture if this one is a smaller copy; the focus is in its px. A mask is
+    scaled to the picture. Raises InputError for a mask of another shape, a focus outside the picture, or weights of 0
+    everywhere.
     """
     if mask is None and focus is None:
         return None
@@ -54,8 +53,10 @@ def pixel_weights(picture: Picture, mask: Mask | None, focus: Focus | None, full
 
 
 def _scaled(mask: Mask, picture: Picture, full: tuple[int, int]) -> np.ndarray:
+    """Return the mask at the size of the picture."""
     height, width = mask.grey.shape
-    if abs(width * picture.height / (height * picture.width) - 1.0) > ASPECT_TOLERANCE:
+    # Pictures that were scaled down have sides of whole pixels, so the shapes may differ by a percent.
+    if abs(width * picture.height / (height * picture.width) - 1.0) > 0.01:
         raise InputError(
             f"{picture.source}: has {full[0]} x {full[1]} pixels, which the mask {mask.name} with "
             f"{width} x {height} does not fit; give one of the same shape"
@@ -67,7 +68,7 @@ def _scaled(mask: Mask, picture: Picture, full: tuple[int, int]) -> np.ndarray:
 
 
 def _inside(focus: Focus, picture: Picture, full: tuple[int, int]) -> np.ndarray:
-    """The share (H, W) of each pixel that lies in the rectangle."""
+    """Return the share (H, W) of each pixel that lies in the rectangle."""
     across = _covered(focus.left, focus.width, full[0], picture.width)
     down = _covered(focus.top, focus.height, full[1], picture.height)
     if not (across.any() and down.any()):
@@ -78,7 +79,7 @@ def _inside(focus: Focus, picture: Picture, full: tuple[int, int]) -> np.ndarray
 
 
 def _covered(start: float, length: float, full: int, pixels: int) -> np.ndarray:
-    """The share of each of the pixels of one axis that lies in a span, which is given in pixels of the full size."""
+    """Return the share of each pixel of one axis that lies in a span. start, length: px of the full size."""
     scale = pixels / full
     left = np.arange(pixels)
     overlap = np.minimum(left + 1, (start + length) * scale) - np.maximum(left, start * scale)

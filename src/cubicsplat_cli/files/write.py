@@ -1,8 +1,8 @@
-"""Writing results: files so that anybody looking at any moment sees either the old one or the whole new one, PNGs with
-our mark, and standard output with an error instead of a traceback.
+"""Write results: files, of which any reader sees either the old or the whole new one; PNGs with our mark; and standard
+output, with an error instead of a traceback.
 
 A process that is killed while it writes leaves its temporary file behind. The writer holds a lock on that file, which
-dies with it, so that the next writer of the same target can tell a dead one's file from a living one's and remove it.
+ends with the process. So the next writer of the same target can tell the file of a dead writer, and remove it.
 """
 
 from __future__ import annotations
@@ -34,18 +34,15 @@ if TYPE_CHECKING:
 STDOUT = "standard output"  # as messages call it
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _NAME_PART = 40  # characters of the target's name in that of its temporary file
-_NO_SPACE = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Write `data` to `path` through a temporary file in the same folder, flushed to disk, then renamed.
 
-    A symbolic link is followed, so that its target is replaced and the link stays. An existing file keeps its
-    permissions. On any failure, Ctrl-C included, the temporary file is removed and what was at `path` stays.
-    Raises `InputError` when the folder is missing or not writable, the disk is full, or `path` is a folder,
-    write-protected or no regular file.
+    A symbolic link stays, and its target is replaced. An existing file keeps its permissions. On any failure, Ctrl-C
+    included, the temporary file is removed and the old file stays. Raises InputError if the folder is missing or not
+    writable, the disk is full, or `path` is a folder, write-protected or no regular file.
     """
-    path = Path(path)
     target, mode = _check_target(path)
     temporary = _temporary_name(target)
     _remove_left_behind(target)
@@ -67,8 +64,8 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def folder_locked(folder: Path) -> Iterator[None]:
-    """Within, every other process waits that asks for the same folder. The lock ends with its process, and leaves no
-    file. There is none where folders cannot be locked: on Windows, and on some network file systems.
+    """Within, other processes that lock the same folder wait. The lock ends with its process, and leaves no file. On
+    Windows, and on some network file systems, folders cannot be locked; there nobody waits.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY)
@@ -84,12 +81,11 @@ def folder_locked(folder: Path) -> Iterator[None]:
 
 
 def check_writable(path: Path) -> None:
-    """Find out before a long fit whether `write_atomically(path, ...)` can work; leaves nothing behind.
+    """Find out before a long fit whether `write_atomically(path, ...)` can work.
 
-    Creates and removes an empty temporary file in the folder: the only honest test of read-only mounts and
-    access lists. Raises the `InputError` that writing would raise, a disk that fills up later excepted.
+    Creates and removes an empty temporary file in the folder, which also tests read-only mounts and access lists.
+    Raises the InputError that writing would raise, unless the disk fills up later.
     """
-    path = Path(path)
     temporary = _temporary_name(_check_target(path)[0])
     try:
         os.close(os.open(temporary, _CREATE, 0o600))
@@ -103,17 +99,16 @@ def _temporary_name(target: Path) -> Path:
 
 
 def _create_locked(temporary: Path) -> int:
-    """A descriptor of the new file, locked while it is open."""
+    """Return a descriptor of the new file, locked while it is open."""
     while True:
         descriptor = os.open(temporary, _CREATE, 0o666)
         if not _lock(descriptor) or os.fstat(descriptor).st_nlink > 0:
             return descriptor
-        # Another writer took it for a dead one's, in the moment between the two calls.
-        os.close(descriptor)
+        os.close(descriptor)  # another writer has removed it before it was locked
 
 
 def _lock(descriptor: int) -> bool:
-    """Lock a file or a folder; False where locks do not exist (Windows, some network file systems)."""
+    """Lock a file or a folder; return False where locks do not exist (Windows, some network file systems)."""
     if sys.platform == "win32":  # where a file that is open elsewhere cannot be removed anyway
         return False
     try:
@@ -128,16 +123,15 @@ def _remove_left_behind(target: Path) -> None:
     pattern = re.compile(re.escape(f".{target.name[:_NAME_PART]}.") + r"[0-9a-f]{12}\.tmp")
     try:
         temporaries = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
-    except OSError:  # a folder that can be written but not listed: there is nothing to be found out
+    except OSError:  # the folder can be written but not listed
         return
     for path in temporaries:
-        # An error here means that the file is in use, or gone already, or not ours to touch.
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):  # the file is in use, gone, or not ours
             _remove_if_dead(path)
 
 
 def _remove_if_dead(temporary: Path) -> None:
-    """Remove a temporary file that nobody is writing; OSError where it is being written."""
+    """Remove a temporary file that nobody is writing. Raises OSError if somebody is."""
     if sys.platform == "win32":
         temporary.unlink()
         return
@@ -150,9 +144,9 @@ def _remove_if_dead(temporary: Path) -> None:
 
 
 def _check_target(path: Path) -> tuple[Path, int | None]:
-    """`path` with links followed, and the permission bits of the file there, None when there is none yet.
+    """Return the path with links followed, and the permission bits of an existing file, else None.
 
-    Raises `InputError` for what can never be replaced by a file, or is protected against it.
+    Raises InputError for anything that a file cannot or may not replace.
     """
     shown = printable(str(path))
     try:
@@ -176,6 +170,7 @@ def _check_target(path: Path) -> tuple[Path, int | None]:
 
 
 def _explain(error: OSError, path: Path) -> str:
+    """Return the message for an error of writing a path."""
     shown, folder = printable(str(path)), printable(str(path.parent))
     if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
         return f"{shown}: the folder {folder} does not exist; create it first"
@@ -184,25 +179,24 @@ def _explain(error: OSError, path: Path) -> str:
     if isinstance(error, PermissionError):
         return f"{shown}: no permission to write in {folder}; change its permissions or choose another output"
     reason = error.strerror or str(error)
-    if error.errno in _NO_SPACE:
+    if error.errno in (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)):
         return f"{shown}: cannot be written ({reason}); free some space or choose another output"
     return f"{shown}: cannot be written ({reason}); choose another output"
 
 
 def write_stdout(data: bytes) -> None:
-    """Write and flush. Raises InputError where the disk behind it is full, SystemExit(1) where its reader has gone
-    (which is no news to whoever cut the pipe).
+    """Write and flush. Raises InputError if the disk behind it is full, SystemExit(1) without a message if its reader
+    has closed the pipe.
     """
-    # The one this process was started with, whatever else prints to `sys.stdout` meanwhile.
-    stdout = sys.__stdout__
+    stdout = sys.__stdout__  # of the process: `sys.stdout` may be redirected
     if stdout is None:
-        raise InputError("standard output: there is none; use -o")
+        raise InputError(f"{STDOUT}: there is none; use -o")
     try:
         stdout.flush()
         stdout.buffer.write(data)
         stdout.buffer.flush()
     except OSError as error:
-        # Python flushes once more when it ends, and would complain about what is still in the buffer.
+        # Python flushes once more when it ends, and would complain about the rest of the buffer.
         os.dup2(os.open(os.devnull, os.O_WRONLY), stdout.fileno())
         if isinstance(error, BrokenPipeError):
             raise SystemExit(1) from error
@@ -211,19 +205,19 @@ def write_stdout(data: bytes) -> None:
 
 
 def encode_png(pixels: np.ndarray) -> bytes:
-    """PNG bytes of (H, W, 4) uint8 straight RGBA; stored as RGB when every pixel is opaque."""
+    """Return the PNG of (H, W, 4) uint8 straight RGBA, stored as RGB if every pixel is opaque."""
     import numpy as np
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
     height, width = pixels.shape[:2]
-    # Without a copy where the pixels lie in a row, as they do when we have drawn them.
+    # Contiguous pixels, such as those of our renderer, are not copied.
     image = Image.frombuffer("RGBA", (width, height), np.ascontiguousarray(pixels), "raw", "RGBA", 0, 1)
     if int(pixels[..., 3].min()) == 255:
         image = image.convert("RGB")
     info = PngInfo()
     info.add_text("Software", f"{PROGRAM} {__version__}")
     buffer = io.BytesIO()
-    # Drawings are runs of one colour: looking for nothing else takes two thirds of the time and finds more.
+    # Drawings are runs of one colour. Searching for runs alone takes two thirds of the time, and makes smaller files.
     image.save(buffer, "PNG", pnginfo=info, compress_type=zlib.Z_RLE)
     return buffer.getvalue()

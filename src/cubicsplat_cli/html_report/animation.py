@@ -1,5 +1,5 @@
-"""A fit as it develops, or a drawing as it is laid down, as an animated WebP or GIF; and the page of an animated clip:
-a player with the clip beside it, and the quality of each frame.
+"""Animated WebPs and GIFs of the course of a fit, or of a drawing built up from the back; and the page about an
+animated clip: a player beside the clip, and the quality of each frame.
 """
 
 from __future__ import annotations
@@ -7,7 +7,6 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -15,7 +14,7 @@ from PIL import Image
 from cubicsplat_cli.clip_request import ClipReport
 from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.load import Picture, resize_picture
-from cubicsplat_cli.files.marks import PROGRAM, made_mark
+from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.formatting import counted, duration, file_size
 from cubicsplat_cli.html_report.embed import eight_bit_pixels, picture_data_url, rendered
 from cubicsplat_cli.html_report.page import Fact, course, setting_texts
@@ -32,9 +31,9 @@ MOST_PICTURES, PAGE_SIDE = 120, 480
 
 
 def animation(recorder: FrameRecorder, last: Scene, *, form: str, about: str, threads: int | None) -> bytes:
-    """The file's bytes. last: the finished scene. form: "WEBP" or "GIF". about: SHA-256 of the SVG that it leads to.
+    """Return the bytes of the animation. last: the finished scene. form: "WEBP" or "GIF". about: SHA-256 of the SVG.
 
-    All frames, of which `recorder` holds few, are in memory at once, with at most SIDE px a side.
+    The few frames that `recorder` holds are all in memory at once, with at most SIDE px a side.
     """
     factor = min(1.0, SIDE / max(last.width, last.height))
     width, height = (max(1, round(side * factor)) for side in (last.width, last.height))
@@ -58,22 +57,22 @@ def _frame(scene: Scene, width: int, height: int, threads: int | None) -> Image.
 
 
 def record_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: int | None) -> None:
-    """Puts a drawing on film as it is laid down, shape after shape from the back."""
+    """Record how a drawing is built up, shape after shape from the back."""
     small = resize_picture(picture, SIDE)
     sized = scaled_scene(scene, small.width, small.height)
     pieces = np.linspace(1, sized.curves, min(sized.curves, 2 * film.frames)).astype(int)
     target = small.premultiplied()
     shown_db = 0.0
     for count in dict.fromkeys(pieces.tolist()):
-        part = sized.chosen(slice(-count, None))  # those furthest to the back
+        part = sized.chosen(slice(-count, None))  # the shapes furthest back
         error = float(((render_scene(part, samples=_SAMPLES, threads=threads) - target) ** 2).mean())
-        # A shape that later ones complete may make the picture worse at first: it is a step forward all the same.
+        # A shape that later ones complete may make the picture worse at first; it counts as a step forward.
         shown_db = max(shown_db, -10.0 * math.log10(max(error, 1e-10))) + 1e-3
         film.keep(shown_db, part)
 
 
 def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: str) -> bytes:
-    """The HTML file. svg: the text of the animation. frames: of the clip, as many as the report has."""
+    """Return the HTML file. svg: the text of the animation. frames: of the clip, as many as the report has."""
     levels, seconds = report.quality.frames, report.input.seconds
     every = -(-len(levels) // MOST_PICTURES)
     pictures, begins = [], []
@@ -82,13 +81,13 @@ def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: st
         if index % every == 0:
             small = resize_picture(frame.picture, PAGE_SIDE)
             pictures.append({"begin": frame.begin, "url": picture_data_url(eight_bit_pixels(small))})
-    known = [(begin, level["psnr_db"]) for begin, level in zip(begins, levels, strict=True) if level["psnr_db"]]
-    charts = []
-    if len(known) > 1:
-        about = "PSNR of each frame as it is played, in dB"
-        charts.append(course("Closeness", about, [at for at, _ in known], [level for _, level in known], 2))
     shown = [{"begin": at, "psnr_db": level["psnr_db"]} for at, level in zip(begins, levels, strict=True)]
-    text = rendered(
+    measured = [(at, level["psnr_db"]) for at, level in zip(begins, levels, strict=True) if level["psnr_db"]]
+    charts = []
+    if len(measured) > 1:
+        times, decibels = zip(*measured, strict=True)
+        charts.append(course("Closeness", "PSNR of each frame as it is played, in dB", times, decibels, 2))
+    return rendered(
         "player.html",
         mark=made_mark(report.output.sha256),
         title=title,
@@ -102,21 +101,19 @@ def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: st
         charts=charts,
         settings=setting_texts(report.settings),
         notes=report.notes,
-        program=PROGRAM,
         version=report.version,
     )
-    return text.encode()
 
 
 def _facts(report: ClipReport) -> list[Fact]:
     quality, output, clip = report.quality, report.output, report.input
     worst = "" if quality.worst_psnr_db is None else f"worst frame {quality.worst_psnr_db:.2f} dB"
-    level: Any = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.2f} dB"
+    level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.2f} dB"
     return [
-        Fact("PSNR", level, worst),
-        Fact("curves", f"{output.curves:,}", counted(output.groups, "group") + f" of frames, {output.knots:,} knots"),
-        Fact("file", file_size(output.bytes), f"{file_size(output.compressed_bytes)} compressed"),
-        Fact("a second", file_size(round(output.compressed_bytes / clip.seconds)), "compressed"),
-        Fact("clip", f"{clip.seconds:.2f} s", f"{counted(clip.frames, 'frame')}, {clip.width} \u00d7 {clip.height} px"),
-        Fact("time", duration(report.timing["total_s"]), f"{report.timing['frame_s']:.2f} s a frame"),
+        ("PSNR", level, worst),
+        ("curves", f"{output.curves:,}", counted(output.groups, "group") + f" of frames, {output.knots:,} knots"),
+        ("file", file_size(output.bytes), f"{file_size(output.compressed_bytes)} compressed"),
+        ("a second", file_size(round(output.compressed_bytes / clip.seconds)), "compressed"),
+        ("clip", f"{clip.seconds:.2f} s", f"{counted(clip.frames, 'frame')}, {clip.width} \u00d7 {clip.height} px"),
+        ("time", duration(report.timing["total_s"]), f"{report.timing['frame_s']:.2f} s a frame"),
     ]

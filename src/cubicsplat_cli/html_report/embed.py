@@ -1,7 +1,6 @@
-"""Parts of report pages: templates, pictures as data URLs, and SVGs: an own file element by element, any other one as a
-picture.
+"""Parts of report pages: templates, pictures as data URLs, and the elements of SVGs of our own.
 
-Whatever a template is given is text until the template says otherwise.
+Templates escape all values that they do not declare safe.
 """
 
 from __future__ import annotations
@@ -18,10 +17,12 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
+from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.raster.engines import leave_one_out_importance
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, scaled_scene
@@ -30,22 +31,19 @@ from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.own import own_elements
 from cubicsplat_cli.svg.scene_reader import curves_of
 
+# Of the formats that browsers show: the types, and the first bytes. Pillow may lack readers of other formats.
 _BROWSERS_SHOW = {"PNG": "image/png", "JPEG": "image/jpeg", "WEBP": "image/webp", "GIF": "image/gif"}
-_MAGIC = (b"\x89PNG", b"\xff\xd8", b"RIFF", b"GIF8")  # of these; others may need a reader that is not there
-_ORIENTATION = 0x0112  # EXIF
+_MAGIC = (b"\x89PNG", b"\xff\xd8", b"RIFF", b"GIF8")
 _QUALITY = 95
 THUMBNAIL = 144  # px: 72 on the page, for dense screens
-_THUMBNAIL_QUALITY = 80
-_INDENTATION = re.compile(r"\n\s+")
-_COMMENTS = re.compile(r"(?m)^\s*// .*\n")  # of scripts, on lines of their own
-_AROUND = re.compile(r"\s*([{};,])\s*|(:) ")  # what style sheets do not need spaces about
 _SAMPLES = 48  # edges per cubic, as of the exact finish
 
 
 def picture_url(picture: Picture, data: bytes) -> str:
-    """A data: URL of the picture. data: the bytes of the file that it was read from.
+    """Return a data: URL of the picture. data: the bytes of its file.
 
-    Those bytes where a browser shows the same pixels, else WebP: without loss, unless that took more than the file.
+    The URL holds those bytes if a browser shows the same pixels, else a WebP: without loss, unless that is larger than
+    the file.
     """
     mime = _mime(picture, data)
     if mime is not None:
@@ -56,44 +54,44 @@ def picture_url(picture: Picture, data: bytes) -> str:
 
 
 def thumbnail_url(pixels: np.ndarray) -> str:
-    """A data: URL of (H, W, 3 or 4) uint8, at most THUMBNAIL px a side."""
+    """Return a data: URL of (H, W, 3 or 4) uint8, scaled to at most THUMBNAIL px a side."""
     image = Image.fromarray(pixels)
     image.thumbnail((THUMBNAIL, THUMBNAIL))
-    return data_url("image/webp", _webp(image, quality=_THUMBNAIL_QUALITY))
+    return data_url("image/webp", _webp(image, quality=80))
 
 
 def picture_data_url(pixels: np.ndarray) -> str:
-    """A data: URL of (H, W, 3 or 4) uint8 as WebP, with little loss."""
+    """Return a data: URL of (H, W, 3 or 4) uint8 as WebP, with little loss."""
     return data_url("image/webp", _webp(Image.fromarray(pixels), quality=_QUALITY))
 
 
 def data_url(mime: str, data: bytes) -> str:
-    """The bytes as a URL."""
+    """Return the bytes as a URL."""
     return f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def eight_bit_pixels(picture: Picture) -> np.ndarray:
-    """(H, W, 3), or straight (H, W, 4) where the picture has transparency; uint8."""
+    """Return (H, W, 3) uint8, or straight (H, W, 4) if the picture has transparency."""
     channels = picture.rgb if picture.alpha is None else np.dstack([picture.rgb, picture.alpha])
     return np.round(channels * 255.0).astype(np.uint8)
 
 
 def _mime(picture: Picture, data: bytes) -> str | None:
-    """The type of the file where a browser shows it as it was read here; None for all that is turned, resized, has
-    other colours or more bits.
+    """Return the type of the file if a browser shows it as it was read here; None if it was turned, resized, has other
+    colours or more bits.
     """
     if not data.startswith(_MAGIC):
         return None
     with Image.open(io.BytesIO(data)) as image:
         mime = _BROWSERS_SHOW.get(image.format or "")
-        turned = image.getexif().get(_ORIENTATION, 1) != 1
+        turned = image.getexif().get(0x0112, 1) != 1  # EXIF orientation
         if mime is None or turned or getattr(image, "n_frames", 1) > 1 or image.size != (picture.width, picture.height):
             return None
         plain = np.asarray(image.convert("RGBA"))
     ours = eight_bit_pixels(picture)
     alpha = 255 if picture.alpha is None else ours[..., 3]
-    seen = plain[..., 3:] > 0
-    same = bool((plain[..., 3] == alpha).all()) and np.array_equal(plain[..., :3] * seen, ours[..., :3] * seen)
+    visible = plain[..., 3:] > 0
+    same = bool((plain[..., 3] == alpha).all()) and np.array_equal(plain[..., :3] * visible, ours[..., :3] * visible)
     return mime if same else None
 
 
@@ -103,22 +101,24 @@ def _webp(image: Image.Image, **options: object) -> bytes:
     return buffer.getvalue()
 
 
-def rendered(template: str, **values: Any) -> str:
-    """The text of a template, without the spaces that only its authors need; a value that it asks for and does not get
-    is an error.
+def rendered(template: str, **values: Any) -> bytes:
+    """Return the file that a template makes, without indentation. A missing value of the template is an error.
+
+    The program and, unless it is given, its version are values of every template.
     """
-    return _INDENTATION.sub("\n", _environment().get_template(template).render(**values))
+    values = {"program": PROGRAM, "version": __version__, **values}
+    return re.sub(r"\n\s+", "\n", _environment().get_template(template).render(**values)).encode()
 
 
 class _Shortened(PackageLoader):
-    """Loads style sheets and scripts without what only their authors need."""
+    """Loads scripts without their lines of comments, and style sheets without needless spaces."""
 
     def get_source(self, environment: Environment, template: str) -> Any:
         text, *rest = super().get_source(environment, template)
         if template.endswith(".js"):
-            text = _COMMENTS.sub("", text)
+            text = re.sub(r"(?m)^\s*// .*\n", "", text)
         elif template.endswith(".css"):
-            text = _AROUND.sub(r"\1\2", text)
+            text = re.sub(r"\s*([{};,])\s*|(:) ", r"\1\2", text)
         return text, *rest
 
 
@@ -130,11 +130,11 @@ def _environment() -> Environment:
 
 @record
 class Shown:
-    """An SVG of ours, read by readers that let nothing pass that could act or fetch.
+    """An SVG of ours; its readers refuse everything that could act or fetch.
 
-    markup: its elements as HTML takes them. losses_db: for each drawn element in the order of the file, by how many dB
-    the PSNR falls without it (below 0: it rises). count: of its curves, or of its shapes, of which one element may hold
-    many. kind: the name of one, "curve" of a photo, "shape" of artwork.
+    kind: "curve" for a photo, "shape" for artwork. markup: its elements as HTML. losses_db: for each drawn element, in
+    the order of the file, the dB by which the PSNR falls without it (below 0: it rises). count: of its curves, or of
+    its shapes, many of which may share one element.
     """
 
     kind: str
@@ -144,7 +144,7 @@ class Shown:
 
 
 def shown_elements(svg: bytes, picture: Picture, threads: int | None = None) -> Shown | None:
-    """The SVG as elements, with what each of them is worth; None where it is none of ours."""
+    """Return the elements of an SVG of ours with their worth; None for other SVGs."""
     try:
         kind, scene, names = _scene(svg)
     except InputError:
@@ -153,8 +153,8 @@ def shown_elements(svg: bytes, picture: Picture, threads: int | None = None) -> 
 
 
 def _markup(svg: bytes) -> str:
-    """The elements alone: what HTML might take for something else (comments, instructions, CDATA) is gone, and so is
-    the title, which browsers would show under the pointer.
+    """Return the elements alone, without anything that HTML reads differently (comments, instructions, CDATA), and
+    without the title, which browsers would show under the pointer.
     """
     root = ElementTree.fromstring(svg)
     for title in root.findall(f"{SVG}title"):
@@ -164,23 +164,24 @@ def _markup(svg: bytes) -> str:
 
 
 def _scene(svg: bytes) -> tuple[str, Scene | None, list[str]]:
-    """Names of its elements, the scene, and for each of its curves, front to back, the element it belongs to;
-    InputError for foreign files.
+    """Return the kind of the elements, the scene, and the name of the element of each curve, front to back.
+
+    Raises InputError for foreign files.
     """
     elements = own_elements(svg)
     if not holds_drawing(elements):
         scene = curves_of(elements)
         return "curve", scene, [str(index) for index in range(scene.curves)]
     drawing = drawing_of(elements)
-    # Several shapes in one path share its id.
+    # The shapes of one path share its id.
     names = [shape.name or str(index) for index, shape in enumerate(drawing.shapes)]
-    # What a shape is worth beneath its shading says nothing of either.
+    # Beneath its shading, the worth of a shape has no meaning.
     plain = drawing.shapes and all(shape.shading is None for shape in drawing.shapes)
     return "shape", (scene_of(drawing) if plain else None), names[::-1]
 
 
 def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | None) -> list[float]:
-    """Loss in dB without each element, back to front."""
+    """Return the loss in dB without each element, back to front."""
     reference = measurable(picture)
     sized = scaled_scene(scene, reference.width, reference.height)
     target = reference.premultiplied() if sized.background is None else reference.premultiplied()[..., :3]
@@ -188,6 +189,6 @@ def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | Non
     worth = dict.fromkeys(names[::-1], 0.0)
     for name, value in zip(names, values.tolist(), strict=True):
         worth[name] += value
-    # A picture without any error has no PSNR; half a step of 8 bits at one pixel is the least error that counts.
+    # A picture without any error has no PSNR: half a step of 8 bits is the least error that counts.
     floor = max(loss, (0.5 / 255.0) ** 2)
     return [round(10.0 * math.log10(max(floor + value, 1e-12) / floor), 5) for value in worth.values()]

@@ -1,5 +1,5 @@
-"""The page of many pictures: a table that can be sorted, with thumbnails, each row leading to the page of one; and the
-pages of `cubicsplat eval --report`, of one pair, or of all pairs of two folders with such an index.
+"""The index of many pictures: a table with thumbnails, which can be sorted and links a page for each picture; and the
+pages of `cubicsplat eval --report` about one pair, or about all pairs of two folders with an index.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from urllib.parse import quote
 import numpy as np
 from PIL import Image
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.files.marks import PROGRAM, made_mark, sha256_of
+from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.names import PAGE
 from cubicsplat_cli.files.paths import check_outputs, is_file
 from cubicsplat_cli.files.read import read_file, read_whole
@@ -31,13 +30,11 @@ from cubicsplat_cli.record import record
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate.comparison import Comparison
 
-_HEADINGS = ("PSNR, dB", "SSIM", "shapes", "file", "time")
-
 
 @record
 class Entry:
-    """A row. page: of the picture, None where there is none, and `error` says why. thumbnail: a data: URL. bytes: of
-    the SVG or picture. shapes: None where they were not counted. seconds: None where nothing was made.
+    """A row. page: of the picture; None if there is none, for the reason in `error`. thumbnail: a data: URL. bytes: of
+    the SVG or picture. shapes: None if they were not counted. seconds: None if nothing was made.
     """
 
     name: str
@@ -52,27 +49,19 @@ class Entry:
 
 
 def entry_of(name: str, page: Path, report: Report, png: Path | None, svg: Path) -> Entry:
-    """The row of a picture that was vectorised; its thumbnail shows the SVG."""
+    """Return the row of a vectorised picture, with a thumbnail of the SVG."""
     if png is not None and is_file(png):
         with Image.open(png) as image:
             image.draft("RGB", (THUMBNAIL, THUMBNAIL))
             thumbnail = thumbnail_url(np.asarray(image.convert("RGBA")))
     else:
         thumbnail = svg_thumbnail(read_file(svg), str(svg), report.input.width, report.input.height)
-    return Entry(
-        name,
-        page,
-        thumbnail,
-        report.style,
-        None if report.quality is None else report.quality.svg,
-        report.output.bytes,
-        report.count(),
-        report.timing.total_s,
-    )
+    quality, size = None if report.quality is None else report.quality.svg, report.output.bytes
+    return Entry(name, page, thumbnail, report.style, quality, size, report.count(), report.timing.total_s)
 
 
 def svg_thumbnail(svg: bytes, source: str, width: int, height: int) -> str:
-    """A data: URL of an SVG in the shape width x height. Raises what drawing it raises."""
+    """Return a data: URL of an SVG in the shape width x height. Raises the errors of drawing it."""
     factor = min(1.0, THUMBNAIL / max(width, height))
     size = max(1, round(width * factor)), max(1, round(height * factor))
     drawn, _ = rerender_untrusted(svg, source=source, width=size[0], height=size[1])
@@ -80,40 +69,35 @@ def svg_thumbnail(svg: bytes, source: str, width: int, height: int) -> str:
 
 
 def index(path: Path, entries: Sequence[Entry], title: str) -> bytes:
-    """The HTML file that will be at `path`, which the links start from."""
+    """Return the HTML file for `path`, where its relative links start."""
     qualities = [entry.quality for entry in entries if entry.quality is not None]
     done = [entry for entry in entries if entry.page is not None]
     sizes = [entry.bytes for entry in entries if entry.bytes is not None]
     facts = [("pictures", f"{len(done):,}", f"{len(entries) - len(done)} failed" if len(done) < len(entries) else "")]
-    for name, level, decimals in (
-        ("mean PSNR", mean(quality.psnr_db for quality in qualities), 2),
-        ("mean SSIM", mean(quality.ssim for quality in qualities), 3),
-    ):
-        facts += [] if level is None else [(name, number(level, decimals) + (" dB" if "PSNR" in name else ""), "")]
+    decibels, similarity = mean(quality.psnr_db for quality in qualities), mean(quality.ssim for quality in qualities)
+    facts += [] if decibels is None else [("mean PSNR", f"{number(decibels, 2)} dB", "")]
+    facts += [] if similarity is None else [("mean SSIM", number(similarity, 3), "")]
     facts += [("files", file_size(sum(sizes)), "")] if sizes else []
     seconds = [entry.seconds for entry in entries if entry.seconds is not None]
     facts += [("time", duration(sum(seconds)), "of all together")] if seconds else []
-    text = rendered(
+    return rendered(
         "index.html",
         mark=made_mark(counted(len(entries), "picture")),
         title=title,
         facts=facts,
-        headings=list(_HEADINGS),
+        headings=["PSNR, dB", "SSIM", "shapes", "file", "time"],
         rows=[_row(path, entry) for entry in entries],
-        program=PROGRAM,
-        version=__version__,
     )
-    return text.encode()
 
 
 def _row(index_path: Path, entry: Entry) -> dict[str, object]:
-    """Link, name, thumbnail, and cells as (what to sort by, text)."""
+    """Return link, name, thumbnail, and cells as (number to sort by, text)."""
     quality = entry.quality
-    level = None if quality is None else quality.psnr_db
+    level, similarity = (None, None) if quality is None else (quality.psnr_db, quality.ssim)
     same = quality is not None and quality.identical
     cells = [
         (float("inf") if same else level, "identical" if same else number(level, 2)),
-        (None if quality is None else quality.ssim, number(None if quality is None else quality.ssim, 4)),
+        (similarity, number(similarity, 4)),
         (entry.shapes, "-" if entry.shapes is None else f"{entry.shapes:,}"),
         (entry.bytes, "-" if entry.bytes is None else file_size(entry.bytes)),
         (entry.seconds, "-" if entry.seconds is None else duration(entry.seconds)),
@@ -129,15 +113,16 @@ def _row(index_path: Path, entry: Entry) -> dict[str, object]:
 
 
 def _link(index_path: Path, page: Path) -> str:
-    """The page as seen from the index, as a relative URL."""
+    """Return the relative URL of a page in the index."""
     relative = os.path.relpath(page.absolute(), index_path.absolute().parent)
     return quote("./" + Path(relative).as_posix())
 
 
 def planned_pages(where: Path, *, folders: bool) -> Path:
-    """The page of one pair, or of two folders the index beside which the pages of all pairs will lie, chosen before
-    anything is compared. Raises UsageError for a name that no page can have, or of a file that cubicsplat did not
-    write; InputError if nothing can be written.
+    """Return the path of the page of one pair, or of the index of two folders, beside which the pages of all pairs lie.
+
+    Raises UsageError for a name that no page can have, or of a file that cubicsplat did not write; InputError if
+    nothing can be written.
     """
     if not folders:
         if where.suffix.lower() != PAGE:
@@ -157,7 +142,7 @@ def write_pages(
     first: Path, compared: Sequence[Comparison], failed: Sequence[tuple[Path, str]], threads: int | None, *,
     folders: bool,
 ) -> None:  # fmt: skip
-    """Writes a page for each pair, and of two folders the index; first: of `planned_pages`."""
+    """Write a page for each pair, and the index of two folders. first: from `planned_pages`."""
     if not folders:
         write_atomically(first, _page(compared[0], threads))
         return
@@ -191,14 +176,14 @@ def _page(comparison: Comparison, threads: int | None) -> bytes:
 
 
 def _made_with(path: Path, data: bytes) -> Report | None:
-    """The report of the run that made an SVG: the JSON beside it, where that is about this very file."""
+    """Return the report of the run that made an SVG: the JSON beside it, if it is about the same file."""
     beside = path.with_suffix(".json")
     if not is_file(beside):
         return None
     try:
         report = Report.from_json(beside.read_bytes())
-    except (OSError, ValueError):
-        return None  # it is about something else
+    except (OSError, ValueError):  # it is another JSON
+        return None
     return report if report.output.svg_sha256 in (sha256_of(data), sha256_of(path.read_bytes())) else None
 
 

@@ -1,4 +1,4 @@
-"""One picture's page: from the picture, the SVG and its figures to the text of one HTML file, with small charts."""
+"""The page about one picture and its SVG: one HTML file with figures and small charts."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.files.marks import PROGRAM, made_mark
+from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.formatting import counted, duration, file_size
 from cubicsplat_cli.html_report.embed import Shown, data_url, picture_url, rendered, shown_elements
 from cubicsplat_cli.metrics import Quality, Report
@@ -22,21 +21,20 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
-# Neither decides what comes out.
-_OF_THE_MACHINE = ("device", "threads")
-WIDTH, HEIGHT = 320.0, 132.0
-LEFT, RIGHT, TOP, BOTTOM = 40.0, 310.0, 10.0, 112.0
+LEFT, RIGHT, TOP, BOTTOM = 40.0, 310.0, 10.0, 112.0  # of the plotted area, in a chart of 320 x 132 units
 _BINS = 32
-_LEAST_DB = 1e-5  # whatever is worth less is in the first bar
+_LEAST_DB = 1e-5  # the first bar of a histogram counts all smaller values
+
+Fact = tuple[str, str, str]  # the name of a figure, the figure, and a remark or ""
 
 
 @record
 class Subject:
     """The subject of a page.
 
-    picture, data: the original, and the bytes of its file. name: of the candidate. candidate: its bytes, an SVG
-    (unpacked), or of the picture `raster`. quality: measured of the candidate, None where it was not; drawn_by: the
-    renderer. report: of the run that made the SVG, where that is known. sha256, bytes: of the candidate's file.
+    picture, data: the original, and the bytes of its file. name: of the candidate. candidate: its bytes, those of an
+    SVG (unpacked) or of the picture `raster`. quality: of the candidate, None if it was not measured. drawn_by: the
+    renderer. report: of the run that made the SVG, or None. sha256, bytes: of the candidate's file.
     """
 
     picture: Picture
@@ -52,39 +50,19 @@ class Subject:
     notes: tuple[str, ...] = ()
 
 
-def subject_of(picture: Picture, data: bytes, svg: bytes, report: Report) -> Subject:
-    """The subject of a page about an SVG (unpacked) that was made with a report."""
-    quality = None if report.quality is None else report.quality.svg
-    name = report.output.svg
-    return Subject(
-        picture,
-        data,
-        picture.source if name is None else Path(name).name,
-        svg,
-        quality,
-        None if quality is None else quality.renderer,
-        report,
-        report.output.svg_sha256,
-        report.output.bytes,
-    )
-
-
-@record
-class Fact:
-    """A figure with what it is called and what it means."""
-
-    name: str
-    value: str
-    about: str = ""
-
-
 def page(subject: Subject, threads: int | None = None) -> bytes:
-    """The HTML file. threads: of the engine, which measures what each curve is worth."""
+    """Return the HTML file. threads: of the engine, which measures the worth of each curve."""
     report, picture = subject.report, subject.picture
     own = shown_elements(subject.candidate, picture, threads) if subject.raster is None else None
     kind = "" if own is None else own.kind
     losses = [] if own is None else own.losses_db
-    text = rendered(
+    made: dict[str, Any] = {}  # of the run that made the SVG
+    if report is not None:
+        made = {
+            "command": command(report), "settings": setting_texts(report.settings), "device": report.device,
+            "reason": report.style_reason, "style": report.style, "inks": report.inks, "version": report.version,
+        }  # fmt: skip
+    return rendered(
         "page.html",
         mark=made_mark(subject.sha256),
         title=subject.name,
@@ -100,27 +78,29 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         facts=_facts(subject, kind, own),
         charts=_charts(report, losses, kind),
         times=_times(report),
-        command=None if report is None else command(report),
-        settings={} if report is None else setting_texts(report.settings),
-        device={} if report is None else report.device,
-        reason="" if report is None else report.style_reason,
-        style="" if report is None else report.style,
-        inks=[] if report is None else (report.inks or []),
         notes=[*(() if report is None else report.notes), *subject.notes],
-        program=PROGRAM,
-        version=__version__ if report is None else report.version,
+        **{**dict.fromkeys(("command", "settings", "device", "reason", "style", "inks")), **made},
     )
-    return text.encode()
+
+
+def page_of_result(picture: Picture, data: bytes, svg: bytes, report: Report, threads: int | None) -> bytes:
+    """Return the HTML file about an SVG (unpacked) and its report. data: the bytes of the picture's file."""
+    quality, output = None if report.quality is None else report.quality.svg, report.output
+    name = Path(output.svg).name if output.svg else picture.source
+    drawn_by = quality.renderer if quality else None
+    subject = Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes)
+    return page(subject, threads)
 
 
 def _candidate_url(subject: Subject) -> str:
-    """As a picture it can neither act nor fetch, whatever it holds."""
+    """Return a foreign SVG, or a raster picture, as a picture, which can neither act nor fetch."""
     if subject.raster is None:
         return data_url("image/svg+xml", subject.candidate)
     return picture_url(subject.raster, subject.candidate)
 
 
 def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
+    """Return the figures at the top of the page."""
     quality, report = subject.quality, subject.report
     facts = [] if quality is None else _quality_facts(quality, subject.drawn_by)
     if own is not None:
@@ -128,36 +108,37 @@ def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
         count = own.count if report is None else report.count()
         if own.losses_db and count != len(own.losses_db):
             about.insert(0, f"in {counted(len(own.losses_db), 'element')}")
-        facts.append(Fact(f"{kind}s", f"{count:,}", ", ".join(about)))
+        facts.append((f"{kind}s", f"{count:,}", ", ".join(about)))
     if report is not None and report.shaded:
-        facts.append(Fact("shaded", counted(len(report.shaded), "object"), ", ".join(report.shaded)))
-    facts.append(Fact("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
-    facts.append(Fact("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
+        facts.append(("shaded", counted(len(report.shaded), "object"), ", ".join(report.shaded)))
+    facts.append(("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
+    facts.append(("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
     if report is not None:
         steps = f"{report.timing.steps:,} steps" if report.timing.steps else ""
-        facts.append(Fact("time", duration(report.timing.total_s), steps))
+        facts.append(("time", duration(report.timing.total_s), steps))
     return facts
 
 
 def _quality_facts(quality: Quality, drawn_by: str | None) -> list[Fact]:
     by = f"drawn by {drawn_by}" if drawn_by else "of the candidate"
     if quality.identical:
-        return [Fact("PSNR", "identical", by)]
-    facts = [] if quality.psnr_db is None else [Fact("PSNR", f"{quality.psnr_db:.2f} dB", by)]
+        return [("PSNR", "identical", by)]
+    facts = [] if quality.psnr_db is None else [("PSNR", f"{quality.psnr_db:.2f} dB", by)]
     if quality.ssim is not None:
-        facts.append(Fact("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
+        facts.append(("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
     return facts
 
 
 def _charts(report: Report | None, losses: list[float], kind: str) -> list[Chart]:
+    """Return the charts of the fit's history and of the worth of the curves."""
     history = [] if report is None else report.history
-    wanted = (
+    courses = (
         ("psnr_db", "Closeness", "PSNR of the fit's own picture, in dB", 2),
         ("gini", "Inequality", "Gini coefficient of the curves' worth: 0 all alike, 1 few do everything", 2),
         ("replaced", "Curves replaced", "removed where they did little, and begun anew where the error is", 0),
     )
     charts = []
-    for member, title, about, decimals in wanted:
+    for member, title, about, decimals in courses:
         entries = [entry for entry in history if member in entry]
         if len(entries) > 1:
             seconds, values = [e["seconds"] for e in entries], [e[member] for e in entries]
@@ -170,21 +151,17 @@ def _charts(report: Report | None, losses: list[float], kind: str) -> list[Chart
 
 
 def _times(report: Report | None) -> list[tuple[str, str, float]]:
-    """Name, text and percentage of each stage."""
+    """Return name, text and percentage of each stage."""
     if report is None:
         return []
-    timing = report.timing
-    stages = (
-        ("read", timing.read_s), ("fit", timing.fit_s), ("write", timing.write_s), ("draw", timing.draw_s),
-        ("measure", timing.measure_s),
-    )  # fmt: skip
+    stages = [(name, getattr(report.timing, f"{name}_s")) for name in ("read", "fit", "write", "draw", "measure")]
     timed = [(name, seconds) for name, seconds in stages if seconds is not None]
     total = sum(seconds for _, seconds in timed) or 1.0
     return [(name, duration(seconds), 100.0 * seconds / total) for name, seconds in timed]
 
 
 def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Every setting by name, those of a group behind its name and a dot."""
+    """Return every setting by name; settings of a group begin with its name and a dot."""
     texts: dict[str, str] = {}
     for name, value in settings.items():
         if isinstance(value, Mapping):
@@ -195,7 +172,7 @@ def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def command(report: Report) -> str:
-    """`cubicsplat vectorize ...` with every option that is not what it would be without being given."""
+    """Return `cubicsplat vectorize ...` with every option that differs from its default."""
     parts = ["cubicsplat", "vectorize", report.input.path]
     parts += [] if report.output.svg is None else ["-o", report.output.svg]
     for name, spec, value in _differing(report.settings):
@@ -204,6 +181,7 @@ def command(report: Report) -> str:
 
 
 def _differing(settings: Mapping[str, Any]) -> Iterator[tuple[str, Setting, Any]]:
+    """Yield name, description and value of each setting that differs from its default."""
     usual = FitSettings.from_preset(settings.get("preset", "standard"), settings.get("mode", "closed"))
     recipe, artwork = settings.get("recipe") or {}, settings.get("artwork") or {}
     held: tuple[tuple[type, Mapping[str, Any], Any], ...] = (
@@ -215,14 +193,16 @@ def _differing(settings: Mapping[str, Any]) -> Iterator[tuple[str, Setting, Any]
     for owner, given, default in held:
         for field, spec in settings_of(owner):
             name = field.name
-            # What preset and mode are by default must not depend on the preset and mode that were given.
+            # The defaults of preset and mode do not depend on the chosen preset and mode.
             before = getattr(FitSettings() if name in ("preset", "mode") else default, name)
             value = given.get(name)
-            if spec.decides and name not in _OF_THE_MACHINE and value not in (None, []) and value != before:
+            # The device and the threads decide nothing.
+            if spec.decides and name not in ("device", "threads") and value not in (None, []) and value != before:
                 yield name, spec, value
 
 
 def _option(name: str, spec: Setting, value: Any) -> list[str]:
+    """Return the words of the command line that set a value."""
     option = f"--{(spec.option or name).replace('_', '-')}"
     if spec.by_set:
         return ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
@@ -236,52 +216,41 @@ def _option(name: str, spec: Setting, value: Any) -> list[str]:
 
 
 @record
-class Tick:
-    """A mark of an axis: where it is, and what it says."""
-
-    at: float
-    text: str
-
-
-@record
 class Chart:
-    """A chart in units of its box, WIDTH x HEIGHT: a line as SVG path data, or bars as (x, y, width, height, text)."""
+    """A chart in units of its box: a line as SVG path data, or bars as (x, y, width, height, text).
+
+    across, up: the marks of the axes, as (place, label).
+    """
 
     title: str
     about: str
     unit: str
-    across: list[Tick]
-    up: list[Tick]
+    across: list[tuple[float, str]]
+    up: list[tuple[float, str]]
     line: str = ""
     bars: tuple[tuple[float, float, float, float, str], ...] = ()
     last: str = ""
 
 
 def course(title: str, about: str, seconds: Sequence[float], values: Sequence[float], decimals: int) -> Chart:
-    """Values over the seconds at which they were measured; at least two."""
-    low, high = min(values), max(values)
-    up = ticks(low, high, 3)
-    low, high = min(low, up[0]), max(high, up[-1])
-    span = high - low or 1.0
-    across = ticks(0.0, seconds[-1], 4)
+    """Return a chart of values over the seconds at which they were measured; there must be two or more."""
+    up, across = ticks(min(values), max(values), 3), ticks(0.0, seconds[-1], 4)
+    low, high = min(*values, up[0]), max(*values, up[-1])
     last = max(seconds[-1], across[-1]) or 1.0
-    points = [
-        f"{LEFT + (RIGHT - LEFT) * s / last:.1f} {BOTTOM - (BOTTOM - TOP) * (v - low) / span:.1f}"
-        for s, v in zip(seconds, values, strict=True)
-    ]
-    return Chart(
-        title,
-        about,
-        "seconds",
-        [Tick(LEFT + (RIGHT - LEFT) * s / last, f"{s:g}") for s in across],
-        [Tick(BOTTOM - (BOTTOM - TOP) * (v - low) / span, f"{v:g}") for v in up],
-        line="M" + "L".join(points),
-        last=f"{values[-1]:.{decimals}f}",
-    )
+
+    def x(second: float) -> float:
+        return LEFT + (RIGHT - LEFT) * second / last
+
+    def y(value: float) -> float:
+        return BOTTOM - (BOTTOM - TOP) * (value - low) / (high - low or 1.0)
+
+    line = "M" + "L".join(f"{x(s):.1f} {y(v):.1f}" for s, v in zip(seconds, values, strict=True))
+    marks = [(x(s), f"{s:g}") for s in across], [(y(v), f"{v:g}") for v in up]
+    return Chart(title, about, "seconds", *marks, line=line, last=f"{values[-1]:.{decimals}f}")
 
 
 def histogram(title: str, about: str, values: Sequence[float]) -> Chart:
-    """Histogram of values in dB on a logarithmic axis; values up to 0 are in the first bar."""
+    """Return a histogram of values in dB on a logarithmic axis; the first bar counts values up to 0, too."""
     clipped = np.clip(np.asarray(values, dtype=float), _LEAST_DB, None)
     first, last = math.floor(math.log10(clipped.min())), math.ceil(math.log10(clipped.max()) + 1e-9)
     last = max(last, first + 1)
@@ -294,13 +263,13 @@ def histogram(title: str, about: str, values: Sequence[float]) -> Chart:
         if c
     )  # fmt: skip
     decades = range(first, last + 1)
-    across = [Tick(LEFT + (RIGHT - LEFT) * (d - first) / (last - first), f"{10.0**d:g}") for d in decades]
-    up = [Tick(BOTTOM - (BOTTOM - TOP) * c / most, f"{c:g}") for c in ticks(0, most, 3) if c <= most and c == int(c)]
+    across = [(LEFT + (RIGHT - LEFT) * (d - first) / (last - first), f"{10.0**d:g}") for d in decades]
+    up = [(BOTTOM - (BOTTOM - TOP) * c / most, f"{c:g}") for c in ticks(0, most, 3) if c <= most and c == int(c)]
     return Chart(title, about, "dB", across, up, bars=bars)
 
 
 def ticks(low: float, high: float, count: int) -> list[float]:
-    """About so many round numbers from `low` to `high`; at least one."""
+    """Return about `count` round numbers from `low` to `high`, at least one."""
     span = high - low
     if not span > 0:
         return [low]

@@ -1,6 +1,6 @@
-"""Jobs on a Ray cluster: the pictures travel there and the results back, so that no disk need be shared.
+"""Jobs on a Ray cluster. Pictures are sent there and results back, so that no disk need be shared.
 
-Every node needs cubicsplat installed. Ray runs a task again whose worker or node died.
+Every node needs cubicsplat. Ray repeats a task whose worker or node died.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import re
 import socket
 import sys
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import Any, NamedTuple
 
 from cubicsplat_cli.errors import CubicSplatError, EngineError
 from cubicsplat_cli.formatting import one_line
@@ -19,20 +20,12 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink, MemorySink
 from cubicsplat_cli.jobs.run import FAILED, Outcome, attempt, failure
 from cubicsplat_cli.progress import Observer
-from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 
-if TYPE_CHECKING:
-    from types import ModuleType
-
-RETRIES = 3
-_CONNECT_SECONDS = 5.0
 _POLL_SECONDS = 0.2
-_ADDRESS = re.compile(r"(?:ray://)?\[?([^\[\]/]+)\]?:(\d+)")
 
 
-@record
-class Share:
+class Share(NamedTuple):
     """Resources of one task, and the number of tasks at once."""
 
     cpus: int
@@ -50,19 +43,19 @@ def run_on_cluster(
     observer: Observer,
     stopping: Callable[[], bool],
 ) -> Iterator[Outcome]:
-    """The outcomes of `jobs` as they come; their files are written here.
+    """Yield the outcomes of the jobs as they end, and write their files here.
 
-    address: of the cluster's head ("host:port", "ray://host:port", or "auto"). count: how many jobs there may be.
-    limit: of jobs at once. A task takes as many cores as threads were asked for (None: the cluster's, divided).
-    Raises EngineError where Ray is not installed or no cluster answers.
+    address: of the cluster's head ("host:port", "ray://host:port", or "auto"). count: of jobs at most. limit: of jobs
+    at once. A task takes as many cores as the request has threads (None: its share of the cluster's). Raises
+    EngineError if Ray is not installed or no cluster answers.
     """
-    # Ray prints what it has to say about its workers to standard output, which is for results.
+    # Ray prints messages of its workers to standard output, which is for results.
     with contextlib.redirect_stdout(sys.stderr), _connected(address) as ray:
         share = divide(ray.cluster_resources(), request, count=count, limit=limit)
-        task = ray.remote(num_cpus=share.cpus, num_gpus=share.gpus, max_retries=RETRIES)(run_remote_job)
+        task = ray.remote(num_cpus=share.cpus, num_gpus=share.gpus, max_retries=3)(run_remote_job)
         running: dict[Any, Job] = {}
         while not stopping():
-            yield from _submit(ray, task, jobs, request, share, running, observer)
+            yield from _submit(task, jobs, request, share, running, observer)
             if not running:
                 return
             ready, _ = ray.wait(list(running), timeout=_POLL_SECONDS)
@@ -77,12 +70,12 @@ def run_remote_job(job: Job, request: Request, threads: int) -> tuple[Outcome, d
     """Run a job on the cluster; return its outcome, and its files by kind."""
     sink = MemorySink()
     outcome = attempt(job, request.with_threads(threads), sink=sink, observer=Observer())
-    # The picture need not travel back.
+    # The picture is not sent back.
     return dataclasses.replace(outcome, job=dataclasses.replace(job, data=None)), sink.files
 
 
 def divide(resources: dict[str, float], request: Request, *, count: int, limit: int | None) -> Share:
-    """One GPU a task where the cluster has any (and the device is not cpu), else as many cores as threads."""
+    """Give each task a GPU if the cluster has any and the device is not cpu, else as many cores as threads."""
     device, threads = request.settings.device, request.settings.threads
     cores = max(1, int(resources.get("CPU", 1)))
     gpus = int(resources.get("GPU", 0)) if device != "cpu" else 0
@@ -99,16 +92,15 @@ def divide(resources: dict[str, float], request: Request, *, count: int, limit: 
 
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[ModuleType]:
-    """Ray, connected to a cluster; EngineError where that cannot be."""
+    """Connect Ray to a cluster. Raises EngineError if that fails."""
     try:
         import ray
     except ImportError as error:
         raise EngineError("--cluster needs Ray: pip install 'cubicsplat[ray]'") from error
-    match = _ADDRESS.fullmatch(address)
+    match = re.fullmatch(r"(?:ray://)?\[?([^\[\]/]+)\]?:(\d+)", address)
     try:
-        if match is not None:
-            # Ray itself would try for minutes.
-            socket.create_connection((match[1], int(match[2])), timeout=_CONNECT_SECONDS).close()
+        if match is not None:  # Ray itself would try for minutes
+            socket.create_connection((match[1], int(match[2])), timeout=5.0).close()
         ray.init(address=address, log_to_driver=False, logging_level="ERROR", ignore_reinit_error=True)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         raise EngineError(f"no Ray cluster at {address} ({one_line(error)}); start one or check it") from error
@@ -119,15 +111,9 @@ def _connected(address: str) -> Iterator[ModuleType]:
 
 
 def _submit(
-    ray: ModuleType,
-    task: Any,
-    jobs: Iterator[Job],
-    request: Request,
-    share: Share,
-    running: dict[Any, Job],
-    observer: Observer,
+    task: Any, jobs: Iterator[Job], request: Request, share: Share, running: dict[Any, Job], observer: Observer
 ) -> Iterator[Outcome]:
-    """Send out jobs while there is room; yields those whose picture cannot be read."""
+    """Send out jobs while there is room; yield the failures of pictures that cannot be read."""
     from cubicsplat_cli.files.read import read_whole
 
     while len(running) < share.at_once:
@@ -145,7 +131,7 @@ def _submit(
 
 
 def _collect(ray: ModuleType, reference: Any, job: Job) -> Outcome:
-    """The outcome of a task that ended, its files written in the order that makes a report the last."""
+    """Return the outcome of a task that ended, and write its files in their order, which ends with the report."""
     try:
         outcome, files = ray.get(reference)
     except ray.exceptions.RayError as error:

@@ -15,9 +15,18 @@ from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, 
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
 from cubicsplat_cli.jobs.results import FileSink, check_may_write, earlier_report, finished, prepare_files
-from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, attempt, export_of, failure, layer_files, load_job
+from cubicsplat_cli.jobs.run import (
+    PLANNED,
+    UNCHANGED,
+    Outcome,
+    attempt,
+    export_of,
+    failure,
+    layer_files,
+    load_job,
+    page_of,
+)
 from cubicsplat_cli.progress import Observer
-from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 
@@ -25,39 +34,56 @@ if TYPE_CHECKING:
     from cubicsplat_cli.metrics import Report
 
 
-@record
-class ExecutionOptions:
-    """Settings of carrying out jobs. workers: pictures at once (None: one, or what the cluster can take). cluster:
-    its address, None for this machine. inline: in this process, where there is one picture.
-    """
-
-    workers: int | None = None
-    cluster: str | None = None
-    inline: bool = False
-
-    def at_once(self) -> int:
-        """Pictures at once on this machine: more than there are cores would only wait for each other."""
-        return min(self.workers or 1, cpu_count())
+def pictures_at_once(workers: int | None) -> int:
+    """Return the number of pictures at once on this machine: more of them than cores would wait for each other."""
+    return min(workers or 1, cpu_count())
 
 
 def execute(
-    plan: JobPlan, request: Request, options: ExecutionOptions, observer: Observer, stopping: Callable[[], bool]
+    plan: JobPlan,
+    request: Request,
+    observer: Observer,
+    stopping: Callable[[], bool],
+    *,
+    workers: int | None = None,
+    cluster: str | None = None,
 ) -> Iterator[Outcome]:
-    """An outcome for each job of the plan. What an earlier run has done is looked at when it is a job's turn.
+    """Yield an outcome for each job of the plan. The files of earlier runs are looked at when it is a job's turn.
 
-    Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
-    Raises EngineError where the cluster does not answer.
+    Once `stopping()` is true no job begins any more, and the fits under way end early with the best they have. workers:
+    pictures at once (None: one, or as many as the cluster can take). cluster: its address, None for this machine; a
+    single picture of this machine is done in this process. Raises EngineError where the cluster does not answer.
     """
     finished_before: list[Outcome] = []
-    to_do = _to_do(plan.jobs, request, finished_before, observer)
-    for outcome in _carried_out(to_do, len(plan.jobs), request, options, observer, stopping):
-        yield from _drained(finished_before)
+    jobs, count = _to_do(plan.jobs, request, finished_before, observer), len(plan.jobs)
+    if cluster is not None:
+        from cubicsplat_cli.jobs.cluster import run_on_cluster
+
+        outcomes = run_on_cluster(
+            jobs, request, address=cluster, count=count, limit=workers, observer=observer, stopping=stopping
+        )
+    elif plan.pictures == 1:
+        outcomes = _run_here(jobs, request, observer)
+    else:
+        from cubicsplat_cli.jobs.pool import run_in_workers
+
+        workers = min(pictures_at_once(workers), count)
+        outcomes = run_in_workers(jobs, request, workers=workers, observer=observer, stopping=stopping)
+    for outcome in outcomes:
+        yield from finished_before
+        finished_before.clear()
         yield outcome
-    yield from _drained(finished_before)
+    yield from finished_before
+
+
+def _run_here(jobs: Iterator[Job], request: Request, observer: Observer) -> Iterator[Outcome]:
+    for job in jobs:
+        observer.begin(job.name)
+        yield attempt(job, request, sink=FileSink(job), observer=observer)
 
 
 def look(job: Job, request: Request) -> Outcome:
-    """Say whether a job is to be done, unchanged or impossible; changes nothing on the disk."""
+    """Find out whether a job is to be done, unchanged or impossible; change nothing on the disk."""
     svg = job.outputs.svg
     if request.skip_existing and svg is not None and is_file(svg) and svg.stat().st_size > 0:
         return Outcome(job, UNCHANGED, earlier_report(job))
@@ -70,39 +96,8 @@ def look(job: Job, request: Request) -> Outcome:
     return Outcome(job, PLANNED if report is None else UNCHANGED, report)
 
 
-def _carried_out(
-    jobs: Iterator[Job],
-    count: int,
-    request: Request,
-    options: ExecutionOptions,
-    observer: Observer,
-    stopping: Callable[[], bool],
-) -> Iterator[Outcome]:
-    if options.cluster is not None:
-        from cubicsplat_cli.jobs.cluster import run_on_cluster
-
-        yield from run_on_cluster(
-            jobs,
-            request,
-            address=options.cluster,
-            count=count,
-            limit=options.workers,
-            observer=observer,
-            stopping=stopping,
-        )
-    elif options.inline:
-        for job in jobs:
-            observer.begin(job.name)
-            yield attempt(job, request, sink=FileSink(job), observer=observer)
-    else:
-        from cubicsplat_cli.jobs.pool import run_in_workers
-
-        workers = min(options.at_once(), count)
-        yield from run_in_workers(jobs, request, workers=workers, observer=observer, stopping=stopping)
-
-
 def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome], observer: Observer) -> Iterator[Job]:
-    """The jobs that need work; the outcomes of the others go to `finished_before`."""
+    """Yield the jobs that need work; put the outcomes of the others into `finished_before`."""
     for job in jobs:
         outcome = look(job, request)
         if outcome.status == PLANNED:
@@ -116,54 +111,49 @@ def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome], ob
         finished_before.append(with_others(outcome, request, observer))
 
 
-def _drained(finished_before: list[Outcome]) -> Iterator[Outcome]:
-    while finished_before:
-        yield finished_before.pop(0)
-
-
 def lacking(job: Job, report: Report, request: Request, observer: Observer) -> dict[Path, Callable[[], bytes]]:
-    """The files made of the SVG of a report that are not there, or are of another SVG, and what makes each: the page,
-    the exports and the layers.
+    """Return what makes each file of a finished SVG that is missing, or was made of another SVG: the page, the exports
+    and the layers.
     """
-    outputs, found = job.outputs, dict[Path, Callable[[], bytes]]()
+    outputs, files = job.outputs, dict[Path, Callable[[], bytes]]()
     if outputs.svg is None or not (outputs.html_report or outputs.exports or outputs.layers):
-        return found
+        return files
     from cubicsplat_cli.files.read import read_file
 
     svg = read_file(outputs.svg)
     page = outputs.html_report
     if page is not None and not _is_made_of(page, report.output.svg_sha256):
-        found[page] = lambda: _page(job, svg, report, request)
+        files[page] = lambda: page_of(job, load_job(job, request), svg, report, request)
     if outputs.exports:
         from cubicsplat_cli.export.formats import is_current
 
         for path in outputs.exports:
             if not is_current(path, svg, request.dxf_tolerance):
-                found[path] = partial(export_of, path, svg, job, request, lambda text: observer.note(text, job.name))
+                files[path] = partial(export_of, path, svg, job, request, lambda text: observer.note(text, job.name))
     for kind, data in layer_files(svg).items() if outputs.layers is not None else ():
         layer = outputs.place(kind)
         if layer is not None and not _is_made_of(layer, sha256_of(svg)):
-            found[layer] = partial(bytes, data)
-    return found
+            files[layer] = partial(bytes, data)
+    return files
 
 
 def _is_made_of(path: Path, sha256: str) -> bool:
     return is_file(path) and made_mark(sha256).encode() in read_head(path)
 
 
-def _page(job: Job, svg: bytes, report: Report, request: Request) -> bytes:
-    from cubicsplat_cli.html_report.page import page, subject_of
+def with_others(outcome: Outcome, request: Request, observer: Observer, *, dry_run: bool = False) -> Outcome:
+    """Make the files that a job, finished by an earlier run, lacks of its SVG; return its outcome.
 
-    return page(subject_of(load_job(job, request), job.source(), svg, report), request.settings.threads)
-
-
-def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outcome:
-    """The outcome of a job whose files an earlier run made, after those that it lacks were made of its SVG."""
+    dry_run: makes nothing; the outcome of a job that lacks files is that it is planned.
+    """
     job, report = outcome.job, outcome.report
     if outcome.status != UNCHANGED or report is None:
         return outcome
     try:
         missing = lacking(job, report, request, observer)
+        if dry_run:
+            check_ownership([*missing], force=request.force)
+            return replace(outcome, status=PLANNED) if missing else outcome
         if missing:
             make_folders(job)
         check_outputs([*missing], force=request.force)
@@ -174,20 +164,8 @@ def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outco
     return outcome
 
 
-def planned_others(outcome: Outcome, request: Request) -> Outcome:
-    """The outcome for a dry run: a finished job that lacks only what is made of its SVG is planned."""
-    if outcome.status != UNCHANGED or outcome.report is None:
-        return outcome
-    try:
-        missing = lacking(outcome.job, outcome.report, request, Observer())
-        check_ownership([*missing], force=request.force)
-    except CubicSplatError as error:
-        return failure(outcome.job, error)
-    return replace(outcome, status=PLANNED) if missing else outcome
-
-
 def write_index(path: Path, outcomes: list[Outcome]) -> None:
-    """The page that leads to the pages of all pictures, in the order given. Raises InputError as all writing does."""
+    """Write the page that links the pages of all pictures, in the order given. Raises what writing raises."""
     from cubicsplat_cli.html_report.index import Entry, entry_of, index
 
     entries = []
@@ -201,7 +179,7 @@ def write_index(path: Path, outcomes: list[Outcome]) -> None:
 
 
 def _short_names(names: list[str]) -> list[str]:
-    """The names without the folder that all of them share, which says nothing and may be long."""
+    """Return the names without the folder that all of them share, which says nothing and may be long."""
     folders = {os.path.dirname(name) for name in names}  # noqa: PTH120 (names may be patterns)
     absolute = {os.path.isabs(name) for name in names}  # noqa: PTH117
     if len(absolute) != 1:

@@ -1,4 +1,4 @@
-"""Jobs: which pictures files, patterns and folders name, which files each becomes, and with which settings."""
+"""Jobs: the pictures that files, patterns and folders name, and the files that each picture becomes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import glob
 import itertools
 import os
 import re
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -37,7 +37,8 @@ _ANY_DEPTH = re.compile(rf"(?:(?<![^{_SEPARATORS}])\*\*(?:[{_SEPARATORS}]+|$))+"
 @dataclass(frozen=True)
 class Job:
     """One picture to vectorise. name: as the user named it, for messages and reports. path: None for standard input,
-    whose bytes are `data`. below: the folder in which it was found, from the one that was named. mask: of its own.
+    whose bytes are `data`. below: the picture's folder, relative to the folder that the user named. mask: of this
+    picture alone.
     """
 
     name: str
@@ -48,7 +49,7 @@ class Job:
     mask: Path | None = None
 
     def source(self) -> bytes:
-        """The bytes of the picture's file. Raises InputError where they cannot be read."""
+        """Return the bytes of the picture's file. Raises InputError where they cannot be read."""
         if self.path is None or self.data is not None:
             return self.data or b""
         from cubicsplat_cli.files.read import read_whole
@@ -56,7 +57,7 @@ class Job:
         return read_whole(self.path)
 
     def request(self, request: Request) -> Request:
-        """The request for this picture, with the picture's own mask. Raises InputError if that is no mask."""
+        """Return the request for this picture, with the picture's own mask. Raises InputError if that is no mask."""
         if self.mask is None:
             return request
         from cubicsplat_cli.files.weights import load_mask
@@ -71,8 +72,10 @@ class Job:
 
 @record
 class JobPlan:
-    """jobs, in a fixed order; problems: arguments that led to none, by name; left_out: pictures not taken, and why;
-    index: the page that leads to those of all pictures, where they have pages.
+    """The jobs of one command.
+
+    jobs: in a fixed order. problems: name and error of each argument without a picture. left_out: pictures that were
+    not taken, by the reason. index: the page that links the pages of all pictures, if they have pages.
     """
 
     jobs: list[Job]
@@ -82,19 +85,19 @@ class JobPlan:
 
     @property
     def pictures(self) -> int:
-        """Number of outcomes to expect."""
+        """The number of outcomes to expect."""
         return len(self.jobs) + len(self.problems)
 
 
 def plan(arguments: list[str], output: str | None, request: Request, *, recursive: bool) -> JobPlan:
-    """A job for everything the arguments lead to. Raises UsageError where they make no sense together."""
+    """Return a job for each picture of the arguments. Raises UsageError where they make no sense together."""
     if is_batch(arguments):
         for name in ("animation", "geometrize"):
             if getattr(request, name) is not None:
                 raise UsageError(f"--{name} is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(search.sources, output, request)
-        return _with_others(JobPlan(jobs, list(search.problems), search.left_out), output, request)
+        return _with_others(JobPlan(jobs, [*search.problems], search.left_out), output, request)
     name = arguments[0]
     path = None if name == STDIO else Path(name)
     if path is not None and is_svg(path):
@@ -102,93 +105,74 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     outputs = plan_outputs(
         path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
     )
-    if (
-        request.geometrize is not None
-        and outputs.metrics is not None
-        and _key(request.geometrize) == _key(outputs.metrics)
-    ):
+    if request.geometrize and outputs.metrics and _key(request.geometrize) == _key(outputs.metrics):
         raise UsageError(f"{outputs.metrics} will hold the figures; give --geometrize another name, or add --no-json")
     outputs = replace(outputs, animation=request.animation, geometrize=request.geometrize)
     return _with_others(JobPlan([Job(name, path, outputs)]), output, request)
 
 
 def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan:
-    """The plan with what is made of finished SVGs: pages, layers, and files for other programs.
+    """Return the plan with the files made of finished SVGs: exports, layers and pages, with an index of several pages.
 
-    Raises UsageError where an SVG goes to standard output.
+    Raises UsageError where an SVG goes to standard output, the folder of layers is a file, or two pictures would have
+    layers of one name.
     """
-    if request.also and any(job.outputs.svg is None for job in made.jobs):
-        raise UsageError("--also needs a file beside which the others can lie; give one with -o")
-    jobs = [replace(job, outputs=job.outputs.with_exports(request.also)) for job in made.jobs]
-    made = replace(made, jobs=jobs if request.layers is None else _with_layers(jobs, request.layers))
-    return with_pages(made, output) if request.html_report else made
-
-
-def _with_layers(jobs: list[Job], folder: Path) -> list[Job]:
-    """The jobs with their layers in a folder, in those below it that the pictures have below theirs.
-
-    Raises UsageError where the folder is a file, where an SVG goes to standard output, or where two would have layers
-    of one name.
-    """
-    if is_there(folder) and not is_folder(folder):
+    for given, need in (
+        (request.also, "--also needs a file beside which the others can lie; give one with -o"),
+        (request.layers, "--layers needs an SVG of which they are made; give a file with -o"),
+        (request.html_report, "--report needs a file beside which the page can lie; give one with -o"),
+    ):
+        if given and any(job.outputs.svg is None for job in made.jobs):
+            raise UsageError(need)
+    folder = request.layers
+    if folder is not None and is_there(folder) and not is_folder(folder):
         raise UsageError(f"--layers {folder} is a file; give a folder")
-    made = []
-    claimed: dict[str, Job] = {}
-    for job in jobs:
-        if job.outputs.svg is None:
-            raise UsageError("--layers needs an SVG of which they are made; give a file with -o")
-        layers = folder / job.below / job.outputs.svg.stem
-        if (other := claimed.setdefault(_key(layers), job)) is not job:
-            raise UsageError(
-                f"{other.name} and {job.name} would both give {layers}-...; use two runs with other --layers"
-            )
-        made.append(replace(job, outputs=replace(job.outputs, layers=layers)))
-    return made
-
-
-def with_pages(made: JobPlan, output: str | None) -> JobPlan:
-    """The plan with a page for each picture, beside its SVG, and for several an index in the folder of them all.
-
-    Raises UsageError where an SVG goes to standard output.
-    """
     jobs = []
     for job in made.jobs:
-        if job.outputs.svg is None:
-            raise UsageError("--report needs a file beside which the page can lie; give one with -o")
-        jobs.append(replace(job, outputs=replace(job.outputs, html_report=job.outputs.svg.with_suffix(PAGE))))
-    if made.pictures == 1 or not jobs:
-        return replace(made, jobs=jobs)
+        layers = None if folder is None else folder / job.below
+        outputs = job.outputs.with_others(request.also, layers, page=request.html_report)
+        jobs.append(replace(job, outputs=outputs))
+    _check_distinct(((job.outputs.layers, job.name) for job in jobs), "{}-...; use two runs with other --layers")
     pages = [job.outputs.html_report for job in jobs if job.outputs.html_report is not None]
-    folder = Path(os.path.commonpath([page.parent for page in pages])) if output is None else Path(output)
+    if made.pictures == 1 or not pages:
+        return replace(made, jobs=jobs)
+    beside = Path(os.path.commonpath([page.parent for page in pages])) if output is None else Path(output)
     # A picture may be called index itself.
-    names = (folder / f"index{'' if number == 1 else f'-{number}'}{PAGE}" for number in itertools.count(1))
+    names = (beside / f"index{'' if number == 1 else f'-{number}'}{PAGE}" for number in itertools.count(1))
     return replace(made, jobs=jobs, index=next(path for path in names if path not in pages))
 
 
-def plan_jobs(sources: list[Source], output: str | None, request: Request) -> list[Job]:
-    """A job for each picture: its files lie beside it, or in a mirror of its folders below `output`.
+def _check_distinct(places: Iterable[tuple[Path | None, str]], said: str) -> None:
+    """Raise UsageError where two pictures, by their names, have one place. said: the place, in braces, and advice."""
+    claimed: dict[str, str] = {}
+    for place, name in places:
+        if place is not None and (other := claimed.setdefault(_key(place), name)) is not name:
+            raise UsageError(f"{other} and {name} would both give {said.format(place)}")
 
-    Pictures that differ in their ending alone (`a.png` and `a.jpg`) would give the same files; those get it into
-    their names (`a.png.svg`, `a.jpg.svg`), but for one that has the short name from an earlier run. Raises UsageError
-    where two pictures still meet, or where `output` cannot be a folder.
+
+def plan_jobs(sources: list[Source], output: str | None, request: Request) -> list[Job]:
+    """Return a job for each picture: its files lie beside it, or in a mirror of its folders below `output`.
+
+    Pictures that differ in their suffix alone (`a.png` and `a.jpg`) would give the same files. The names of their files
+    contain the suffix (`a.png.svg`, `a.jpg.svg`), unless a picture has the short name from an earlier run. Raises
+    UsageError where two pictures would still give one file, or where `output` cannot be a folder.
     """
     _check_folder(output)
     suffix = request.suffix + (COMPRESSED if request.compress else PLAIN)
-    stems = [_key(_folder_of(source, output) / source.path.stem) for source in sources]
-    shared = {key for key, count in Counter(stems).items() if count > 1}
-    claimed: dict[str, Path] = {}
+    folders = [source.path.parent if output is None else Path(output) / source.below for source in sources]
+    stems = [_key(folder / source.path.stem) for source, folder in zip(sources, folders, strict=True)]
+    count = Counter(stems)
     jobs = []
-    for source, stem in zip(sources, stems, strict=True):
-        svg = place_for(source.path, _folder_of(source, output), suffix, shared=stem in shared)
-        if (other := claimed.setdefault(_key(svg), source.path)) is not source.path:
-            raise UsageError(f"{other} and {source.path} would both give {svg}; use two runs with different folders")
+    for source, folder, stem in zip(sources, folders, stems, strict=True):
+        svg = place_for(source.path, folder, suffix, shared=count[stem] > 1)
         outputs = outputs_beside(svg, png=request.png, metrics=request.metrics)
         jobs.append(Job(str(source.path), source.path, outputs, below=source.below))
+    _check_distinct(((job.outputs.svg, job.name) for job in jobs), "{}; use two runs with different folders")
     return jobs
 
 
 def _check_folder(output: str | None) -> None:
-    """`-o` of several pictures must be a folder; one that ends in .svg, .pdf or such was meant for one picture."""
+    """Raise UsageError where `-o` of several pictures is no folder, or has the suffix of one picture's result."""
     if output is None:
         return
     if output == STDIO:
@@ -201,12 +185,8 @@ def _check_folder(output: str | None) -> None:
         raise UsageError(f"-o {output} is for one picture that you name; give a folder for several or for a folder")
 
 
-def _folder_of(source: Source, output: str | None) -> Path:
-    return source.path.parent if output is None else Path(output) / source.below
-
-
 def _key(path: Path) -> str:
-    """Equal for names that some file systems take for the same."""
+    """Return a text that is the same for names that are one file on some file systems."""
     return str(path.absolute()).casefold()
 
 
@@ -217,8 +197,8 @@ def make_folders(job: Job) -> None:
 
 
 def with_masks(made: JobPlan, folder: Path) -> JobPlan:
-    """The plan with the mask of each picture that has one: of its name, whatever it ends in, where it lies below
-    `folder` as the picture does below its own. Raises UsageError where there is none for any, or two for one.
+    """Return the plan with the masks of the pictures. A mask has its picture's name, with any suffix, and lies below
+    `folder` as the picture lies below its own folder. Raises UsageError where no picture has a mask, or one has two.
     """
     listed: dict[Path, list[Path]] = {}
     jobs = [replace(job, mask=_mask_of(job, folder, listed)) for job in made.jobs]
@@ -250,29 +230,25 @@ class Source:
 
 @dataclass(eq=False)
 class PictureSearch:
-    """Result of a search: pictures in a fixed order, and by name the arguments that failed."""
+    """The result of a search. sources: in a fixed order; problems, left_out: as in a `JobPlan`."""
 
     sources: list[Source] = field(default_factory=list)
     problems: list[tuple[str, InputError]] = field(default_factory=list)
-    left_out: dict[str, list[Path]] = field(default_factory=dict)
-
-    def leave_out(self, path: Path, reason: str) -> None:
-        """Note a file that is not taken, and why."""
-        self.left_out.setdefault(reason, []).append(path)
+    left_out: dict[str, list[Path]] = field(default_factory=lambda: defaultdict(list))
 
 
 def is_batch(arguments: list[str]) -> bool:
-    """Whether the arguments may mean more than one picture: several, a folder, or a pattern."""
+    """Return whether the arguments may mean several pictures: there are several, or one is a folder or a pattern."""
     first = arguments[0]
     return len(arguments) > 1 or (first != STDIO and (is_folder(Path(first)) or _is_pattern(first)))
 
 
 def find_sources(arguments: list[str], *, recursive: bool) -> PictureSearch:
-    """Follow every argument: a file as it is, a folder to the pictures in it (with `recursive` at any depth), and a
-    pattern (`*`, `?`, `[]`, `**`) that no shell has resolved to the files that match.
+    """Find the pictures of all arguments, each picture once: files, the pictures of a folder (with `recursive` at any
+    depth), and the matches of a pattern (`*`, `?`, `[]`, `**`) that the shell has not expanded.
 
-    Each picture comes once. Pictures that cubicsplat itself drew are left out, so that a second run over a folder
-    does not vectorise the results of the first. Raises UsageError for standard input among other arguments.
+    Pictures that cubicsplat itself drew are left out, so that a second run over a folder does not vectorise the results
+    of the first. Raises UsageError for standard input among other arguments.
     """
     if STDIO in arguments:
         raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
@@ -298,7 +274,7 @@ def _is_pattern(argument: str) -> bool:
 
 def _take_file(source: Source, search: PictureSearch) -> None:
     if is_ours(source.path):
-        search.leave_out(source.path, "drawn by cubicsplat itself")
+        search.left_out["drawn by cubicsplat itself"].append(source.path)
     else:
         search.sources.append(source)
 
@@ -312,8 +288,8 @@ def _take_pattern(pattern: str, search: PictureSearch) -> None:
 
 
 def _matching(pattern: str) -> Iterator[Path]:
-    """Paths that match a pattern. `**` is any number of folders, but no hidden ones and no links: `glob` follows links,
-    and never ends if they form a cycle.
+    """Yield the paths that match a pattern. `**` is any number of folders that are neither hidden nor links: `glob`
+    follows links, and never ends if they form a cycle.
     """
     before, *after = _ANY_DEPTH.split(pattern, maxsplit=1)
     if not after:
@@ -335,7 +311,7 @@ def _take_folder(folder: Path, recursive: bool, search: PictureSearch) -> None:
 
     count, deeper = 0, False
     for place, folders, files in os.walk(folder, onerror=unreadable):
-        # Hidden folders hold caches and version control, no pictures of the user.
+        # Hidden folders hold caches and version control, not the user's pictures.
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             path = Path(place, name)
@@ -343,9 +319,9 @@ def _take_folder(folder: Path, recursive: bool, search: PictureSearch) -> None:
                 count += 1
                 _take_file(Source(path, Path(place).relative_to(folder)), search)
             elif is_heic_name(path):
-                search.leave_out(path, "HEIC, which pip install pillow-heif has read")
+                search.left_out["HEIC, which pip install pillow-heif has read"].append(path)
             elif not name.startswith(".") and not is_ours(path):
-                search.leave_out(path, "not a picture by its name")
+                search.left_out["not a picture by its name"].append(path)
         if not recursive:
             deeper = bool(folders)
             break

@@ -1,8 +1,8 @@
-"""Jobs on this machine: worker processes that outlive a bad picture, and die with the command that started them.
+"""Jobs in worker processes on this machine, which outlive a bad picture and end with the command that started them.
 
-Each worker is a process that gets one job at a time through a pipe. One that dies takes only its job down, which is
-tried once more in a new one. On Linux they are forked from a process that has imported what they need, which takes
-seconds, and has done nothing else: threads and engines do not survive a fork. Elsewhere each imports for itself.
+Each worker gets one job at a time through a pipe. If a worker dies, its job alone is tried once more in a new one. On
+Linux workers are forked from a process that has done all imports, which take seconds, and nothing else: threads and
+engines do not survive a fork. On other systems each worker imports for itself.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from queue import SimpleQueue
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink
@@ -35,14 +35,13 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 ATTEMPTS = 2
-# How often a stop is looked for while nothing happens.
-_POLL_SECONDS = 0.2
+_POLL_SECONDS = 0.2  # between two checks for a stop while nothing happens
 _STOP = "stop"
 PRELOADED = ["cubicsplat_cli.jobs.warm"]  # by the process that workers are forked from
 
 
 def share_threads(threads: int | None, workers: int) -> list[int]:
-    """Threads of each worker: together as many as asked for (None: one per core), and one each at least."""
+    """Return the threads of each worker: `threads` together (None: one per core), and one each at least."""
     total = threads if threads is not None else cpu_count()
     each, rest = divmod(total, workers)
     return [max(1, each + (index < rest)) for index in range(workers)]
@@ -57,10 +56,11 @@ def run_in_workers(
     stopping: Callable[[], bool],
     work: Callable[[Connection, Request, int], None] | None = None,
 ) -> Iterator[Outcome]:
-    """The outcomes of `jobs` in the order in which they end; `jobs` is asked for the next when a worker is free.
+    """Yield the outcomes of the jobs in the order in which they end; take the next job when a worker is free.
 
-    Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
-    work: what a worker does with its end of a pipe, a request and so many threads (default: the jobs that it gets).
+    Once `stopping()` is true no job begins any more, and the fits under way end early with the best they have. work:
+    the function of a worker, of its end of a pipe, a request and a number of threads (default: do the jobs from the
+    pipe).
     """
     pool = _Pool(request, share_threads(request.settings.threads, workers), observer, work or _work)
     try:
@@ -71,7 +71,7 @@ def run_in_workers(
 
 @dataclass
 class _Worker:
-    """A process, our end of its pipe, and what it is doing."""
+    """A process, our end of its pipe, and the job that it is doing."""
 
     slot: int
     process: BaseProcess
@@ -97,13 +97,12 @@ class _Pool:
             elif not stopped:
                 stopped = True
                 self._request_stop()
-            busy = [worker for worker in self.workers if worker.job is not None]
+            busy: dict[Any, _Worker] = {worker.pipe: worker for worker in self.workers if worker.job is not None}
             if not busy:
                 return
-            # A pipe is ready when its worker has something to say, and when it died.
-            for pipe in wait([worker.pipe for worker in busy], _POLL_SECONDS):
-                worker = next(worker for worker in busy if worker.pipe is pipe)
-                outcome = self._listen(worker)
+            # A pipe is ready when its worker has sent a message, and when it has died.
+            for pipe in wait([*busy], _POLL_SECONDS):
+                outcome = self._listen(busy[pipe])
                 if outcome is not None:
                     yield outcome
 
@@ -120,18 +119,18 @@ class _Pool:
             worker.process.join()
 
     def _hand_out(self, jobs: Iterator[Job]) -> None:
-        """A job for each slot that is free; workers are started as there is work for them."""
-        taken = {worker.slot for worker in self.workers if worker.job is not None}
+        """Give a job to each free slot; start its worker if there is none."""
+        workers = {worker.slot: worker for worker in self.workers}
         for slot in range(len(self.threads)):
-            if slot in taken:
+            if slot in workers and workers[slot].job is not None:
                 continue
             job = self.again.popleft() if self.again else next(jobs, None)
             if job is None:
                 return
-            worker = next((worker for worker in self.workers if worker.slot == slot), None) or self._start(slot)
+            worker = workers.get(slot) or self._start(slot)
             worker.job = job
             self.observer.begin(job.name)
-            with contextlib.suppress(OSError):  # it died while idle: `_listen` finds that out
+            with contextlib.suppress(OSError):  # it died while idle: `_listen` notices
                 worker.pipe.send(job)
 
     def _start(self, slot: int) -> _Worker:
@@ -146,7 +145,7 @@ class _Pool:
         return worker
 
     def _listen(self, worker: _Worker) -> Outcome | None:
-        """Take one message of a worker: its outcome where it is done with its job."""
+        """Take one message of a worker; return the outcome if it has ended its job."""
         job = worker.job
         assert job is not None
         try:
@@ -160,7 +159,7 @@ class _Pool:
         return None
 
     def _died(self, worker: _Worker, job: Job) -> Outcome | None:
-        """A worker died: its job goes to another, unless it has killed too many."""
+        """Give the job of a dead worker to another one; return its failure if it has ended too many workers."""
         worker.process.join()
         worker.pipe.close()
         self.workers.remove(worker)
@@ -190,6 +189,7 @@ def _context() -> SpawnContext | ForkServerContext:
 
 
 def _describe(exitcode: int | None) -> str:
+    """Return the reason for which a process ended."""
     if exitcode is None or exitcode >= 0:
         return f"exit code {exitcode}"
     try:
@@ -201,11 +201,11 @@ def _describe(exitcode: int | None) -> str:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Ctrl-C goes to every process of a terminal; a process started in here never gets it, and we get it after."""
+    """Within, block Ctrl-C, which reaches every process of a terminal; processes started here never get it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    # Starting this lets interrupts through again, so it must run before.
+    # Its start unblocks interrupts, so it must run before.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -215,7 +215,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 def _work(pipe: Connection, request: Request, threads: int) -> None:
-    """The life of a worker process: jobs from the pipe, one after the other, until there are no more."""
+    """Do the jobs from the pipe, one after the other, until there are no more; the main function of a worker."""
     jobs: SimpleQueue[Job | None] = SimpleQueue()
     stops = _Stops()
     signal.signal(signal.SIGINT, stops.signalled)
@@ -234,7 +234,7 @@ def _work(pipe: Connection, request: Request, threads: int) -> None:
 
 
 def _receive(pipe: Connection, jobs: SimpleQueue[Job | None], stops: _Stops) -> None:
-    """Takes what comes through the pipe, so that a stop is heard while a job is under way."""
+    """Receive jobs and stops from the pipe, while a job is under way too."""
     try:
         while True:
             message = pipe.recv()
@@ -244,13 +244,13 @@ def _receive(pipe: Connection, jobs: SimpleQueue[Job | None], stops: _Stops) -> 
             else:
                 jobs.put(message)
     except (EOFError, OSError):
-        # The command that started this process is gone; what was under way is done anew by its next run.
+        # The command that started this process is gone; its next run does the job anew.
         os._exit(1)
 
 
 class _Stops:
-    """Turns a stop that came through the pipe into one KeyboardInterrupt in the job under way. The terminal's Ctrl-C,
-    which reaches workers too, does nothing by itself.
+    """Turns a stop from the pipe into one KeyboardInterrupt in the job under way. Ctrl-C in the terminal, which reaches
+    workers too, alone does nothing.
     """
 
     def __init__(self) -> None:
@@ -258,14 +258,14 @@ class _Stops:
         self._open = False
 
     def signalled(self, _number: int, _frame: FrameType | None) -> None:
-        """The handler of SIGINT."""
+        """Handle SIGINT."""
         if self.requested and self._open:
             self.requested = False
             interrupt()
 
     @contextlib.contextmanager
     def let_through(self, be: bool = True) -> Iterator[None]:
-        """Within, a stop interrupts; or, with be false, waits until the end of the block."""
+        """Within, a stop interrupts; if `be` is false, it waits until the end of the block."""
         before, self._open = self._open, be
         try:
             yield
@@ -275,7 +275,7 @@ class _Stops:
 
 
 class _ThroughPipe(Observer):
-    """Says through the pipe how a job goes on."""
+    """Sends the progress of a job through the pipe."""
 
     def __init__(self, pipe: Connection, stops: _Stops) -> None:
         self._pipe, self._stops = pipe, stops

@@ -1,5 +1,5 @@
-"""Results of jobs: what earlier runs left, finished, interrupted, or edited since; and where finished files go, to the
-disk, or to memory for another machine.
+"""Results of jobs: those of earlier runs, finished, interrupted or edited; and the sinks of new files, on the disk or
+in memory for another machine.
 """
 
 from __future__ import annotations
@@ -25,24 +25,23 @@ from cubicsplat_cli.files.write import folder_locked, write_atomically, write_st
 from cubicsplat_cli.jobs.plan import Job, make_folders
 from cubicsplat_cli.metrics import Report
 
-_PNG_END = b"IEND\xaeB`\x82"
-
 
 def prepare_files(job: Job, *, force: bool) -> None:
-    """Make the folders of `job`, and find out before the work whether its files can be written.
+    """Make the folders of a job, and find out before the work whether its files can be written.
 
-    Raises InputError where they cannot, UsageError where they may not: existing files that cubicsplat did not write, or
-    that were edited since, are only replaced with `force`, and the input never.
+    Raises InputError if they cannot, UsageError if they may not (`check_may_write`).
     """
     check_may_write(job, force=force)
     if job.path is not None and not is_there(job.path):
-        return  # reading it will say so; until then no folder is made for what will not be
+        return  # reading it raises the error; no folder is made for nothing
     make_folders(job)
     check_outputs(job.outputs.files(), force=force)
 
 
 def check_may_write(job: Job, *, force: bool) -> None:
-    """The part of `prepare` that changes nothing on the disk."""
+    """Raise UsageError if a file of the job is the input, or, without `force`, a file that cubicsplat did not write or
+    that was edited since.
+    """
     for path in job.outputs.files():
         if job.path is not None and same_file(path, job.path):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
@@ -55,18 +54,17 @@ def check_may_write(job: Job, *, force: bool) -> None:
 
 
 def edited(job: Job) -> list[Path]:
-    """Files of `job` that are no longer what the report beside them, or the SVG's own comment, says was written."""
-    report = earlier_report(job)
-    digests: dict[Path | None, str | None] = {job.outputs.svg: None}
-    if report is not None:
-        written = {job.outputs.svg: report.output.svg_sha256, job.outputs.png: report.output.png_sha256}
-        digests = {path: digest for path, digest in written.items() if digest}
-    return [path for path, digest in digests.items() if path is not None and holds_edited(path, digest)]
+    """Return the files of a job that differ from the report beside them or, without one, from the SVG's checksum."""
+    report, outputs = earlier_report(job), job.outputs
+    if report is None:
+        return [outputs.svg] if outputs.svg is not None and holds_edited(outputs.svg) else []
+    written = ((outputs.svg, report.output.svg_sha256), (outputs.png, report.output.png_sha256))
+    return [path for path, digest in written if path is not None and digest and holds_edited(path, digest)]
 
 
 def holds_edited(path: Path, digest: str | None = None) -> bool:
-    """Whether a file is whole and was edited: its SHA-256 is not this one; without one, it is an SVG of ours whose
-    checksum is no longer right.
+    """Return whether a file is whole and has another SHA-256 than `digest`; without one, whether an SVG of ours has
+    another checksum than it says.
     """
     if not is_file(path) or (digest is None and path.suffix.lower() not in SVG_SUFFIXES):
         return False
@@ -77,27 +75,24 @@ def holds_edited(path: Path, digest: str | None = None) -> bool:
 
 
 def _is_whole(path: Path, data: bytes) -> bool:
-    """Whether a file is complete; one that was cut short, such as by a crash, may be replaced."""
+    """Return whether a file is complete; one that was cut short, as by a crash, may be replaced."""
     if path.suffix.lower() == ".png":
-        return data.endswith(_PNG_END)
+        return data.endswith(b"IEND\xaeB`\x82")
     try:
-        # Behind its end may stand what an editor, or its user, added.
-        return b"</svg>" in unpacked(data, str(path))
+        return b"</svg>" in unpacked(data, str(path))  # an editor may add text after the end
     except InputError:
         return False
 
 
 def forget(job: Job) -> None:
-    """Remove the report of an earlier run, which says what the files were: they are about to become others."""
+    """Remove the report of an earlier run, before its files are replaced."""
     path = _report_of(job)
     if path is not None and is_replaceable(path):
         path.unlink(missing_ok=True)
 
 
 def forget_layers(job: Job, kinds: Iterable[str]) -> None:
-    """Remove layers of an earlier run that are not of these kinds, as the picture's colours no longer are; edited ones
-    stay.
-    """
+    """Remove layers of an earlier run, of colours that are not among these kinds; edited layers stay."""
     kept = {job.outputs.place(kind) for kind in kinds}
     for path in job.outputs.existing_layers():
         if path not in kept and is_replaceable(path) and not holds_edited(path):
@@ -105,13 +100,13 @@ def forget_layers(job: Job, kinds: Iterable[str]) -> None:
 
 
 def _report_of(job: Job) -> Path | None:
-    """Path of the JSON of an earlier run, even if this run writes none."""
+    """Return the path of the JSON of an earlier run, even if this run writes none."""
     svg = job.outputs.svg
     return job.outputs.metrics or (None if svg is None else outputs_beside(svg, png=False).metrics)
 
 
 def earlier_report(job: Job) -> Report | None:
-    """The report beside the SVG; None if there is none, or none that this version can read."""
+    """Return the report beside the SVG; None if there is none that this version can read."""
     path = _report_of(job)
     if path is None or not is_file(path):
         return None
@@ -122,10 +117,10 @@ def earlier_report(job: Job) -> Report | None:
 
 
 def finished(job: Job, digest: str) -> Report | None:
-    """The report of an earlier run that made all results of `job` from the same input with the same settings.
+    """Return the report of an earlier run that made all results of a job from the same input with the same settings.
 
-    None when any file is missing, incomplete, changed since, made from another input or with other settings, or of a
-    fit that was interrupted.
+    None if any file is missing, incomplete, changed, made from another input or with other settings, or from a fit that
+    was interrupted.
     """
     outputs = job.outputs
     if outputs.svg is None or not all(is_file(path) for path in outputs.results()):
@@ -144,14 +139,13 @@ def finished(job: Job, digest: str) -> Report | None:
                 if path is not None
             )
         )
-    except (CubicSplatError, OSError):
-        # An input that cannot be read: the work is done anew, and says why it cannot be.
+    except (CubicSplatError, OSError):  # an unreadable input: the work, done anew, reports the reason
         return None
     return report if complete else None
 
 
 def is_finished(job: Job) -> bool:
-    """Whether there is a finished SVG of any settings, which an interrupted one must not replace."""
+    """Return whether there is a finished SVG of any settings, which an interrupted fit must not replace."""
     report, svg = earlier_report(job), job.outputs.svg
     if svg is None or not is_file(svg) or svg.stat().st_size == 0:
         return False
@@ -160,10 +154,11 @@ def is_finished(job: Job) -> bool:
 
 @dataclass(eq=False)
 class FileSink:
-    """Writes each file whole to where the job wants it; an SVG without a place goes to standard output.
+    """Writes each file whole to its place; an SVG without a place goes to standard output. written: the files so far.
 
-    Two runs on one output leave the files of the one that ends last: with the report, which comes last, all others are
-    written again that the other run has replaced meanwhile. A run that is killed leaves no report of other files.
+    If two runs have one output, the files of the run that ends last remain: with the report, which comes last, it
+    writes again all files that the other run has replaced meanwhile. A run that is killed leaves no report of other
+    files.
     """
 
     job: Job
@@ -178,7 +173,7 @@ class FileSink:
         with folder_locked(Path() if svg is None else svg.parent):
             replaced = self._replaced() if kind == "metrics" else {}
             if kind == "svg" or replaced:
-                # From here on the report there is wrong; whoever finds none knows that the work is not done.
+                # The report of an earlier run is wrong from here on; without one the work counts as not done.
                 forget(self.job)
             for place, content in replaced.items():
                 write_atomically(place, content)
@@ -189,7 +184,7 @@ class FileSink:
                 forget_layers(self.job, self.files)
 
     def _replaced(self) -> dict[Path, bytes]:
-        """The files of this run in whose places lie others of ours by now, or none; an edited one stays as it is."""
+        """Return the files of this run that another run has replaced or removed; edited files stay as they are."""
         replaced = {}
         for kind, data in self.files.items():
             place = self.job.outputs.place(kind)
@@ -202,7 +197,7 @@ class FileSink:
 
 @dataclass(eq=False)
 class MemorySink:
-    """Keeps the files, for whoever asked for them from afar."""
+    """Keeps the files for another machine."""
 
     files: dict[str, bytes] = field(default_factory=dict)
     written: list[Path] = field(default_factory=list)
@@ -211,4 +206,4 @@ class MemorySink:
         self.files[kind] = data
 
 
-Sink = FileSink | MemorySink  # of one job; written: its files on the disk so far
+Sink = FileSink | MemorySink

@@ -31,9 +31,9 @@ DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupte
 
 @record
 class Outcome:
-    """Result of a job, or that it would be done (planned). report: None where it was not made; of one that is planned
-    that of an earlier run, to which only the page is missing. error: one line, None where it did not fail; trace: the
-    traceback where the failure is a bug.
+    """The result of a job. status: "planned" means that there is work to do. report: of this run, or of an earlier one
+    if the job is unchanged, or planned because files made of the SVG are missing; else None. error: one line, None
+    without a failure. trace: the traceback if the failure is a bug.
     """
 
     job: Job
@@ -44,7 +44,7 @@ class Outcome:
     trace: str | None = None
 
     def public(self) -> dict[str, Any]:
-        """The object that `--json` prints for the job."""
+        """Return the object that `--json` prints for the job."""
         if self.report is not None and self.status != PLANNED:
             return {"status": self.status, **self.report.public()}
         named = {"status": self.status, **head(), "input": {"path": self.job.name}}
@@ -55,8 +55,8 @@ class Outcome:
 
 
 def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Outcome:
-    """Load, fit, write, measure. The SVG is put out before it is measured, the metrics last: whoever finds these finds
-    all files. A finished SVG is never replaced by that of an interrupted fit. Raises what the steps raise.
+    """Load, fit, write, measure. The SVG is written before it is measured, the metrics last: if they are there, so are
+    all other files. The SVG of an interrupted fit never replaces a finished one. Raises what the steps raise.
     """
     timer = StageTimer(observer, job.name, started=command_began())
     if request.masks is not None and job.mask is None:
@@ -67,7 +67,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     for note in picture.notes:
         timer.note(f"{picture.source}: {note}")
     observer.detail(f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}", job.name)
-    # What comes now takes a while to import: what is wrong with the picture is said before.
+    # The imports take a while: errors of the picture are reported before.
     observer.stage("start", job.name)
     from cubicsplat_cli.pipeline.choose import candidates
     from cubicsplat_cli.pipeline.vectorize import measured, task_of
@@ -83,20 +83,20 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
         data = packed(svg, compressed=request.compress)
         if job.outputs.svg is not None:
             sink.put("svg", data)
-    if job.outputs.svg is None:  # what went to standard output could not be replaced
+    if job.outputs.svg is None:  # on standard output a later SVG could not replace an earlier one
         sink.put("svg", uri_line(data) if request.data_uri else data)
     figures = measured(task, made, svg) if request.measure else None
     report = _write_others(job, task, made, figures, svg, data, sink)
     _say_overtime(report, task)
     try:
         _put_exports(job, request, svg, timer, sink)
-    finally:  # they can be made again without a fit, if that is known to be done
+    finally:  # a later run makes missing exports without a fit, if the metrics say that the fit is done
         sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 
 
 def uri_line(svg: bytes) -> bytes:
-    """The line that `--data-uri` prints of an SVG."""
+    """Return the line that `--data-uri` prints for an SVG."""
     from cubicsplat_cli.svg.markup import data_uri
 
     return data_uri(unpacked(svg, "the SVG").decode()).encode() + b"\n"
@@ -105,7 +105,7 @@ def uri_line(svg: bytes) -> bytes:
 def _write_others(
     job: Job, task: Task, made: Made, figures: Measured | None, svg: str, data: bytes, sink: Sink
 ) -> Report:
-    """Put out the PNG, the animation and the page, where they are wanted; the figures of all."""
+    """Write the PNG, the animation and the page, as far as the job has them; return the figures of the result."""
     from cubicsplat_cli.pipeline.vectorize import output_of, report_of
 
     timer, outputs = task.timer, job.outputs
@@ -132,16 +132,20 @@ def _write_others(
         _put_animation(outputs.animation, task, made, output, sink)
     report = report_of(task, made, figures, output, path=job.name)
     if outputs.html_report is not None:
-        from cubicsplat_cli.html_report.page import page, subject_of
-
         timer.observer.stage("html_report", job.name)
-        subject = subject_of(task.source, job.source(), svg.encode(), report)
-        sink.put("html_report", page(subject, task.request.settings.threads))
+        sink.put("html_report", page_of(job, task.source, svg.encode(), report, task.request))
     return report
 
 
+def page_of(job: Job, picture: Picture, svg: bytes, report: Report, request: Request) -> bytes:
+    """Return the page about a job's SVG (unpacked)."""
+    from cubicsplat_cli.html_report.page import page_of_result
+
+    return page_of_result(picture, job.source(), svg, report, request.settings.threads)
+
+
 def _put_exports(job: Job, request: Request, svg: str, timer: StageTimer, sink: Sink) -> None:
-    """Write the SVG in the formats of other programs that are wanted, and its layers."""
+    """Write the SVG in the job's formats of other programs, and its layers."""
     for path in job.outputs.exports:
         timer.observer.stage("export", job.name)
         sink.put(path.suffix[1:].lower(), export_of(path, svg.encode(), job, request, timer.note))
@@ -152,14 +156,14 @@ def _put_exports(job: Job, request: Request, svg: str, timer: StageTimer, sink: 
 
 
 def layer_files(svg: bytes) -> dict[str, bytes]:
-    """The files of the layers of an SVG by their kinds."""
+    """Return the files of the layers of an SVG by their kinds."""
     from cubicsplat_cli.export.layers import layers
 
     return {LAYER + name: text.encode() for name, text in layers(svg).items()}
 
 
 def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable[[str], None]) -> bytes:
-    """The bytes of an export of a job's SVG; `note` is told what is not in it."""
+    """Return the bytes of an export of a job's SVG; call `note` with the parts that the export lacks."""
     from cubicsplat_cli.export.formats import exported
 
     made = exported(svg, path.suffix[1:].lower(), str(job.outputs.svg), tolerance=request.dxf_tolerance)
@@ -197,7 +201,7 @@ def _say_overtime(report: Report, task: Task) -> None:
 
 
 def load_job(job: Job, request: Request) -> Picture:
-    """The picture of a job; raises InputError where there is none."""
+    """Load the picture of a job. Raises InputError if it is no picture."""
     from cubicsplat_cli.files.load import load_picture
 
     return load_picture(
@@ -211,10 +215,9 @@ def load_job(job: Job, request: Request) -> Picture:
 
 
 def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Outcome:
-    """`run_job`, with whatever goes wrong as an outcome: one bad picture must not end the work on the others.
+    """Run a job; return any failure as an outcome: one bad picture must not end the work on the others.
 
-    A bug in here fails the job too, and its traceback is kept for the user. A Ctrl-C passes through unless the SVG is
-    written by then.
+    A bug fails the job too, and the outcome keeps its traceback. Raises KeyboardInterrupt if no file is written yet.
     """
     try:
         with warnings_to(lambda text: observer.note(f"{job.name}: {text}", job.name)):
@@ -237,7 +240,7 @@ def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
 
 
 def failure(job: Job, error: CubicSplatError, written: list[Path] | None = None) -> Outcome:
-    """The outcome of a job that an error of ours ended; its text names the job, and what was written before."""
+    """Return the outcome of a job that an error of ours ended; its text names the job and the files written before."""
     text = one_line(error)
     shown = "stdin" if job.name == STDIO else printable(job.name)
     if shown not in text and not text.startswith(STDOUT):

@@ -1,8 +1,8 @@
-"""Imported by the process that workers are forked from: what each of them would spend seconds on."""
+"""Imports that take seconds, done once by the process from which workers are forked."""
 
 import contextlib
 
-# What fails here fails again in each worker, which says so in its job's outcome.
+# A failure here happens again in each worker, which reports it in the outcome of its job.
 with contextlib.suppress(Exception):
     import cubicsplat_cli.pipeline.vectorize  # noqa: F401
     from cubicsplat_cli.evaluate.rerender import choose_renderer

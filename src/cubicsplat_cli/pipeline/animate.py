@@ -21,7 +21,7 @@ from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.motion.fitting import fit_clip
 from cubicsplat_cli.motion.tracks import Tracks
-from cubicsplat_cli.options import NO_PHOTO_PARTS, GzipBytes
+from cubicsplat_cli.options import NONE, GzipBytes
 from cubicsplat_cli.pipeline.animation import Animation, ClipTask, CurvesAnimation, DrawnAnimation
 from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
@@ -81,7 +81,7 @@ def style_of(task: ClipTask) -> Style:
 
     settings, limit = task.request.settings, task.request.settings.time_limit
     limited = settings.with_(curves=None, time_limit=None if limit is None else TO_CHOOSE * limit)
-    alone = Request(limited, measure=False, photo_parts=NO_PHOTO_PARTS)  # which would not move
+    alone = Request(limited, measure=False, photo_parts=NONE)  # which would not move
     *_, made = candidates(task_of(first, alone, StageTimer()), style)
     if made.interrupted:
         raise KeyboardInterrupt

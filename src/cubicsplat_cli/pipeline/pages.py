@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.weights import Mask
 from cubicsplat_cli.formatting import counted
-from cubicsplat_cli.options import IMAGE, NO_SHADING
+from cubicsplat_cli.options import IMAGE, NONE
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
@@ -93,7 +93,7 @@ def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
     request = replace(
         task.request,
         style=PHOTO,
-        shading=NO_SHADING,
+        shading=NONE,
         artwork=ArtworkSettings(),
         settings=task.request.settings.with_(curves=curves),
         weights=None if part.rectangular else Mask(part.mask.astype(np.float32), NAME, ""),
