@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.input.prepare import as_levels
-from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
 from cubicsplat_cli.artwork.vectorize import draw_flat
@@ -99,7 +98,7 @@ def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = N
     """Draw objects with their shading; some have none if the current work is stopped. most: curves of an object, or
     None for as many as are useful.
     """
-    outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings())
+    outlined = draw_flat(silhouettes(objects.levels, objects.labels))
     straight, shares, shapes = _straight(objects.levels), shown(outlined), list[Shape]()
     for shape, share in zip(outlined.shapes, shares, strict=True):
         fill, gradient = _paint_of(straight, share >= min(FULL, float(share.max())))
