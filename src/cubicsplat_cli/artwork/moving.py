@@ -173,21 +173,13 @@ class _Tracker:
     def _in_order(self, matches: Matches) -> Matches:
         """Return as many matches as are in the same order as before: a longest increasing subsequence."""
         places = {number: place for place, number in enumerate(self.order)}
-        # By length, the place and the index at the end of the best subsequence.
+        runs: list[list[int]] = [[]]  # by length, the subsequence with the lowest end
         ends: list[int] = []
-        last: list[int] = []
-        before: dict[int, int | None] = {}
         for index, (number, _) in matches.items():
             length = bisect.bisect_left(ends, places[number])
-            before[index] = last[length - 1] if length else None
             ends[length : length + 1] = [places[number]]
-            last[length : length + 1] = [index]
-        kept: Matches = {}
-        at: int | None = last[-1] if last else None
-        while at is not None:
-            kept[at] = matches[at]
-            at = before[at]
-        return kept
+            runs[length + 1 : length + 2] = [[*runs[length], index]]
+        return {index: matches[index] for index in runs[-1]}
 
 
 def moving_drawing(drawings: Iterable[Drawing]) -> MovingDrawing:

@@ -261,11 +261,10 @@ def of_scene(
 
     samples: edges per cubic at most. Each call of `rows` draws them.
     """
-    if scene is None:
-        return ImageSource(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))
     # Imported here, since most sources are no scenes.
     from cubicsplat_cli.scene import LayeredScene, scaled_scene
 
+    scene = LayeredScene(width, height, ()) if scene is None else scene
     if isinstance(scene, LayeredScene):
         return _of_layers(scene.scaled(width, height), samples, threads)
     sized = scaled_scene(scene, width, height)

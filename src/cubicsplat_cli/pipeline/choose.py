@@ -68,7 +68,13 @@ def _first(task: Task, style: Style | None) -> Made:
         return replace(made, may_be_photo=False)
     style = style or choose_style(task.pixels)
     try:
-        return (None if style.cells else _page(task)) or _measured_style(task, style)
+        if style.cells is not None:
+            return replace(drawn_cells(task, style.cells), style=style)
+        if (page := _page(task)) is not None:
+            return page
+        if style.name == PHOTO:
+            return _photo_or_drawing(task, style)
+        return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
     except DrawingGivenUp as reason:
         return _photo_instead(task, style, str(reason))
     except UsageError:
@@ -105,17 +111,6 @@ def _requested_style(task: Task) -> Style | None:
 
         drawn = drawn if shaded_objects(task.pixels) is not None else []
     return Style(ARTWORK, f"asked for by {listed(drawn)}") if drawn else None
-
-
-def _measured_style(task: Task, style: Style) -> Made:
-    """Make the result of the measured style. Raises DrawingGivenUp if a photo is nearer than its drawing."""
-    if style.name == PHOTO:
-        return _photo_or_drawing(task, style)
-    if style.cells is not None:
-        made = drawn_cells(task, style.cells)
-    else:
-        made = drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch))
-    return replace(made, style=style)
 
 
 def _made(task: Task, style: Style) -> Made:

@@ -9,11 +9,12 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
 from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, page_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.weights import Mask
@@ -115,11 +116,9 @@ def _recoloured(page: Page, shapes: list[Shape]) -> list[Shape]:
     for part in page.parts:
         left, top, right, bottom = _box_of(part)
         fill = _fill(_mean_colour(page, part))
-        for index, shape in enumerate(shapes):
-            if not _is_near(shape, part):
-                continue
-            box = _box(shape)
-            if np.abs(box - np.clip(box, (left, top, left, top), (right, bottom, right, bottom))).max() <= FRAME:
+        for index, (shape, box) in enumerate(zip(shapes, boxes_of(shapes), strict=True)):
+            inside = np.clip(box, (left, top, left, top), (right, bottom, right, bottom))
+            if _is_near(shape, part) and np.abs(box - inside).max() <= FRAME:
                 shapes[index] = replace(shape, fill=fill)
     return shapes
 
@@ -143,7 +142,8 @@ def _box_of(part: PhotoPart) -> np.ndarray:
 def _shape_of(drawing: Drawing, part: PhotoPart) -> int:
     """Return the number of a part's shape. Raises DrawingGivenUp without one."""
     own = _box_of(part)
-    common = [_in_common(own, _box(shape)) if _is_near(shape, part) else 0.0 for shape in drawing.shapes]
+    shapes = zip(drawing.shapes, boxes_of(drawing.shapes), strict=True)
+    common = [_in_common(own, box) if _is_near(shape, part) else 0.0 for shape, box in shapes]
     if max(common, default=0.0) < LEAST_COMMON:
         raise DrawingGivenUp
     return int(np.argmax(common))
@@ -152,11 +152,6 @@ def _shape_of(drawing: Drawing, part: PhotoPart) -> int:
 def _is_near(shape: Shape, part: PhotoPart) -> bool:
     """True if the fill of a shape is about the placeholder of a part."""
     return shape.gradient is None and bool(np.abs(np.array(shape.fill[:3]) - part.stand_in).max() <= NEAR)
-
-
-def _box(shape: Shape) -> np.ndarray:
-    cubics, _ = pieces_of_rings(shape.oriented())
-    return np.concatenate([cubics.min(axis=(0, 1)), cubics.max(axis=(0, 1))])
 
 
 def _in_common(first: np.ndarray, second: np.ndarray) -> float:

@@ -121,8 +121,8 @@ def _side_by_side(do: Callable[[int, bool], T], count: int, at_once: int, stop: 
     Once `stop` is set, by Ctrl-C in this thread, all later ones but number 0 are skipped.
     """
 
-    def turn(number: int, first: bool) -> T | None:
-        return do(number, first) if number == 0 or not stop.is_set() else None
+    def turn(number: int, first: bool) -> list[T]:
+        return [do(number, first)] if number == 0 or not stop.is_set() else []
 
     with ThreadPoolExecutor(max(1, at_once - 1)) as others:
         futures = {k: others.submit(turn, k, False) for k in range(count) if k % at_once}
@@ -131,8 +131,7 @@ def _side_by_side(do: Callable[[int, bool], T], count: int, at_once: int, stop: 
             wait(futures.values())
         except KeyboardInterrupt:
             stop.set()
-    results = [own[k] if k in own else futures[k].result() for k in range(count)]
-    return [result for result in results if result is not None]
+    return [result for k in range(count) for result in (own[k] if k in own else futures[k].result())]
 
 
 def _loss_of(scene: Scene, goal: np.ndarray, weights: np.ndarray | None, engine: CpuEngine) -> float:

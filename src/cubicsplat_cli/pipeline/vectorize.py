@@ -124,13 +124,12 @@ def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
     if not len(pixels):
         return []
     image = Image.fromarray(np.rint(255.0 * pixels[None]).astype(np.uint8))
-    paletted = image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
-    palette = bytes(paletted.getpalette() or ()).hex()
-    counts = np.bincount(np.asarray(paletted).ravel())
+    image = image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
+    palette = bytes(image.getpalette() or ()).hex()
     return [
-        {"hex": f"#{palette[6 * index : 6 * index + 6]}", "share": round(int(counts[index]) / len(pixels), 3)}
-        for index in np.argsort(-counts, kind="stable").tolist()
-        if counts[index]
+        {"hex": f"#{palette[6 * index : 6 * index + 6]}", "share": round(count / len(pixels), 3)}
+        for index, count in sorted(enumerate(image.histogram()), key=lambda color: -color[1])
+        if count
     ]
 
 
