@@ -98,14 +98,14 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
 
 @record
 class Plan:
-    """The parts of a drawing, back to front. levels: (H, W, 4) the picture that is drawn. fills: of its pixels. found:
-    the edges of its regions.
+    """The parts of a drawing, back to front. levels: (H, W, 4) the picture that is drawn. fills: of its pixels. edges:
+    the positions of its regions' edges.
     """
 
     levels: np.ndarray
     fills: PixelFills
     regions: Regions
-    found: EdgePositions
+    edges: EdgePositions
     parts: list[TranslucentPart]
 
 
@@ -129,7 +129,7 @@ def planned(
         soft, fills, regions = _regions(picture, min_area)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
-        found = edge_positions(soft, regions, ROUNDING + error, share_error)
+        edges = edge_positions(soft, regions, ROUNDING + error, share_error)
         fixed = None
         if placeholders is not None:
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
@@ -138,9 +138,9 @@ def planned(
             log.warning(
                 "%d regions are many: what lies above what, hidden parts and translucency are not sought", regions.count
             )
-        parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
+        parts = parts_of(regions, edges, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
-            return Plan(soft, fills, regions, found, parts)
+            return Plan(soft, fills, regions, edges, parts)
         # The smallest regions join their neighbours until the rest is few enough.
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)
@@ -157,10 +157,9 @@ def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, PixelFi
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > SMALL and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        palette = picture_fills(soft) if colours is None else colours
-        most, known = None if colours is None else len(colours), None if blur else picture.labels
-        own = replace(picture, levels=soft, palette=palette, labels=known)
-        fills, regions = bounded_regions(own, min_area, most, MOST_COMPLETED if blur else MOST_REGIONS)
+        palette, most = (picture_fills(soft), None) if colours is None else (colours, len(colours))
+        blurred = replace(picture, levels=soft, palette=palette, labels=None if blur else picture.labels)
+        fills, regions = bounded_regions(blurred, min_area, most, MOST_COMPLETED if blur else MOST_REGIONS)
         if regions.count <= many:
             break
     return soft, fills, regions

@@ -176,7 +176,7 @@ def _versions(
     finer = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED) if condition.clean else 1.0
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
-        opaque = replace(plan, parts=parts_of(plan.regions, plan.found, settings.completion == ON, None))
+        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None))
         if settings.curves is None or len(opaque.parts) <= settings.curves:
             without = traced(opaque, settings, flat, finer)
             if length(without) < length(shapes):
@@ -218,8 +218,8 @@ def _finished(
         goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, condition.share_error, error)
         if not (condition.aliased or condition.blur or prepared.pens):
             placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
-            seen = replace(plan, levels=levels) if settings.free_fills else plan
-            drawing, state = or_finer(drawing, goal, seen, scaled, flat, placeholders, condition.restored_error)
+            picture = replace(plan, levels=levels) if settings.free_fills else plan
+            drawing, state = or_finer(drawing, goal, picture, scaled, flat, placeholders, condition.restored_error)
         drawing = polish(drawing, goal, settings.detail, state, show)
         drawing = regularised(drawing, goal, settings.detail, grid)
         if condition.aliased:

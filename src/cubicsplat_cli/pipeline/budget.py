@@ -1,8 +1,8 @@
-"""The most curves that fit into a number of bytes, or the fewest that reach a PSNR, found during one fit.
+"""The most curves that fit into a number of bytes, or the fewest that reach a PSNR, within one fit.
 
 The fit starts with a guess. At some steps a trial SVG is written or rendered: its size tells the bytes of a curve, its
-PSNR what is missing. The least important curves are then removed, or new ones added. Before the exact finish nearly
-all surplus curves go, so that the finish optimises those that the file will hold.
+PSNR the missing dB. Then the least important curves are removed, or new ones added. Nearly all surplus curves go before
+the exact finish, so that the finish optimises the curves of the file.
 """
 
 from __future__ import annotations
@@ -32,21 +32,22 @@ if TYPE_CHECKING:
     from cubicsplat_cli.photo.loop import FitLoop
 
 # All measured on Kodak photos, docs/lab/photos.md.
-BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
-SHARED_OPACITY = 0.78  # at first, of curves whose bytes count: 20 of a curve's 105 would say one of its own
-COMPRESSED = 0.45  # of a file's bytes are left by gzip
+BYTES_PRECISION = 1  # decimals; at equal bytes none or two are worse
+SHARED_OPACITY = 0.78  # at first, under a limit of bytes: an opacity of its own would take 20 of a curve's 105 bytes
+COMPRESSED = 0.45  # share of a file that gzip leaves
 MIDWAY = 0.3  # of the steps before the exact finish
-SPARE, SPARE_AT_FINISH = 1.15, 1.01  # times the curves that are enough, until the finish and from then on
-CLOSE = 0.995  # of the bytes allowed, which is near enough
-# At which share of the steps before the finish the level is measured, and how many dB it rises from there to the end.
+SPARE, SPARE_AT_FINISH = 1.15, 1.01  # times the sufficient curves, before the finish and from then on
+CLOSE = 0.995  # share of the allowed bytes that is near enough
+# The shares of the steps before the finish at which the level is measured, and by how many dB it then rises to the end.
 LOOKS = ((0.15, 3.9), (0.4, 2.0), (0.65, 1.0), (0.9, 0.55))
 DB_PER_DOUBLING = 1.4
 BEGINNING = 256  # curves of a fit that is to reach a level
-AIM = 0.35  # dB above the level asked for: what is left to rise is known to 0.16 dB (standard deviation) at the last
-NEAR = 0.1  # dB above it, at which no more curves are tried to leave out
-MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find how many curves can go; of their importance, counted
+AIM = 0.35  # dB above the requested level: at the last look the rise is uncertain by 0.16 dB (standard deviation)
+NEAR = 0.1  # dB above the requested level at which no more curves are removed
+MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find the surplus curves; the least factor of their importance
 MOST_GROWTH = 8.0  # times the curves, at one look
-# Of growing after the fit, of its steps; and times the curves, without which so few steps give nothing.
+# Further fits after the first; their share of its steps; and the least growth of the curves, since few steps with less
+# growth gain nothing.
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 
