@@ -15,7 +15,7 @@ from scipy import ndimage
 from benchmarks.artwork.degradations import degraded, with_background
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.api import vectorize as vectorize_pixels
-from cubicsplat_cli.artwork import vectorize
+from cubicsplat_cli.artwork import plan
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input import prepare
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
@@ -59,7 +59,7 @@ def test_clean_pictures_are_known_as_such():
 
 
 def test_a_clean_picture_is_drawn_as_it_is(monkeypatch):
-    monkeypatch.setattr(vectorize, "restored", lambda *_: pytest.fail("a clean picture was restored"))
+    monkeypatch.setattr(plan, "restored", lambda *_: pytest.fail("a clean picture was restored"))
     assert len(draw(target("clean")).shapes) == 4
 
 

@@ -31,14 +31,13 @@ from cubicsplat_cli.pipeline.choose import (
     ENOUGH_DB,
     FAR_DB,
     SKETCH_DB,
-    PhotoIsNearer,
     candidates,
     check_worth_finishing,
     decisive_db,
 )
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.photo import QuickPhoto, is_smaller
-from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.pipeline.task import DrawingGivenUp, Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
 from cubicsplat_cli.request import Request
@@ -299,7 +298,7 @@ def test_a_sketch_is_finished_where_no_quick_photo_is_beyond_what_it_may_rise_to
     drawn = seen_db(task, drawing.scene, drawing.samples, drawing.blur)
     assert quick.asked == [pytest.approx(drawn + SKETCH_DB - 1.0)]
     task.quick_photos[8] = QuickPhoto(task, 8, lambda scene: seen_db(task, scene, drawing.samples))
-    with pytest.raises(PhotoIsNearer, match="a quick photo of 8 curves has"):
+    with pytest.raises(DrawingGivenUp, match="a quick photo of 8 curves has"):
         check_worth_finishing(task, drawing)
 
 

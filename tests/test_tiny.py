@@ -195,7 +195,7 @@ def test_steps_change_the_loss_as_they_say(hills, alpha, threads):
     with closing(CpuEngine(1)) as engine:
         settings = FitSettings(threads=threads)
         search = TinySearch(polygons, as_picture(picture), weights, engine, settings)
-        search._show()
+        search._update_steps()
         before, own = search.loss, (polygons.vertices[3], polygons.colours[3].copy())
         found = list(search.steps.best(3, 0.01))
         for _, rise, vertices, colour in found:

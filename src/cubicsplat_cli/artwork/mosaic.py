@@ -1,6 +1,6 @@
-"""The drawing of a picture of cells: along the cells' edges, exactly, one path for each colour.
+"""The drawing of a picture of cells: exactly along the cells' edges, with one path for each colour.
 
-A colour reaches one cell beneath the opaque colours above it, so that no ground shines through where they meet.
+A colour reaches one cell beneath the opaque colours above it, so that no ground shines through at their edges.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Rgba
 
-MOST_CORNERS = 1365  # of a curve of a scene, whose arrays have room for the longest curve in each row
+MOST_CORNERS = 1365  # of a curve of a scene: each row of its arrays has room for the longest curve
 
 
 @record
 class CellLayer:
-    """The cells of one colour. fill: of 8 bits, not premultiplied. mask: (R, C) bool, which cells it covers. x: (C +
-    1,) and y: (R + 1,) float64, px, where their columns and rows begin and end.
+    """The cells of one colour. fill: of 8 bits, not premultiplied. mask: (R, C) bool, the cells that it covers. x: (C +
+    1,) and y: (R + 1,) float64, px, the edges of their columns and rows.
     """
 
     fill: Rgba
@@ -36,12 +36,12 @@ class CellLayer:
 
     @cached_property
     def loops(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) float64 px, the corners of one loop after the other, and (m,) int where each ends; see `outlines`."""
+        """Return the corners (n, 2) of all loops, float64 px, and the end (m,) of each loop; see `outlines`."""
         corners, ends = outlines(self.mask)
         return np.stack([self.x[corners[:, 0]], self.y[corners[:, 1]]], axis=1), ends
 
     def parts(self) -> list[CellLayer]:
-        """The same in parts of at most MOST_CORNERS corners; opaque ones overlap by a row or column of cells."""
+        """Return parts of at most MOST_CORNERS corners; opaque ones overlap by a row or column of cells."""
         if len(self.loops[0]) <= MOST_CORNERS or self.mask.size == 1:
             return [self] if len(self.loops[0]) else []
         rows, columns = self.mask.shape
@@ -55,7 +55,7 @@ class CellLayer:
         return left.parts() + replace(self, mask=self.mask[:, half:], x=self.x[half:]).parts()
 
     def rings(self) -> list[np.ndarray]:
-        """(3k, 2) float32 the control points of each loop as cubics."""
+        """Return the control points (3k, 2) float32 of each loop as cubics."""
         corners, ends = self.loops
         after = np.arange(1, len(corners) + 1)
         after[ends - 1] = np.concatenate([[0], ends[:-1]])
@@ -74,17 +74,17 @@ class Mosaic:
 
     @property
     def corners(self) -> int:
-        """The number of corners, and so of lines, of all loops."""
+        """Return the number of corners of all loops, which is that of their lines."""
         return sum(len(layer.loops[0]) for layer in self.layers)
 
     @property
     def fills(self) -> tuple[Rgba, ...]:
-        """The different fills, in the order of their first use."""
+        """Return the different fills, in the order of first use."""
         return tuple(dict.fromkeys(layer.fill for layer in self.layers))
 
     def scene(self) -> Scene | None:
-        """The layers as closed curves, front to back, without a background, those of many corners as several; None
-        where there is none.
+        """Return the layers as closed curves, front to back, without a background, several for a layer of many corners;
+        None without a layer.
         """
         parts = [part for layer in reversed(self.layers) for part in layer.parts()]
         if not parts:
@@ -93,43 +93,43 @@ class Mosaic:
 
 
 def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cells, bool]:
-    """The cells with their ground in another colour, 8-bit sRGB, or transparent (None), and whether they have one: the
-    opaque colour of most cells along the picture's edge. What is transparent already takes the colour too.
+    """Return the cells with their ground in another colour, 8-bit sRGB, or transparent (None), and True if they have a
+    ground: an opaque colour of most cells along the picture's edge. Transparent cells take the colour too.
     """
     edge = np.concatenate([cells.numbers[[0, -1]].ravel(), cells.numbers[1:-1, [0, -1]].ravel()])
     counts = np.bincount(edge, minlength=len(cells.colours))
     ground = int(counts.argmax())
-    found = bool(2 * counts[ground] > len(edge) and cells.colours[ground, 3] >= FULL)
+    has_ground = bool(2 * counts[ground] > len(edge) and cells.colours[ground, 3] >= FULL)
     colours = cells.colours.copy()
     if colour is not None:
         colours[cells.colours[:, 3] == 0.0] = (*colour, FULL)
-    if found:
+    if has_ground:
         colours[ground] = (0.0, 0.0, 0.0, 0.0) if colour is None else (*colour, FULL)
-    return replace(cells, colours=colours), found
+    return replace(cells, colours=colours), has_ground
 
 
 def finer(cells: Cells, reach: float) -> Cells:
-    """The cells cut into nine each, of which the outer ones are `reach` px wide, a third of a cell at most: by so much
-    a mosaic that is not abutting reaches beneath what lies on it.
+    """Return each cell cut into nine, the outer ones `reach` px wide, or a third of the cell if that is less. By this
+    width the layers of a mosaic overlap.
     """
     x, y = (_cut(ends, reach) for ends in (cells.x, cells.y))
     return replace(cells, numbers=cells.numbers.repeat(3, axis=0).repeat(3, axis=1), x=x, y=y)
 
 
 def _cut(ends: np.ndarray, reach: float) -> np.ndarray:
-    """(3 n + 1,) the ends of n cells, with two more in each."""
+    """Return the 3 n + 1 edges of n cells that are cut into three each."""
     low, high = ends[:-1], ends[1:]
     lap = np.minimum(reach, (high - low) / 3.0)
     return np.append(np.stack([low, low + lap, high - lap], axis=1).ravel(), ends[-1])
 
 
 def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:
-    """The drawing of cells on a canvas of width x height px, the colour of most cells at the back. abutting: nothing
-    lies beneath anything else.
+    """Return the drawing of cells on a canvas of width x height px, with the most frequent colour at the back.
+    abutting: no layer reaches beneath another.
     """
     x, y = cells.x * (width / cells.x[-1]), cells.y * (height / cells.y[-1])
     order = np.argsort(-np.bincount(cells.numbers.ravel(), minlength=len(cells.colours)), kind="stable")
-    # Later colours have higher ranks; of those that are not opaque what lies beneath would show.
+    # Later colours have higher ranks. Nothing may lie beneath a colour that is not opaque.
     rank = np.argsort(order)[cells.numbers]
     above = np.where((cells.colours[:, 3] >= FULL)[cells.numbers], rank, -1)
     layers = []
@@ -148,10 +148,10 @@ def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> 
 
 
 def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The loops around a mask (H, W) bool, whose cells connect along edges and not at corners.
+    """Return the loops around a mask (H, W) bool, whose cells connect along edges and not at corners: (n, 2) int x and
+    y of the corners of all loops, and (m,) int the end of each loop.
 
-    Returns (n, 2) int the x and y of their corners, one loop after the other, each beginning with a level side; outer
-    loops run clockwise as seen, holes the other way; and (m,) int where each loop ends.
+    Each loop begins with a horizontal side. Outer loops run clockwise as seen, holes the other way.
     """
     loops = border_map(mask.astype(np.int32)).loops
     owner = np.repeat(np.arange(len(loops.ends)), np.diff(loops.ends, prepend=0))
@@ -161,7 +161,7 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     before = _shifted(owner, -1)
     turns = way != way[before]
     x, y, level, owner = x[turns], y[turns], way[turns] % 2 == 0, owner[turns]
-    # Each begins with its uppermost level side, of several the one farthest to the left.
+    # Each begins with its uppermost horizontal side, the leftmost of several.
     low = np.minimum(x, x[_shifted(owner, 1)])
     order = np.lexsort((low, y, ~level, owner))
     starts, counts = np.unique(owner, return_index=True, return_counts=True)[1:]
@@ -173,8 +173,9 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shifted(owner: np.ndarray, by: int) -> np.ndarray:
-    """(n,) of each element the number of the next one (1), or the one before (-1), of those of one owner, (n,)
-    ascending, around."""
+    """Return (n,) for each element the number of the next one (1) or the one before (-1) of its owner, cyclically.
+    owner: (n,) ascending.
+    """
     starts, index, counts = np.unique(owner, return_index=True, return_inverse=True, return_counts=True)[1:]
     first, count = starts[index], counts[index]
     return first + (np.arange(len(owner)) - first + by) % count

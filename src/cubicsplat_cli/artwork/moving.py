@@ -1,4 +1,4 @@
-"""Drawings of the frames of a clip as one: what stands still or moves as a whole is one shape in all of them."""
+"""The drawings of a clip's frames as one drawing: a shape that stands still or moves as a whole is one shape in all."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
-# Px by which outlines of one shape may differ in two frames, and by which it has not moved: below what edges show.
+# Px between the outlines of one shape in two frames, and px of a move that counts as none: less than edges show.
 SAME_PX = 1.0 / 3.0
-SEEN = 0.4  # of a pixel, by which such an edge changes what is covered
-STEP = 1.0  # px between points of an outline that are compared
+SEEN = 0.4  # share of a pixel by which such an edge changes the coverage, at most
+STEP = 1.0  # px between the points of an outline that are compared
 MOST_POINTS = 2000  # of a shape
+Matches = dict[int, tuple[int, np.ndarray]]  # by the number of a shape in a drawing: its number of all, and its offset
 
 
 @record
@@ -38,7 +39,7 @@ class MovingDrawing:
 
 @record
 class _Outline:
-    """A shape as it is compared with others. points: (P, 2) px along its outlines. low, size: (2,) px of their box."""
+    """A shape for comparison. points: (P, 2) px along its outlines. low, size: (2,) px of their box."""
 
     shape: Shape
     points: np.ndarray
@@ -53,7 +54,7 @@ class _Outline:
         return cls(shape, points, points.min(axis=0), np.ptp(points, axis=0))
 
     def move_to(self, other: _Outline) -> np.ndarray | None:
-        """(2,) by how many px this shape moved to become the other; None where that is another shape."""
+        """Return the px (2,) by which this shape moved to become the other; None if that is another shape."""
         if np.abs(self.size - other.size).max() > 2 * SAME_PX or not _painted_alike(self.shape, other.shape):
             return None
         move = other.low + other.size / 2.0 - self.low - self.size / 2.0
@@ -65,20 +66,20 @@ class _Outline:
 
 
 def _covered(shape: Shape, move: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(H, W) float32: how much of each pixel a shape covers where it is moved by (2,) px."""
+    """Return the coverage (H, W) float32 of a shape that is moved by (2,) px."""
     scene = scene_of(Drawing(width, height, (replace(shape, fill=(255, 255, 255, 255), gradient=None),)))
     return render_scene(replace(scene, points=scene.points + move.astype(np.float32)))[..., 3]
 
 
 def _along(path: Path) -> np.ndarray:
-    """(P, 2) points along an outline, STEP apart at most."""
+    """Return points (P, 2) along an outline, at most STEP apart."""
     if isinstance(path, Chain):
         return points_at(path.cubics, np.linspace(0.0, 1.0, 16)).reshape(-1, 2)
     return dense(flattened(path.ring(), STEP), STEP)
 
 
 def _painted_alike(first: Shape, second: Shape) -> bool:
-    """Whether two shapes are of one kind and one colour, as far as people see."""
+    """True if two shapes are of one kind, and of one colour to the eye."""
     strokes = [shape.stroke for shape in (first, second)]
     if (strokes[0] is None) != (strokes[1] is None) or type(first.gradient) is not type(second.gradient):
         return False
@@ -95,25 +96,25 @@ def _painted_alike(first: Shape, second: Shape) -> bool:
 
 @dataclass(eq=False)
 class _Tracker:
-    """All shapes so far, back to front, and where each is in every frame."""
+    """All shapes so far. moves: for each shape, its offset in each frame that shows it. order: the numbers of shapes
+    from back to front.
+    """
 
     shapes: list[_Outline] = field(default_factory=list)
-    # Of each shape the frames in which it is shown, with its offset there.
     moves: list[dict[int, np.ndarray]] = field(default_factory=list)
-    order: list[int] = field(default_factory=list)  # of `shapes`, back to front
+    order: list[int] = field(default_factory=list)
 
     def add(self, frame: int, drawing: Drawing) -> None:
-        """The next frame's drawing."""
+        """Add the drawing of the next frame."""
         drawn = [_Outline.of(shape) for shape in drawing.shapes]
-        places = {number: place for place, number in enumerate(self.order)}
-        found = self._matches(drawn)
-        if self.shapes and len(found) < len(drawn):
-            found |= self._hidden(drawn, found, drawing)
-        found = self._kept(dict(sorted(found.items())), places)
+        matches = self._matches(drawn)
+        if self.shapes and len(matches) < len(drawn):
+            matches |= self._hidden(drawn, matches, drawing)
+        matches = self._in_order(dict(sorted(matches.items())))
         after = -1
         for index, outline in enumerate(drawn):
-            if index in found:
-                number, move = found[index]
+            if index in matches:
+                number, move = matches[index]
                 after = self.order.index(number)
             else:
                 number, move = len(self.shapes), np.zeros(2)
@@ -123,34 +124,36 @@ class _Tracker:
                 self.order.insert(after, number)
             self.moves[number][frame] = move
 
-    def _hidden(
-        self, drawn: list[_Outline], found: dict[int, tuple[int, np.ndarray]], drawing: Drawing
-    ) -> dict[int, tuple[int, np.ndarray]]:
-        """The same of shapes that are known but for what others hide, where their outlines are guessed anew in each
-        frame: those that show nothing else where they were last.
+    def _last(self, number: int) -> np.ndarray:
+        """Return the last offset of a shape."""
+        return next(reversed(self.moves[number].values()))
+
+    def _hidden(self, drawn: list[_Outline], matches: Matches, drawing: Drawing) -> Matches:
+        """Return further matches, of shapes whose visible parts are as they were last. Their hidden parts are guessed
+        anew in each frame, and may differ.
         """
         canvas = drawing.width, drawing.height
-        taken, more = {number for number, _ in found.values()}, {}
-        shows: np.ndarray = np.ones((drawing.height, drawing.width), np.float32)  # of what is beneath the shapes so far
+        taken, more = {number for number, _ in matches.values()}, {}
+        clear: np.ndarray = np.ones((drawing.height, drawing.width), np.float32)  # share that shows lower shapes
         for index in range(len(drawn) - 1, -1, -1):
             shape = drawn[index].shape
             own = _covered(shape, np.zeros(2), *canvas)
-            for number in range(len(self.shapes) if index not in found else 0):
+            for number in range(len(self.shapes) if index not in matches else 0):
                 if number in taken or not _painted_alike(self.shapes[number].shape, shape):
                     continue
-                last = next(reversed(self.moves[number].values()))
+                last = self._last(number)
                 other = _covered(self.shapes[number].shape, last, *canvas)
-                if (np.abs(other - own) * shows).max() <= SEEN:
+                if (np.abs(other - own) * clear).max() <= SEEN:
                     taken.add(number)
                     more[index] = number, last
                     own = other
                     break
-            shows = shows * (1.0 - own * (shape.fill[3] / 255.0 if shape.gradient is None else 1.0))
+            clear = clear * (1.0 - own * (shape.fill[3] / 255.0 if shape.gradient is None else 1.0))
         return more
 
-    def _matches(self, drawn: list[_Outline]) -> dict[int, tuple[int, np.ndarray]]:
-        """For each shape of a drawing that is known, its number, and how far it is from where it was first."""
-        found: dict[int, tuple[int, np.ndarray]] = {}
+    def _matches(self, drawn: list[_Outline]) -> Matches:
+        """Match the shapes of a drawing with those so far that have the same outlines, the nearest ones."""
+        matches: Matches = {}
         taken: set[int] = set()
         for index, outline in enumerate(drawn):
             nearest: tuple[float, int, np.ndarray] | None = None
@@ -158,40 +161,32 @@ class _Tracker:
                 move = None if number in taken else self.shapes[number].move_to(outline)
                 if move is None:
                     continue
-                # From where it was last.
-                last = next(reversed(self.moves[number].values()))
+                last = self._last(number)
                 distance = float(np.abs(move - last).max())
                 if nearest is None or distance < nearest[0]:
                     nearest = distance, number, last if distance <= SAME_PX else move
             if nearest is not None:
                 taken.add(nearest[1])
-                found[index] = nearest[1:]
-        return found
+                matches[index] = nearest[1:]
+        return matches
 
-    @staticmethod
-    def _kept(found: dict[int, tuple[int, np.ndarray]], places: dict[int, int]) -> dict[int, tuple[int, np.ndarray]]:
-        """As many of the known shapes as are in the same order as before: a longest increasing subsequence."""
-        ends: list[int] = []  # places of the last of the best subsequences by length
-        last: list[int] = []  # and its indices
-        before: dict[int, int | None] = {}
-        for index, (number, _) in found.items():
+    def _in_order(self, matches: Matches) -> Matches:
+        """Return as many matches as are in the same order as before: a longest increasing subsequence."""
+        places = {number: place for place, number in enumerate(self.order)}
+        runs: list[list[int]] = [[]]  # by length, the subsequence with the lowest end
+        ends: list[int] = []
+        for index, (number, _) in matches.items():
             length = bisect.bisect_left(ends, places[number])
-            before[index] = last[length - 1] if length else None
             ends[length : length + 1] = [places[number]]
-            last[length : length + 1] = [index]
-        kept: dict[int, tuple[int, np.ndarray]] = {}
-        at: int | None = last[-1] if last else None
-        while at is not None:
-            kept[at] = found[at]
-            at = before[at]
-        return kept
+            runs[length + 1 : length + 2] = [[*runs[length], index]]
+        return {index: matches[index] for index in runs[-1]}
 
 
 def moving_drawing(drawings: Iterable[Drawing]) -> MovingDrawing:
-    """One drawing of those of consecutive frames, which are taken one at a time; at least one.
+    """Merge the drawings of consecutive frames, at least one, into one drawing. They are read one at a time.
 
-    A shape is the same in two frames where its colour is, and its outline but for a translation. Shapes of which some
-    lie above each other in another order than before count as new.
+    A shape is the same in two frames if its colour is, and its outline up to a translation. Of shapes whose order
+    changes, some count as new.
     """
     tracker, canvas, frames = _Tracker(), (1, 1), 0
     for drawing in drawings:
@@ -203,6 +198,5 @@ def moving_drawing(drawings: Iterable[Drawing]) -> MovingDrawing:
     for place, number in enumerate(tracker.order):
         for frame, move in tracker.moves[number].items():
             shown[frame, place], offsets[frame, place] = True, move
-    return MovingDrawing(
-        Drawing(*canvas, tuple(tracker.shapes[number].shape for number in tracker.order)), shown, offsets
-    )
+    shapes = tuple(tracker.shapes[number].shape for number in tracker.order)
+    return MovingDrawing(Drawing(*canvas, shapes), shown, offsets)

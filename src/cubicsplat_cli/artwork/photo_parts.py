@@ -1,8 +1,7 @@
-"""Photographs within a page: the parts of a picture that the measure of photos calls such, where it calls the rest a
-drawing.
+"""Photographs within a page: parts of a picture that `choose_style` calls photos, if it calls the rest a drawing.
 
-The even areas of a page end at its photos, and text is thin. So what is left between them, where whole squares fit into
-it, may be a photo.
+The even areas of a page end at its photos, and text is thin. So the rest, where whole squares fit into it, may be a
+photo.
 """
 
 from __future__ import annotations
@@ -21,27 +20,25 @@ from cubicsplat_cli.scene.arrays import with_channels
 
 LEAST_SIDE = 4 * TILE  # px
 FRAME = 8  # px of a frame around a photo, at most, and of an edge's blends
-LEAST_LINE = 0.9  # of the pixels of a row, in one colour, that is one of a frame
-# Levels by which the pixels of a drawing's areas are off one colour or gradient, root mean square: rounding, and twice
-# what a JPEG leaves off the edges. A photo's grain is more.
+LEAST_LINE = 0.9  # share of one colour in a row of a frame
+# Levels of root mean square error of an even area against one colour or gradient: rounding, and twice the error of a
+# JPEG away from edges. A photo's grain is more.
 GRAIN = 1.0
-LEAST_FILLED = 0.9  # of a rectangle with all its corners, that a photo fills: what is missing is as even as the page
-# Of a photo's px in one colour: at most .25 in photos, at least .5 in text that a JPEG's blocks surround.
+LEAST_FILLED = 0.9  # share of a rectangle with all its corners that a photo fills; the rest may be as even as the page
+# Share of a photo's px in one colour: at most .25 in photos, at least .5 in text with a JPEG's artefacts around it.
 MOST_IN_ONE = 0.35
-# Levels of second difference that half of the pixels have at least, of what is no rectangle: 2 to 6 in 22 objects
-# with soft shading, 6 to 37 in 20 photos.
+# Median second difference of photos that are no rectangles, in levels: 6 to 37 in 20 photos, 2 to 6 in 22 objects with
+# soft shading.
 GRAINY = 7.0
-SOFT, FAINT = 2.0, 1e-6  # px over which a picture goes on beyond a mask; of its weight, below which that is its mean
-OTHER = 64.0  # levels that a fill may be nearer to what surrounds it for being another one than that of a part
-LEAST_REST = 0.002  # of the picture, in px away from the parts, at which something is drawn
+SOFT, FAINT = 2.0, 1e-6  # px of a picture's continuation beyond a mask; its weight relative to the mean colour's
+OTHER = 64.0  # levels of distance to its surroundings that a placeholder gives up to differ from the other ones
+LEAST_REST = 0.002  # share of the picture, away from its photos, that is drawn
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
 
 @record
 class PhotoPart(Patch):
-    """A photograph in a picture. stand_in: three levels of a fill that differs from all that is around it, under which
-    it is drawn.
-    """
+    """A photograph in a picture. stand_in: (3,) levels of its placeholder, a fill unlike its surroundings."""
 
     stand_in: np.ndarray
 
@@ -52,8 +49,8 @@ class PhotoPart(Patch):
 
 @record
 class Page:
-    """A drawing with photographs in it: picture (H, W, 3), float32 in [0, 1]; flat, the same with a fill in place of
-    each of them. reason: what says that this is a drawing.
+    """A drawing with photographs in it. picture: (H, W, 3) float32 in [0, 1]. flat: the same with placeholders for its
+    photographs. reason: the measurement that calls it a drawing.
     """
 
     picture: np.ndarray
@@ -63,17 +60,14 @@ class Page:
 
 
 def page_of(target: np.ndarray) -> Page | None:
-    """The drawing and the photographs of a picture (H, W, 3), float32 in [0, 1]; None where it does not consist of
-    both.
-    """
+    """Return the page in a picture (H, W, 3), float32 in [0, 1]; None unless it is a drawing with photographs."""
     levels = np.rint(255.0 * target).astype(np.float32)
-    even = _even_areas(levels)
-    parts = [part for part in _candidates(levels, even) if _is_photo(levels, part)]
+    parts = [part for part in _candidates(levels, _even_areas(levels)) if _is_photo(levels, part)]
     if not parts:
         return None
     flat = levels.copy()
     for part in parts:
-        _stand_in_for(part, flat)
+        _put_placeholder(part, flat)
     flat = (flat / np.float32(255.0)).astype(np.float32)
     rest = choose_style(flat)
     if rest.name != ARTWORK or _drawn_share(flat * 255.0, parts) < LEAST_REST:
@@ -81,10 +75,8 @@ def page_of(target: np.ndarray) -> Page | None:
     return Page(target, flat, tuple(parts), rest.reason)
 
 
-def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
-    """Puts the fill of a part into levels (H, W, 3), at the edge of what is no rectangle blended with what surrounds
-    it.
-    """
+def _put_placeholder(part: PhotoPart, flat: np.ndarray) -> None:
+    """Write the placeholder of a part into levels (H, W, 3), blended with its surroundings unless it is a rectangle."""
     if part.rectangular:
         flat[part.window] = part.stand_in
         return
@@ -93,10 +85,9 @@ def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
     around = widened(part.window, 1, whole.shape)
     crop, mask = flat[around], whole[around]
     edge = mask & ndimage.binary_dilation(~mask, ndimage.SQUARE)
-    outside, inside = (
-        _continued(crop, known) for known in (~mask, mask & ~ndimage.binary_dilation(edge, ndimage.SQUARE))
-    )
-    # The share of the photo in a pixel that lies between both colours.
+    inner = mask & ~ndimage.binary_dilation(edge, ndimage.SQUARE)
+    outside, inside = _continued(crop, ~mask), _continued(crop, inner)
+    # The share of the photo in a pixel at its edge, whose colour lies between both.
     apart = inside - outside
     share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), ALIKE**2)
     covered = np.where(edge, np.clip(share, 0.0, 1.0), mask)[..., None]
@@ -104,7 +95,7 @@ def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
 
 
 def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """A picture (h, w, 3) that goes on softly beyond a mask (h, w) bool, which is not empty."""
+    """Return a picture (h, w, 3) that continues softly beyond a mask (h, w) bool, which is not empty."""
     inside = mask[..., None].astype(np.float32)
     weights, sums = (ndimage.gaussian_filter(each, (SOFT, SOFT, 0.0)) for each in (inside, crop * inside))
     mean = crop[mask].mean(axis=0)
@@ -112,8 +103,8 @@ def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _even_areas(levels: np.ndarray) -> np.ndarray:
-    """(H, W) int32 the number of the connected area in one colour or one linear gradient, of a TILE's square at least,
-    that a pixel is in; 0 elsewhere.
+    """Return (H, W) int32 the number of a pixel's connected area in one colour or linear gradient, with at least TILE^2
+    px; 0 elsewhere.
     """
     areas, count = ndimage.large_parts(spread(levels, 3, 3) <= ALIKE, TILE**2)
     off = _off_planes(levels, areas, count)
@@ -122,14 +113,14 @@ def _even_areas(levels: np.ndarray) -> np.ndarray:
 
 
 def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray:
-    """(count,) levels by which the pixels of areas, numbered from 1 on, are off the nearest linear gradient, root mean
-    square of the channel with most.
+    """Return (count,) the root mean square error of areas, numbered from 1 on, against their best linear gradients, in
+    levels of the worst channel.
     """
     y, x = np.nonzero(areas)
     owner, sides = areas[y, x] - 1, np.array(areas.shape, float)
     terms = [np.ones(len(y)), x / sides[1] - 0.5, y / sides[0] - 0.5, *levels[y, x].T.astype(float)]
     sums = np.array([[np.bincount(owner, a * b, count) for b in terms] for a in terms[:3]]).transpose(2, 0, 1)
-    # A very thin area has no slope across: the ridge is far below any other.
+    # A very thin area has no slope across; the small ridge keeps the equations solvable.
     normal, right = sums[..., :3] + 1e-6 * np.eye(3), sums[..., 3:]
     squares = np.stack([np.bincount(owner, a * a, count) for a in terms[3:]], axis=1)
     squares = squares - (right * np.linalg.solve(normal, right)).sum(axis=1)
@@ -137,8 +128,8 @@ def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray
 
 
 def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
-    """What is not even and not thin: rectangles that end at their strongest steps, without what frames them, or other
-    forms.
+    """Return the parts that are neither even nor thin: rectangles that end at their strongest steps, within their
+    frames, or other forms.
     """
     thick = _opened(even == 0)
     parts = list[PhotoPart]()
@@ -162,17 +153,17 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
 
 
 def _opened(mask: np.ndarray) -> np.ndarray:
-    """(H, W) bool: what of a mask squares a little wider than a TILE fit into."""
+    """Return the pixels of a mask (H, W) bool that squares a little wider than a TILE fit into."""
     narrowed = ndimage.minimum_filter(mask.astype(np.float32), TILE + 1)
     return np.asarray(ndimage.maximum_filter(narrowed, TILE + 1) > 0.0)
 
 
 def _ended(levels: np.ndarray, box: Box) -> Box:
-    """A box (left, top, right, bottom) with its sides moved inwards to where the picture changes most along them, and
-    beyond what frames it, each by at most 2 FRAME px.
+    """Return a box with its sides moved inwards to the strongest changes of the picture, and beyond a frame, each by at
+    most 2 FRAME px.
     """
     left, top, right, bottom = box
-    grown = np.pad(levels, ((1, 1), (1, 1), (0, 0)), constant_values=-np.inf)  # beyond the picture all is different
+    grown = np.pad(levels, ((1, 1), (1, 1), (0, 0)), constant_values=-np.inf)  # the outside differs from any pixel
     part = grown[top : bottom + 2, left : right + 2]
     turned = part.swapaxes(0, 1)
     sides = (turned[:, 1:-1], part[:, 1:-1], turned[::-1, 1:-1], part[::-1, 1:-1])
@@ -182,8 +173,8 @@ def _ended(levels: np.ndarray, box: Box) -> Box:
 
 
 def _strongest(part: np.ndarray) -> int:
-    """The number of rows, of those after the first one, at the top of a part before the outermost of the steps from one
-    row to the next that are about as large as the largest.
+    """Return the number of rows at the top of a part before its outermost strong step: a step from one row to the next
+    of at least half of the largest.
     """
     rows = part[: min(2 * FRAME, len(part) // 3) + 1]
     sizes = np.median(largest(np.abs(np.diff(rows, axis=0))), axis=1)
@@ -191,20 +182,22 @@ def _strongest(part: np.ndarray) -> int:
 
 
 def _frame(part: np.ndarray) -> int:
-    """The number of rows at the top of a part that frame it."""
-    found = 0
+    """Return the number of rows at the top of a part that belong to its frame."""
+    rows = 0
     for row in range(min(FRAME, len(part) - 1)):
         line = part[row]
         off = largest(np.abs(line - np.median(line, axis=0)))
         if (off <= UNSEEN).mean() < LEAST_LINE:
             break
         if (largest(np.abs(part[row + 1] - line)) > ALIKE).mean() > 0.5:
-            found = row + 1
-    return found
+            rows = row + 1
+    return rows
 
 
 def _mask_of(own: np.ndarray, even: np.ndarray, box: Box) -> np.ndarray:
-    """(h, w) bool: what of a box belongs to a part (H, W) bool: all but even areas that reach into it from outside."""
+    """Return (h, w) bool, the pixels of a box that belong to a part (H, W) bool: not those of even areas that reach
+    into the box from outside.
+    """
     left, top, right, bottom = box
     inside = even[top:bottom, left:right]
     counts = np.bincount(even.ravel())
@@ -214,14 +207,14 @@ def _mask_of(own: np.ndarray, even: np.ndarray, box: Box) -> np.ndarray:
     labels, count = ndimage.label(_opened(free))
     sizes = np.bincount(labels.ravel(), own[top:bottom, left:right].ravel(), count + 1)
     sizes[0] = 0.0
-    # Corners, which no square fits into, again.
+    # With the corners again, which squares do not fit into.
     wide = ndimage.maximum_filter((labels == int(sizes.argmax())).astype(np.float32), TILE // 2 - 1) > 0.0
     return np.asarray(ndimage.binary_fill_holes(wide & free))
 
 
 def _stand_in(levels: np.ndarray, box: Box, mask: np.ndarray, others: list[PhotoPart]) -> np.ndarray:
-    """(3,) levels as far as may be from those around a mask in a box, and other than those of other parts: what covers
-    two of one fill would make them one shape.
+    """Return (3,) levels far from those around a mask in a box, and unlike the placeholders of other parts: two parts
+    of one fill could become one shape.
     """
     left, top, right, bottom = box
     around = np.ones(levels.shape[:2], dtype=bool)
@@ -235,8 +228,8 @@ def _stand_in(levels: np.ndarray, box: Box, mask: np.ndarray, others: list[Photo
 
 
 def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
-    """Whether the measure of photos calls the part one, and does not doubt it; and it has no ground, and grain
-    where it has not the form of photos.
+    """True if `choose_style` calls a part a photo without doubt, it has no even ground, and, unless it is a rectangle,
+    it has grain.
     """
     crop = levels[part.window] / np.float32(255.0)
     values = levels[part.window][part.mask]
@@ -250,12 +243,12 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
         if float(np.median(bends[part.mask])) < GRAINY:
             return False
         crop = with_channels(crop, 4) * part.mask[..., None]
-    found = choose_style(crop)
-    return found.name == PHOTO and not found.doubtful
+    style = choose_style(crop)
+    return style.name == PHOTO and not style.doubtful
 
 
 def _drawn_share(flat: np.ndarray, parts: list[PhotoPart]) -> float:
-    """The share of the pixels off the parts and what frames them that differ from a neighbour."""
+    """Return the share of pixels, away from the parts and their frames, that differ from a neighbour."""
     differ = spread(flat, 3, 3) > UNSEEN
     for part in parts:
         differ[widened(part.window, FRAME, differ.shape)] = False

@@ -1,4 +1,4 @@
-"""The plan of a drawing: the picture's fills, regions, layers and contours, down to the parts that become shapes."""
+"""The plan of a drawing: the picture in flat fills, and its regions, layers and contours, the parts of shapes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.gradients.bands import banded_areas
+from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
+from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients
+from cubicsplat_cli.artwork.input.chroma import mixture_of
+from cubicsplat_cli.artwork.input.pens import sharpened
+from cubicsplat_cli.artwork.input.prepare import PreparedInput
+from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, before_compression
+from cubicsplat_cli.artwork.input.restore import MISFIT, restored
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
+from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
-from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions, find_regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ROUNDING, edge_positions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.progress import log, work
@@ -18,23 +27,85 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
 
-# A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
+# A picture whose regions, if they are more than FEW, have less than LEAST_AREA px on average is blurred by the next of
 # BLURS, px.
 FEW, LEAST_AREA = 16, 10
 BLURS = (0.0, *(1.5 * 2.0**k for k in range(5)))
-SMALL = 600  # px of a picture that may be all edges
+SMALL = 600  # px of a picture that may consist of edges
+
+
+def flat_fills(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Flattened, FlatPicture, np.ndarray, float]:
+    """Return the prepared picture in flat fills, and with its gradients as placeholders; the same as if it were clean,
+    in the requested colours; the levels (H, W, 4) that outlines are fitted to, and their error at edges, in [0, 1].
+    """
+    condition, levels, compression = prepared.condition, prepared.levels, prepared.compression
+    work().at("finding gradients", 0.05)
+    flat = _without_gradients(prepared, settings)
+    work().at("finding colours", 0.1)
+    picture = as_if_clean(flat, prepared, settings)
+    # A blur hides steps, and chosen fills form no bands.
+    own_fills = settings.free_fills and not condition.blur
+    if banded := banded_areas(levels, picture, flat, condition) if condition.jpeg and own_fills else []:
+        flat = without_noisy_gradients(levels, condition, banded, flat.areas)
+        picture = as_if_clean(flat, prepared, settings)
+    if compression is not None and compression.tables and own_fills:
+        return flat, *before_compression(levels, flat, picture, compression), EDGE_ERROR / 255.0
+    return flat, picture, flat.levels, condition.edge_error / 255.0
+
+
+def _without_gradients(prepared: PreparedInput, settings: ArtworkSettings) -> Flattened:
+    """Return the picture with placeholders for its gradients, and with its noise; without any if the fills are chosen,
+    and in scans, whose light is never removed completely.
+    """
+    levels, condition = prepared.levels, prepared.condition
+    if not settings.free_fills or prepared.scanned:
+        return Flattened(levels)
+    if condition.clean:
+        return flattened(levels)
+    if not condition.only_blurred:
+        return without_noisy_gradients(levels, condition)
+    return prepared.flat or without_blurred_gradients(levels, condition.blur)
+
+
+def as_if_clean(flat: Flattened, prepared: PreparedInput, settings: ArtworkSettings) -> FlatPicture:
+    """Return a picture without gradients as if it were clean, in the requested colours."""
+    if prepared.pens is not None:
+        picture = FlatPicture(*sharpened(flat.levels, prepared.pens))
+    elif prepared.condition.clean:
+        picture = FlatPicture(flat.levels, standing=flat.fills)
+    else:
+        picture = restored(flat.levels, prepared.condition, flat.fills)
+    return picture if settings.free_fills else _in_chosen_colours(picture, settings)
+
+
+def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
+    """Return a clean picture in at most as many colours as requested, and in the near ones of the palette."""
+    levels = picture.levels
+    if picture.palette is None:
+        picture = replace(picture, palette=picture_fills(levels))
+    regions = find_regions(picture)
+    _, first, number = np.unique(regions.fill_of, return_index=True, return_inverse=True)
+    fills, labels = regions.fills[first], number[regions.labels]
+    areas = np.bincount(labels.ravel(), minlength=len(fills))
+    colours, owner = fewer_colours(fills, areas, settings.colors)
+    if settings.palette:
+        colours, becomes = nearest_colours(colours, settings.palette, settings.palette_tolerance)
+        owner = becomes[owner]
+    # Blends keep their shares.
+    mixture = mixture_of(levels, fills, labels, MISFIT, 0.0, snap=0.0)
+    return FlatPicture(mixture.painted(colours[owner]), colours)
 
 
 @record
 class Plan:
-    """levels: (H, W, 4) the picture that is drawn. fills: of its pixels. regions: of it. found: where they end. parts:
-    back to front.
+    """The parts of a drawing, back to front. levels: (H, W, 4) the picture that is drawn. fills: of its pixels. edges:
+    the positions of its regions' edges.
     """
 
     levels: np.ndarray
     fills: PixelFills
     regions: Regions
-    found: EdgePositions
+    edges: EdgePositions
     parts: list[TranslucentPart]
 
 
@@ -46,11 +117,11 @@ def planned(
     placeholders: np.ndarray | None,
     share_error: float = FEW_SAMPLES,
 ) -> Plan:
-    """The plan of a picture's drawing: at most settings.curves parts.
+    """Return the plan of a picture's drawing, with at most settings.curves parts.
 
-    factor: by which the drawing is enlarged at last. error: in levels, of pixels on edges beyond that of a clean
-    picture. placeholders: (G, 4) fills that stand for gradients, of which no translucent shape makes others; None where
-    no such shapes are sought. share_error: of the shares of pixels that shapes cover.
+    factor: the enlargement of the finished drawing. error: in levels, of pixels on edges beyond that of a clean
+    picture. placeholders: (G, 4) fills of gradients, which no translucent shape changes; None for opaque shapes only.
+    share_error: of the shares of pixels that shapes cover.
     """
     min_area = settings.min_area / factor**2
     while True:
@@ -58,7 +129,7 @@ def planned(
         soft, fills, regions = _regions(picture, min_area)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
-        found = edge_positions(soft, regions, ROUNDING + error, share_error)
+        edges = edge_positions(soft, regions, ROUNDING + error, share_error)
         fixed = None
         if placeholders is not None:
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
@@ -67,16 +138,16 @@ def planned(
             log.warning(
                 "%d regions are many: what lies above what, hidden parts and translucency are not sought", regions.count
             )
-        parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
+        parts = parts_of(regions, edges, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
-            return Plan(soft, fills, regions, found, parts)
-        # The regions beyond as many as may be drawn join their neighbours.
+            return Plan(soft, fills, regions, edges, parts)
+        # The smallest regions join their neighbours until the rest is few enough.
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)
 
 
 def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, PixelFills, Regions]:
-    """The picture, blurred where there would be as many regions as px, its fills, and its regions."""
+    """Return the picture, blurred if it had a region for nearly every pixel, its fills, and its regions."""
     levels, colours = picture.levels, picture.palette
     many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
@@ -86,10 +157,9 @@ def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, PixelFi
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > SMALL and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        palette = picture_fills(soft) if colours is None else colours
-        most, known = None if colours is None else len(colours), None if blur else picture.labels
-        own = replace(picture, levels=soft, palette=palette, labels=known)
-        fills, regions = bounded_regions(own, min_area, most, MOST_COMPLETED if blur else MOST_REGIONS)
+        palette, most = (picture_fills(soft), None) if colours is None else (colours, len(colours))
+        blurred = replace(picture, levels=soft, palette=palette, labels=None if blur else picture.labels)
+        fills, regions = bounded_regions(blurred, min_area, most, MOST_COMPLETED if blur else MOST_REGIONS)
         if regions.count <= many:
             break
     return soft, fills, regions

@@ -1,4 +1,4 @@
-"""A drawing as a scene that the engines render."""
+"""Drawings as scenes for the engines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cubicsplat_cli.settings import Mode
 
 
 def picture_of(drawing: Drawing) -> Scene | LayeredScene:
-    """`scene_of` a drawing without shading; of one with shading those and the others in layers."""
+    """Return a drawing as a scene; in layers if shapes have shading."""
     if all(shape.shading is None for shape in drawing.shapes):
         return scene_of(drawing)
     layers = list[SceneLayer]()
@@ -30,7 +30,7 @@ def picture_of(drawing: Drawing) -> Scene | LayeredScene:
 
 
 def _shaded(drawing: Drawing, shape: Shape) -> SceneLayer:
-    """A shape's paint, as far as its box, and its shading, both within its outlines."""
+    """Return a layer of a shape's paint and shading, both clipped at its outlines."""
     clip = replace(shape, fill=(255, 255, 255, 255), gradient=None)
     ground = _part(drawing, [replace(shape, outlines=(shape.box(),))])
     return SceneLayer(ground, shape.shading, _part(drawing, [clip]), shape.name)
@@ -41,22 +41,21 @@ def _part(drawing: Drawing, shapes: list[Shape]) -> Scene:
 
 
 def scene_of(drawing: Drawing) -> Scene:
-    """The shapes as closed curves of one or more rings, front to back, without a background (numpy arrays).
+    """Return the shapes as closed curves of one or more rings, front to back, without a background (numpy arrays).
 
-    Arcs of primitives become cubics that are true to 1e-5 of a radius. Raises InputError for a drawing without shapes,
-    which no scene can be.
+    Arcs of primitives become cubics, true to 1e-5 of a radius. Raises InputError for a drawing without shapes.
     """
     if not drawing.shapes:
         raise InputError("the drawing has no shapes; give one of a picture that is not all transparent")
     front_first = drawing.shapes[::-1]
-    # The opacity of a gradient is its stops'.
+    # A gradient's opacity is that of its stops.
     fills = [(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first]
     scene = filled_scene(drawing.width, drawing.height, [_rings(shape) for shape in front_first], fills)
     return replace(scene, gradients=gradients_of([shape.gradient for shape in front_first]))
 
 
 def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: Sequence[Rgba]) -> Scene:
-    """Closed curves, front to back, of some rings each, (3m, 2) px, and a fill of 8 bits, without a background."""
+    """Return closed curves, front to back, of rings (3m, 2) px and 8-bit fills, without a background."""
     points, ring_ends = pack_rings(Mode.CLOSED, rings)
     colours = np.array(fills, np.float32) / np.float32(255.0)
     rgb, opacities = np.ascontiguousarray(colours[:, :3]), np.ascontiguousarray(colours[:, 3])
@@ -65,6 +64,6 @@ def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: 
 
 
 def _rings(shape: Shape) -> list[np.ndarray]:
-    """(3m, 2) control points of each ring: the outer one clockwise as seen, holes the other way."""
+    """Return the control points (3m, 2) of each ring: the outer one clockwise as seen, holes the other way."""
     rings = oriented([fine_ring(outline) for outline in shape.outlines])
     return [ring.cubics[:, :3].reshape(-1, 2).astype(np.float32) for ring in rings]

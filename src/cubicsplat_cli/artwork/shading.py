@@ -1,5 +1,7 @@
-"""Objects of a shaded picture: areas that strong edges bound, however much changes within them; the same picture in
-flat fills, from which their outlines follow; what shows of them, and their base paints, flat or linear gradients.
+"""Objects of a shaded picture: areas within strong edges, however much the colours within change.
+
+`objects_of` finds them. `silhouettes` gives them flat fills, from which their outlines follow. `shown` tells their
+shares of pixels, and `base_paint` their flat fill or linear gradient.
 """
 
 from __future__ import annotations
@@ -18,47 +20,47 @@ from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, colours_o
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
-BLUR = 0.8  # px, before slopes are measured: about what smoothing has blurred an edge by
-# Levels per px: steeper than shading is, and what an edge of thirty levels, so smoothed, has.
+# Levels per px of an edge of 30 levels after the blur, steeper than shading.
 STEEP = 12.0
-LEAST_AREA = 24  # px away from edges, of what is an object of its own
-# An edge changes as much within NEAR px to both sides as within FAR, a ramp NEAR / FAR of that. Levels that an edge
-# changes by beyond a ramp.
+LEAST_AREA = 24  # px of an object away from edges
+# An edge changes as much within NEAR px to both sides as within FAR; a ramp changes by NEAR / FAR of that. An edge
+# exceeds a ramp by LEAST_STEP levels.
 NEAR, FAR, LEAST_STEP = 2.0, 5.0, 16.0
-EDGE = 2  # px to both sides of a border that its pixels' blending and smoothing reach
-REACH, SLOTS = 4, 3  # px in which the objects of a blend are sought, and how many meet at most
-# Times that each channel counts: opacity is as sure within shading as elsewhere.
+EDGE = 2  # px on both sides of a border with blended pixels
+REACH, SLOTS = 4, 3  # px to the objects of a blend, and the most objects that meet
+# The weights of the channels: opacity is reliable within shading too.
 SURE = np.array([1.0, 1.0, 1.0, 8.0])
 CLEAR = 128.0  # levels of opacity, below which an object is the transparent ground
 ANGLES, STOPS = 16, 4
-# Mean square in levels^2 that a gradient must be nearer than a flat fill, as nobody sees less, for each stop.
+# Levels^2 of mean square error that each stop of a gradient must save, since less is invisible.
 LEAST_GAIN = 4.0
 FEWEST = 8  # px that a gradient is fitted to
-FULL = 0.995  # of a pixel that a shape covers: all of it
+FULL = 0.995  # share of a pixel that counts as all of it
 
 
 def objects_of(levels: np.ndarray) -> np.ndarray:
-    """(H, W) int32 the object of each pixel, numbered from 0 on, of a picture (H, W, 4) of premultiplied levels.
+    """Return (H, W) int32 the object of each pixel, numbered from 0 on, of a picture (H, W, 4), premultiplied levels.
 
-    Thin lines and small spots are part of what they lie on, but for those that show nothing: they are ground.
+    Thin lines and small spots belong to the object below them; clear ones belong to the ground.
     """
-    from skimage.segmentation import watershed  # which few pictures need
+    from skimage.segmentation import watershed  # few pictures need it
 
-    size, ways = _slopes(levels)
+    size, directions = _slopes(levels)
     areas, count = ndimage.large_parts(size < STEEP, LEAST_AREA)
     if not count:
         return np.zeros(levels.shape[:2], np.int32)
     areas[levels[..., 3] < 1.0] = count + 1
     labels = watershed(size, areas)
-    while len(weak := _weak_borders(levels, labels, ways)):
+    while len(weak := _weak_borders(levels, labels, directions)):
         labels = _united(labels, weak)
     _, labels = np.unique(labels, return_inverse=True)
     return np.asarray(labels.reshape(levels.shape[:2]), np.int32)
 
 
 def _slopes(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) the steepest channel's slope in levels per px, and (2, H, W) its direction across and down."""
-    smooth = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
+    """Return the steepest channel's slope (H, W) in levels per px, and its direction (2, H, W), across and down."""
+    # 0.8 px, about the blur of an anti-aliased edge.
+    smooth = ndimage.gaussian_filter(levels, (0.8, 0.8, 0.0), mode="nearest")
     down, across = np.gradient(smooth, axis=(0, 1))
     sizes = np.hypot(across, down)
     steepest = sizes.argmax(axis=2)[..., None]
@@ -66,9 +68,9 @@ def _slopes(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return size, np.stack([u, v]) / np.maximum(size, 1e-6)
 
 
-def _weak_borders(levels: np.ndarray, labels: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """(n, 2) the pairs of neighbouring labels between which there is a ramp rather than an edge, the weakest first.
-    ways: (2, H, W) as of `_slopes`.
+def _weak_borders(levels: np.ndarray, labels: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Return (n, 2) the pairs of neighbouring labels with a ramp rather than an edge between them, the weakest first.
+    directions: of `_slopes`.
     """
     height, width = labels.shape
     pairs, steps = [], []
@@ -76,25 +78,25 @@ def _weak_borders(levels: np.ndarray, labels: np.ndarray, ways: np.ndarray) -> n
         first, second = labels[: height - dy, : width - dx], labels[dy:, dx:]
         y, x = np.nonzero(first != second)
         pairs.append(np.sort(np.stack([first[y, x], second[y, x]], axis=1), axis=1))
-        steps.append(_steps(levels, ways[:, y, x], y + 0.5 * dy, x + 0.5 * dx))
-    each, step = np.concatenate(pairs), np.concatenate(steps)
-    if not len(each):
-        return each
-    known, which = np.unique(each, axis=0, return_inverse=True)
+        steps.append(_steps(levels, directions[:, y, x], y + 0.5 * dy, x + 0.5 * dx))
+    step = np.concatenate(steps)
+    borders, which = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
+    if not len(borders):
+        return borders
     order = np.lexsort((step, which := which.reshape(-1)))
-    ends = np.searchsorted(which[order], np.arange(len(known) + 1))
+    ends = np.searchsorted(which[order], np.arange(len(borders) + 1))
     medians = step[order][(ends[:-1] + ends[1:] - 1) // 2]
     weakest = np.argsort(medians, kind="stable")
-    return known[weakest[medians[weakest] < LEAST_STEP]]
+    return borders[weakest[medians[weakest] < LEAST_STEP]]
 
 
-def _steps(levels: np.ndarray, ways: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n,) levels by which the picture changes along ways (2, n) across borders at y, x, beyond what a ramp would."""
+def _steps(levels: np.ndarray, directions: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return (n,) levels by which the picture changes along directions (2, n) at y, x, beyond the change of a ramp."""
     height, width = levels.shape[:2]
 
     def at(reach: float) -> np.ndarray:
-        row = np.clip(np.rint(y + reach * ways[1]), 0, height - 1).astype(int)
-        return levels[row, np.clip(np.rint(x + reach * ways[0]), 0, width - 1).astype(int)]
+        row = np.clip(np.rint(y + reach * directions[1]), 0, height - 1).astype(int)
+        return levels[row, np.clip(np.rint(x + reach * directions[0]), 0, width - 1).astype(int)]
 
     def change(reach: float) -> np.ndarray:
         return np.asarray(np.abs(at(reach) - at(-reach)).max(axis=1))
@@ -103,7 +105,7 @@ def _steps(levels: np.ndarray, ways: np.ndarray, y: np.ndarray, x: np.ndarray) -
 
 
 def _united(labels: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """The labels with each of these pairs made one, but for those of which one was united with another before."""
+    """Return the labels with each of these pairs united, unless one of the two was united before."""
     becomes, used = np.arange(labels.max() + 1), set()
     for first, second in pairs.tolist():
         if first not in used and second not in used:
@@ -113,9 +115,9 @@ def _united(labels: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
-    """A picture (H, W, 4) of premultiplied levels with its objects, labels (H, W), in fills that stand for them.
+    """Return a picture (H, W, 4) of premultiplied levels with its objects, labels (H, W), in placeholder fills.
 
-    Where objects share a pixel, their shares follow from what each has a few px away.
+    The shares of objects in a pixel follow from the colours of each a few px away.
     """
     count = int(labels.max()) + 1
     alpha = np.bincount(labels.ravel(), levels[..., 3].ravel(), count) / np.bincount(labels.ravel(), minlength=count)
@@ -134,7 +136,7 @@ def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
 
 
 def _insides(labels: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels that show one object alone; of what is too thin to have such ones, its middle."""
+    """Return (H, W) bool, true for pixels of one object alone, and for the middle of objects too thin for these."""
     inside = ndimage.alike(labels, 2 * EDGE + 1)
     y, x = np.nonzero(~inside)
     if len(y):
@@ -148,8 +150,8 @@ def _insides(labels: np.ndarray) -> np.ndarray:
 
 
 def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(n, slots, 4) what the objects that have pixels `places` (n, slots) would have at pixels y, x (n,), if they
-    changed on as they do just behind these.
+    """Return (n, slots, 4) the colours of objects at pixels y, x (n,), extrapolated from their pixels `places` (n,
+    slots) and those just behind.
     """
     height, width = paint.shape
     row, column = np.divmod(places, width)
@@ -164,9 +166,9 @@ def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarr
 
 
 def _fills(opaque: np.ndarray) -> np.ndarray:
-    """(n, 4) whole levels: different fills of objects (n,), those that are not opaque all clear.
+    """Return (n, 4) different fills in whole levels for opaque objects (n,) bool, and clear ones for others.
 
-    They lie on a sphere, so that none is a blend of two others, at angles that keep them about equally far apart.
+    They lie on a sphere, so that none is a blend of two others, about equally far apart.
     """
     count, fills = max(int(opaque.sum()), 1), np.zeros((len(opaque), 4))
     number = np.arange(count)
@@ -180,7 +182,7 @@ def _fills(opaque: np.ndarray) -> np.ndarray:
 
 
 def shown(drawing: Drawing) -> list[np.ndarray]:
-    """For each shape, all opaque, (H, W) the share of each pixel that it covers and no shape above it does."""
+    """Return for each shape, all opaque, the share (H, W) of each pixel that it covers and no shape above does."""
     clear = np.ones((drawing.height, drawing.width))
     shares = []
     for shape in reversed(drawing.shapes):
@@ -191,8 +193,8 @@ def shown(drawing: Drawing) -> list[np.ndarray]:
 
 
 def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, Gradient | None]:
-    """The opaque fill nearest to pixels of straight colours (n, 3) in levels at columns x and rows y, n >= 1, and the
-    gradient that is nearer, if one is.
+    """Return the opaque fill nearest to straight colours (n, 3) in levels at columns x and rows y, n >= 1, and the
+    gradient that is nearer, or None.
     """
     middle = values.mean(axis=0)
     red, green, blue = (int(np.clip(round(v), 0, 255)) for v in middle.tolist())
@@ -209,7 +211,7 @@ def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, 
 
 
 def _along(angle: float, stops: int, pixels: Pixels) -> Shade:
-    """The gradient in one direction with so many stops, evenly between the pixels' ends."""
+    """Return the gradient at an angle with so many stops, evenly between the outermost pixels."""
     frame = np.array([[math.cos(angle), math.sin(angle), 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
     t = frame[0, 0] * pixels.x + frame[0, 1] * pixels.y
     knots = np.linspace(float(t.min()), float(t.max()) + 1e-3, stops)

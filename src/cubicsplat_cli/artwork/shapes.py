@@ -1,6 +1,4 @@
-"""A drawing: shapes in a fill, opaque or evenly translucent, or in a gradient, back to front; their names for an
-editor's list of layers.
-"""
+"""A drawing: shapes from back to front, each in a fill, opaque or translucent, or in a gradient, and their names."""
 
 from __future__ import annotations
 
@@ -15,22 +13,23 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke
 from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
-_ALIKE = 1e-3
 AnyLine = TypeVar("AnyLine", Outline, Path)
-# Hues in degrees up to which a colour has this name.
-_HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (160, "green"), (195, "teal"), (255, "blue"), (290, "purple"))
-_HUES_END = ((335, "pink"), (361, "red"))
+# The names of hues, up to these degrees.
+_HUES = {
+    15: "red", 42: "orange", 68: "yellow", 160: "green", 195: "teal", 255: "blue", 290: "purple", 335: "pink",
+    361: "red",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Shape:
     """One shape in one fill, or in a gradient.
 
-    fill: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
-    then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
-    list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None. group: the
-    name of the group in the file that it is in, empty for none. shading: None, or filled curves on the drawing's
-    canvas, without a background, or a picture, over its paint, which is opaque then; seen within its outlines alone.
+    fill: sRGB and opacity, 8 bits each, not premultiplied; about the mean of a gradient. outlines: the outer one, then
+    its holes, in either direction (see `oriented`). name: for an editor's list of layers. gradient: in px of the
+    drawing, or None. stroke: the stroke with these outlines, or None. group: the name of its group in the file, or
+    empty. shading: None, or curves on the drawing's canvas without a background, or a picture; it lies over the paint,
+    which is opaque then, and shows within the outlines alone.
     """
 
     fill: Rgba
@@ -42,15 +41,15 @@ class Shape:
     shading: Scene | EmbeddedImage | None = None
 
     def oriented(self) -> tuple[Ring, ...]:
-        """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
+        """Return the rings for the nonzero rule: the outer one clockwise as seen, holes the other way."""
         return oriented([outline.ring() for outline in self.outlines])
 
     def filled(self, fill: Rgba, width: int, height: int) -> Shape:
-        """The shape in a flat fill, on a canvas of width x height px, with the name of that."""
+        """Return the shape in a flat fill, with its name on a canvas of width x height px."""
         return replace(self, fill=fill, gradient=None, name=shape_name(fill, self.outlines, width, height))
 
     def box(self) -> Rectangle:
-        """The box of whole px around its outlines."""
+        """Return the box of whole px around the outlines."""
         low, high = extent_of([outline.ring() for outline in self.outlines])
         (left, top), (right, bottom) = np.floor(low), np.ceil(high)
         return Rectangle(float(left), float(top), float(right - left), float(bottom - top))
@@ -58,10 +57,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Shapes back to front on a canvas of width x height px; what no shape covers is transparent.
+    """Shapes back to front on a canvas of width x height px, which is transparent elsewhere.
 
-    abutting: none overlaps another, but for what was made to reach beneath those drawn later, and shapes that touch
-    share their edges to the last digit.
+    abutting: no shape overlaps another, except by intended overlaps beneath later shapes, and shapes that touch share
+    their edges to the last digit.
     """
 
     width: int
@@ -71,37 +70,37 @@ class Drawing:
 
     @property
     def fills(self) -> tuple[Rgba, ...]:
-        """The different fills of the shapes without a gradient, in the order of their first use."""
+        """Return the different fills of shapes without a gradient, in the order of first use."""
         return tuple(dict.fromkeys(shape.fill for shape in self.shapes if shape.gradient is None))
 
     @property
     def gradients(self) -> tuple[Gradient, ...]:
-        """The different gradients, in the order of their first use."""
+        """Return the different gradients, in the order of first use."""
         return tuple(dict.fromkeys(shape.gradient for shape in self.shapes if shape.gradient is not None))
 
     @property
     def segments(self) -> int:
-        """The number of lines and cubics of the outlines, primitives counted as their rings."""
+        """Return the number of lines and cubics of the outlines, with primitives as their rings."""
         paths = (shape.outlines if shape.stroke is None else (shape.stroke.path,) for shape in self.shapes)
         return sum(path.pieces for own in paths for path in own)
 
     @property
     def coordinates(self) -> int:
-        """The number of numbers that an artist would write for the outlines."""
+        """Return the number of coordinates that an artist would write for the outlines."""
         lines = (shape.outlines if shape.stroke is None else (shape.stroke,) for shape in self.shapes)
         return sum(line.coordinates for own in lines for line in own)
 
 
 def ground_shape(fill: Rgba, width: int, height: int) -> Shape:
-    """A rectangle of one fill over a whole canvas."""
+    """Return a rectangle of one fill over a whole canvas."""
     return Shape(fill, (Rectangle(0.0, 0.0, float(width), float(height)),), "").filled(fill, width, height)
 
 
 def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
-    """The drawing on a canvas of width x height px; the same object when it has that size already.
+    """Return the drawing on a canvas of width x height px; the same object if it has that size already.
 
-    Sides are scaled independently, so that a canvas whose sides were rounded to whole pixels fits again; primitives
-    stay what they are where both factors are alike to a thousandth, and become rings elsewhere.
+    Sides are scaled independently, so that a canvas with rounded sides fits again. Primitives stay primitives if both
+    factors are alike to a thousandth, else they become rings.
     """
     if (drawing.width, drawing.height) == (width, height):
         return drawing
@@ -111,7 +110,7 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
             shape,
             outlines=tuple(scaled_outline(outline, across, down) for outline in shape.outlines),
             gradient=shape.gradient and shape.gradient.scaled(across, down),
-            # A pen is round: where sides grow differently its outline is all that is left.
+            # A pen is round, so under different factors only its outline remains.
             stroke=_scaled_stroke(shape.stroke, across) if shape.stroke and _alike(across, down) else None,
             shading=shape.shading and resized(shape.shading, width, height),
         )
@@ -121,7 +120,7 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
 
 
 def _alike(across: float, down: float) -> bool:
-    return abs(across / down - 1.0) <= _ALIKE
+    return abs(across / down - 1.0) <= 1e-3
 
 
 def _scaled_stroke(stroke: Stroke, factor: float) -> Stroke:
@@ -129,18 +128,18 @@ def _scaled_stroke(stroke: Stroke, factor: float) -> Stroke:
 
 
 def scaled_outline(outline: AnyLine, across: float, down: float) -> AnyLine:
-    """An outline, or a centre line, with its x times `across` and its y times `down`."""
+    """Return an outline, or a centre line, with its x times `across` and its y times `down`."""
     if not _alike(across, down) and not isinstance(outline, Chain):
         outline = outline.ring()
     if isinstance(outline, (Ring, Chain)):
         factors = np.array([across, down])
         return replace(outline, anchors=outline.anchors * factors, controls=outline.controls * factors)
-    # Every number of a primitive but its angle is a length.
+    # All numbers of a primitive except its angle are lengths.
     return replace(outline, **{f.name: getattr(outline, f.name) * across for f in fields(outline) if f.name != "angle"})
 
 
 def shape_name(fill: Rgba, outlines: tuple[Outline, ...], width: int, height: int) -> str:
-    """ "background" for a rectangle over the whole canvas, else the plain name of the fill's colour."""
+    """Return "background" for a rectangle over the whole canvas, else the name of the fill's colour."""
     first = outlines[0]
     if isinstance(first, Rectangle) and first.width >= width - 0.5 and first.height >= height - 0.5:
         return "background"
@@ -148,12 +147,12 @@ def shape_name(fill: Rgba, outlines: tuple[Outline, ...], width: int, height: in
 
 
 def colour_group(fill: Rgba) -> str:
-    """The name of a group of one colour, `color-ff8800`, with two more digits where it is translucent."""
+    """Return the name of a group of one colour, `color-ff8800`, with two more digits if it is translucent."""
     return "color-{:02x}{:02x}{:02x}".format(*fill[:3]) + ("" if fill[3] == 255 else f"{fill[3]:02x}")
 
 
 def colour_name(fill: Rgba) -> str:
-    """The plain name of a colour: black, white, grey, brown, pink or a hue."""
+    """Return the plain name of a colour: black, white, grey, brown, pink or a hue."""
     hue, lightness, saturation = colorsys.rgb_to_hls(*(v / 255.0 for v in fill[:3]))
     if lightness < 0.08:
         return "black"
@@ -161,7 +160,7 @@ def colour_name(fill: Rgba) -> str:
         return "white"
     if saturation < 0.12:
         return "grey"
-    name = next(word for end, word in _HUES + _HUES_END if hue * 360.0 < end)
+    name = next(word for end, word in _HUES.items() if hue * 360.0 < end)
     if name in ("red", "orange") and lightness < 0.35:
         return "brown"
     return "pink" if name == "red" and lightness > 0.75 else name

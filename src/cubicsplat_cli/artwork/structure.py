@@ -12,22 +12,18 @@ from cubicsplat_cli.artwork.geometry.outlines import Rectangle, flattened, signe
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, ground_shape
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
-# A rectangle that ends so near to the canvas' edge covers it.
-_ON_EDGE = 0.5  # px
-# Shapes as near to each other keep their order: no pixel is of both.
-_MARGIN = 1.0  # px
-_SAMPLES = 32  # points of an outline that are looked at, to tell where it lies
-_FLAT = 2.0  # px between the points of an outline in which others may lie
+_ON_EDGE = 0.5  # px from the canvas' edge to the edge of a rectangle that covers the canvas, at most
+_MARGIN = 1.0  # px; shapes farther apart share no pixel, so they may change their order
 Paint = Rgba | Gradient
 
 
 def paint_of(shape: Shape) -> Paint:
-    """The fill or gradient of a shape."""
+    """Return the fill or gradient of a shape."""
     return shape.gradient or shape.fill
 
 
 def ground_of(drawing: Drawing) -> Paint | None:
-    """The paint of the shape that fills the canvas behind everything; None where none does."""
+    """Return the paint of the shape that fills the canvas behind all others; None without one."""
     first = drawing.shapes[0].outlines if drawing.shapes else ()
     if len(first) != 1 or not isinstance(first[0], Rectangle) or first[0].angle != 0.0 or first[0].radius > _ON_EDGE:
         return None
@@ -37,13 +33,13 @@ def ground_of(drawing: Drawing) -> Paint | None:
 
 
 def on_ground(drawing: Drawing, fill: Rgba) -> Drawing:
-    """A drawing without a ground, on one of a fill."""
+    """Return a drawing with a ground of one fill behind it."""
     return replace(drawing, shapes=(ground_shape(fill, drawing.width, drawing.height), *drawing.shapes))
 
 
 def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
-    """A drawing whose ground, of a paint, is of another fill, or gone (None): in a cutout all that shows its paint, so
-    that holes are holes; else the shape at the back alone.
+    """Return a drawing with another fill for its ground, or without its ground (None). In a cutout the ground is all
+    shapes of its paint, so that holes are holes; otherwise it is the shape at the back.
     """
     shapes = []
     for index, shape in enumerate(drawing.shapes):
@@ -55,31 +51,30 @@ def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
 
 
 def by_lightness(drawing: Drawing) -> Drawing:
-    """A cutout whose shapes come by colour, the lightest first, as a printer prints them."""
+    """Return a cutout with its shapes in the order of a printer: by colour, the lightest first."""
     # Luma of Rec. 709.
     luma = {paint_of(s): 0.2126 * s.fill[0] + 0.7152 * s.fill[1] + 0.0722 * s.fill[2] for s in drawing.shapes}
-    order = {paint: place for place, paint in enumerate(sorted(luma, key=lambda paint: -luma[paint]))}
-    return replace(drawing, shapes=tuple(sorted(drawing.shapes, key=lambda shape: order[paint_of(shape)])))
+    order = sorted(luma, key=lambda paint: -luma[paint])
+    return replace(drawing, shapes=tuple(sorted(drawing.shapes, key=lambda shape: order.index(paint_of(shape)))))
 
 
 def ranks_of(drawing: Drawing) -> np.ndarray:
-    """(shapes,) the number of each shape's paint, in the order of their first use."""
+    """Return (shapes,) the number of each shape's paint, in the order of first use."""
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(map(paint_of, drawing.shapes)))}
     return np.array([number_of[paint_of(shape)] for shape in drawing.shapes], dtype=np.int64)
 
 
 def grouped_by_colour(drawing: Drawing) -> Drawing:
-    """The drawing with its shapes in groups of one paint: of a cutout one each, else as few as the order of painting
-    leaves.
+    """Return the drawing with its shapes in groups of one paint: one group for each in a cutout, else as few as the
+    order of painting allows.
     """
-    shapes = drawing.shapes
-    paints = [paint_of(shape) for shape in shapes]
-    return _in_groups(drawing, paints, [colour_group(shape.fill) for shape in shapes])
+    paints = [paint_of(shape) for shape in drawing.shapes]
+    return _in_groups(drawing, paints, [colour_group(shape.fill) for shape in drawing.shapes])
 
 
 def grouped_by_object(drawing: Drawing, ground: Paint | None) -> Drawing:
-    """A stacked drawing with each shape in one group with all that lies on or in it; shapes alone, and the ground, are
-    in none. ground: its paint. A cutout made of it keeps the groups.
+    """Return a stacked drawing with each shape and all shapes on it in one group. Single shapes and the ground, given
+    by its paint, are in none. A cutout of the drawing keeps the groups.
     """
     holder = _holders(drawing, ground)
     sizes = Counter(holder)
@@ -87,10 +82,10 @@ def grouped_by_object(drawing: Drawing, ground: Paint | None) -> Drawing:
 
 
 def _in_groups(drawing: Drawing, keys: Sequence[Hashable], names: Sequence[str]) -> Drawing:
-    """The drawing with its shapes in groups of one key, in the order that leaves the picture as it is.
+    """Return the drawing with its shapes in groups of one key, in an order that does not change the picture.
 
-    A shape goes back to a group of its key unless a shape that touches it is in a later one; a cutout's go to the
-    first, since none of them touch but along edges. names: of the groups, by shape; further ones of a name get numbers.
+    A shape joins an earlier group of its key unless a shape that touches it is in a later group. In a cutout it joins
+    the first one, since shapes meet along edges only. names: of each shape's group; repeated names get numbers.
     """
     boxes = boxes_of(drawing.shapes).T.copy()
     groups: list[list[int]] = []
@@ -116,7 +111,7 @@ def _in_groups(drawing: Drawing, keys: Sequence[Hashable], names: Sequence[str])
 
 
 def boxes_of(shapes: Sequence[Shape]) -> np.ndarray:
-    """(n, 4) left, top, right and bottom of all control points of each shape."""
+    """Return (n, 4) left, top, right and bottom of the control points of each shape."""
     boxes = np.empty((len(shapes), 4))
     for row, shape in zip(boxes, shapes, strict=True):
         points = np.concatenate([outline.ring().cubics.reshape(-1, 2) for outline in shape.outlines])
@@ -125,21 +120,20 @@ def boxes_of(shapes: Sequence[Shape]) -> np.ndarray:
 
 
 def near_box(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(n,) bool: which boxes (4, n) are as near to a box (4,) as the margin."""
+    """Return (n,) bool, true for boxes (4, n) within _MARGIN of a box (4,)."""
     left, top, right, bottom = boxes
     low, high = box[:2] - _MARGIN, box[2:] + _MARGIN
     return np.asarray((left <= high[0]) & (right >= low[0]) & (top <= high[1]) & (bottom >= low[1]))
 
 
 def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
-    """The number of the outermost shape that each shape lies on or in, its own where there is none; none lies on the
-    ground.
+    """Return for each shape the number of the outermost shape that it lies on, its own if there is none.
 
-    A shape lies in a larger one if half of its outline does, holes of that one not counted.
+    A shape lies on a larger one if half of its outline lies within the other's outer outline. The ground holds none.
     """
     shapes = drawing.shapes
     boxes = boxes_of(shapes)
-    outer = [flattened(shape.outlines[0].ring(), _FLAT) for shape in shapes]
+    outer = [flattened(shape.outlines[0].ring(), 2.0) for shape in shapes]  # px between points
     areas = np.array([abs(signed_area(shape.outlines[0].ring())) for shape in shapes])
     if ground is not None:
         areas[0] = 0.0
@@ -152,8 +146,8 @@ def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
         x, y = (left[place] + right[place]) / 2.0, (top[place] + bottom[place]) / 2.0
         larger = slice(place)
         around = (left[larger] <= x) & (right[larger] >= x) & (top[larger] <= y) & (bottom[larger] >= y)
-        points = outer[index][:: max(1, len(outer[index]) // _SAMPLES)]
-        # The smallest that holds it first.
+        points = outer[index][:: max(1, len(outer[index]) // 32)]
+        # The smallest one first.
         for other in order[np.flatnonzero(around)[::-1]].tolist():
             if _share_within(points, outer[other]) >= 0.5:
                 holder[index] = holder[other]
@@ -162,7 +156,7 @@ def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
 
 
 def _share_within(points: np.ndarray, corners: np.ndarray) -> float:
-    """The share of points (n, 2) within a polygon (m, 2), by the even-odd rule."""
+    """Return the share of points (n, 2) within a polygon (m, 2), by the even-odd rule."""
     (x, y), after = points.T[..., None], np.roll(corners, -1, axis=0)
     spans = (corners[:, 1] <= y) != (after[:, 1] <= y)
     rise = np.where(after[:, 1] == corners[:, 1], 1.0, after[:, 1] - corners[:, 1])

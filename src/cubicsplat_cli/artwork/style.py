@@ -1,5 +1,5 @@
-"""Whether a picture is pixel art, flat artwork or a photo: by its cells, by how even it is, or by how much of it fills
-and gradients explain; and pictures of one colour, which nothing need be fitted to.
+"""Tell pixel art, flat artwork and photos apart: by cells, by evenness, or by the share in fills and gradients; and
+find pictures of one colour, which need no fit.
 """
 
 from __future__ import annotations
@@ -20,26 +20,23 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
-# Texture is where no pixel of a whole block is flat, which edges, three pixels wide, never fill.
-MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
-LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
-# Levels of difference that people hardly see, by which a JPEG's pixels may be off; and how wide colours are then. Share
-# of the pixels in common colours or gradients for a picture to be a drawing perhaps: 0.58 and 0.70 in two
-# illustrations, photos that have little texture at most 0.28; emoji with soft shading at most 0.40.
+# Texture consists of blocks without a flat pixel; edges, three pixels wide, never fill a block.
+MOST_TEXTURE = 0.14  # share of a drawing's pixels, outside of linear gradients
+LEAST_SHADED = 0.75  # share of a drawing's pixels in flat fills and gradients, if it has many colours
+# Levels of difference that people hardly see, and a JPEG's error; the width of a colour in levels under that error; the
+# least share of the pixels in common colours or gradients of a possible drawing: two illustrations have 0.58 and 0.70,
+# photos of little texture at most 0.28, emoji with soft shading at most 0.40.
 UNSEEN, COLOUR, LEAST_DOUBTFUL = 6.0, 8, 0.5
-_TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer side looked at for that
-# Px of the blocks looked at for paper; what these have of the lightest ones' light; by which tints, in shares of the
-# light, may differ; and share of the blocks that are such, where ink covers the others.
+# Paper: px of the blocks that are tested; their least light as a share of the lightest ones'; the most difference of
+# tints, in shares of the light; the least share of such blocks, since ink covers the others.
 PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
-_MOST_PIXELS = 2**20  # looked at
-# What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.
-_SPREAD = 2.0 / 255.0 + 1e-6
+_MOST_PIXELS = 2**20  # that are tested
 
 
 @record
 class Style:
-    """The style that suits a picture, and the measurement that says so. cells: of pixel art, None of all else.
-    doubtful: whether the other style may suit it as well.
+    """The style that suits a picture, and the measurement behind it. cells: of pixel art, else None. doubtful: the
+    other style may suit the picture as well.
     """
 
     name: str
@@ -49,7 +46,7 @@ class Style:
 
 
 def choose_style(target: np.ndarray) -> Style:
-    """The style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Large ones are sampled."""
+    """Return the style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Samples large ones."""
     cells = cells_of(target)
     if cells is not None:
         return Style(PIXEL, f"cells of {len(cells.colours)} colours", cells)
@@ -63,7 +60,7 @@ def choose_style(target: np.ndarray) -> Style:
         return _unless_soft(levels, drawn, reason)
     if _like_paper(levels) and _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
-    # In a steep gradient no pixel is flat, but colours change by straight lines.
+    # A steep gradient has no flat pixel, but its colours change linearly.
     change, straight = spread(levels, 3, 3), _straight(levels)
     if _texture((change > FLAT_RANGE) & ~straight, drawn) <= MOST_TEXTURE:
         shaded = _shaded(levels, drawn)
@@ -80,41 +77,41 @@ def choose_style(target: np.ndarray) -> Style:
 
 
 def _drawn(levels: np.ndarray) -> tuple[bool, str]:
-    """Whether neighbours in a picture (H, W, C) in 0..255 differ as in drawings, and what says so."""
+    """Return True if neighbours in a picture (H, W, C) in 0..255 differ as in drawings, and the measurement."""
     if max(levels.shape[:2]) > SMALL:
         is_even, shares = even(levels)
         return is_even, str(shares)
-    found = contrasts(levels)
-    return (True, f"all pixels {APART} px apart alike") if found is None else (found.drawn, str(found))
+    contrast = contrasts(levels)
+    return (True, f"all pixels {APART} px apart alike") if contrast is None else (contrast.drawn, str(contrast))
 
 
 def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
-    """Artwork; or a photo, where colours drift without an edge, which in a few px cannot be told."""
+    """Return artwork; or a photo if colours drift without edges, which small pictures cannot show."""
     if max(drawn.shape) <= SMALL:
         return Style(ARTWORK, reason)
     from cubicsplat_cli.artwork.input.softness import softness
 
-    found = softness(levels, drawn)
-    if found.drifts:
-        reason = f"{reason}, but colours drift across {100 * found.soft:.0f} % of it"
-        # A window with a soft shadow, say, is even for the most part; and a logo may be one gradient beside another.
-        even = 2.0 * found.soft < found.ground + found.even
-        return Style(PHOTO, reason, doubtful=even or _shaded(levels, drawn) >= LEAST_DOUBTFUL)
-    return Style(ARTWORK, reason)
+    areas = softness(levels, drawn)
+    if not areas.drifts:
+        return Style(ARTWORK, reason)
+    reason = f"{reason}, but colours drift across {100 * areas.soft:.0f} % of it"
+    # A window with a soft shadow is mostly even, and a logo may consist of gradients.
+    even = 2.0 * areas.soft < areas.ground + areas.even
+    return Style(PHOTO, reason, doubtful=even or _shaded(levels, drawn) >= LEAST_DOUBTFUL)
 
 
 def _like_paper(levels: np.ndarray) -> bool:
-    """Whether most of a picture may be paper: light, and of one tint. In numpy alone, as most photos are not."""
+    """True if most of a picture may be paper, light and of one tint. A quick test, since most photos are not."""
     blocks = in_blocks(levels[..., :3], min(PAPER_BLOCK, *levels.shape[:2])).mean((2, 3)).reshape(-1, 3)
     light = blocks.mean(axis=1)
     bright = light >= LEAST_LIGHT * np.percentile(light, 90)
     tints = blocks / np.maximum(light, 1.0)[:, None]
-    of_tint = np.abs(tints - np.median(tints[bright], axis=0)).max(axis=1) <= SAME_TINT
-    return bool((bright & of_tint).mean() >= LEAST_PAPER)
+    same_tint = np.abs(tints - np.median(tints[bright], axis=0)).max(axis=1) <= SAME_TINT
+    return bool((bright & same_tint).mean() >= LEAST_PAPER)
 
 
 def _scanned(target: np.ndarray) -> bool:
-    """Whether a picture, every so many px of it, is a scan."""
+    """True if a picture, sampled evenly, is a scan."""
     from cubicsplat_cli.artwork.input.paper import scan_of
     from cubicsplat_cli.artwork.input.prepare import as_levels
 
@@ -123,7 +120,7 @@ def _scanned(target: np.ndarray) -> bool:
 
 
 def _sampled(target: np.ndarray) -> np.ndarray:
-    """The picture, or bands of its rows, evenly spread, of about as many pixels as are looked at."""
+    """Return a picture of at most about _MOST_PIXELS, else evenly spread bands of its rows."""
     height, width = target.shape[:2]
     if height * width <= _MOST_PIXELS:
         return target
@@ -133,7 +130,7 @@ def _sampled(target: np.ndarray) -> np.ndarray:
 
 
 def _straight(levels: np.ndarray) -> np.ndarray:
-    """(H, W) bool: across the pixel colours change by straight lines, along rows and columns."""
+    """Return (H, W) bool, true for pixels around which colours change linearly, along rows and columns."""
     around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     across = largest(np.abs(around[1:-1, :-2] - 2.0 * levels + around[1:-1, 2:]))
     down = largest(np.abs(around[:-2, 1:-1] - 2.0 * levels + around[2:, 1:-1]))
@@ -141,8 +138,8 @@ def _straight(levels: np.ndarray) -> np.ndarray:
 
 
 def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
-    """Share of the drawn pixels (H, W) bool in blocks of which all pixels are `rough` (H, W) bool; blocks of 7 px,
-    smaller in small pictures, and no larger than the picture.
+    """Return the share of the drawn pixels (H, W) bool in blocks of `rough` pixels (H, W) bool only. Blocks have 7 px a
+    side, less in small pictures.
     """
     longer = max(rough.shape)
     block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *(side - 1 + side % 2 for side in rough.shape))
@@ -151,19 +148,18 @@ def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
 
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
-    """Share of the drawn pixels that are flat, in one of the commonest colours, or explained by a gradient."""
+    """Return the share of the drawn pixels that are flat in one of the commonest colours, or in a gradient."""
     from cubicsplat_cli.artwork.input.softness import in_gradients
 
-    step = 1 + max(levels.shape[:2]) // _SIDE
+    step = 1 + max(levels.shape[:2]) // 600  # px of the longer side, about
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
-    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1)
-    explained |= in_gradients(levels, _TRIES)
+    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | in_gradients(levels, 16)  # tries
     return float((explained & drawn).sum() / drawn.sum())
 
 
 def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR) -> np.ndarray:
-    """(H, W) bool: pixels of a picture that are in one of the commonest colours, each so many levels wide, and differ
-    from those around them by at most `flat` levels.
+    """Return (H, W) bool, true for pixels in one of the commonest colours, each `width` levels wide, that differ from
+    their neighbours by at most `flat` levels.
     """
     code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
@@ -172,13 +168,14 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
 
 
 def only_fill(picture: Picture) -> Rgba | None:
-    """The colour of every pixel, (0, 0, 0, 0) where all are transparent; None where there are several.
+    """Return the only colour of a picture, (0, 0, 0, 0) if all pixels are clear; None if it has several.
 
-    Colours that are all but the same count as their mean; opacities must be the same.
+    Nearly equal colours count as their mean; opacities must be equal.
     """
     if picture.alpha is not None and _mean(picture.alpha[..., None], 0.0) is None:
         return None
-    colour = _mean(picture.rgb, _SPREAD)
+    # A JPEG of one colour with a trace of noise varies by two steps of 8 bits, which nobody sees.
+    colour = _mean(picture.rgb, 2.0 / 255.0 + 1e-6)
     if colour is None:
         return None
     red, green, blue = (round(255 * value) for value in colour)
@@ -186,10 +183,10 @@ def only_fill(picture: Picture) -> Rgba | None:
 
 
 def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
-    """The mean of each channel of (H, W, C); None where one's values lie further apart than `spread`."""
+    """Return the mean of each channel of (H, W, C); None if a channel's values lie further apart than `spread`."""
     least = most = plane[0, 0]
     total = np.zeros(plane.shape[2])
-    # Most pictures are known by their first rows.
+    # The first rows of most pictures suffice.
     for top in range(0, plane.shape[0], ROWS):
         part = plane[top : top + ROWS]
         least, most = np.minimum(least, part.min((0, 1))), np.maximum(most, part.max((0, 1)))
@@ -200,5 +197,5 @@ def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
 
 
 def plain_drawing(fill: Rgba, width: int, height: int) -> Drawing:
-    """A rectangle of one fill over the whole canvas; nothing where the fill is transparent."""
+    """Return a rectangle of one fill over the whole canvas; an empty drawing if the fill is transparent."""
     return Drawing(width, height, (ground_shape(fill, width, height),) if fill[3] else ())

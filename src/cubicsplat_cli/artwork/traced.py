@@ -1,14 +1,15 @@
 """From the parts of a plan to shapes with outlines, traced in the pixels or in several steps a pixel.
 
-Thin parts of pictures without anti-aliasing, as letters of small text, are known to half a px, which is half of what
-they are. Where an outline leaves a pixel of one out, or goes where none is, its pixels are drawn instead.
+Outlines of thin parts in pictures without anti-aliasing, such as small letters, are uncertain by half a px, half of
+their width. If an outline misses or adds a pixel of such a part, its pixels are drawn instead (`with_pixels`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from cubicsplat_cli.artwork.geometry.outlines import Outline, pieces_of_rings, p
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all
 from cubicsplat_cli.artwork.layers.extents import Extent
-from cubicsplat_cli.artwork.layers.translucent import TranslucentPart
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS
 from cubicsplat_cli.artwork.plan import Plan, planned
 from cubicsplat_cli.artwork.regions.fills import PURE, eight_bit
@@ -35,61 +35,56 @@ from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_labels, near_fills
 
-# Misfit of a pixel that no outline leaves which is where it should be; share of the blends with it in letters and thin
-# lines, not in larger shapes; times as many regions, beyond which a picture falls to pieces. Share of the error that is
-# left where a finer drawing is worth its pieces; px^2 of its least region, half a pixel.
+# The misfit of a pixel whose outline must be wrong; the share of blends with it in letters and thin lines, which larger
+# shapes never reach; how many times the regions a finer picture may have before it falls to pieces; the share of the
+# error at which a finer drawing is worth its pieces; the px^2 of its least region, half a pixel.
 FAR_OFF, LETTERS, MORE, LEFT, LEAST_AREA = 0.3**2, 0.1, 4, 0.4, 0.5
-# Steps a pixel each way, as many as hardly any program takes more samples; fewer where there would be more than
-# MOST_STEPS in all, for their memory.
+# Steps a pixel each way: hardly any program takes more samples. There are fewer if all would be more than MOST_STEPS,
+# for their memory.
 STEPS, MOST_STEPS = 4, 10_000_000
-# Times the error of pixels that a fill which is not near must explain one better than those that are.
+# A fill that is not near must explain a pixel better than the near ones by so many times the pixel's error.
 FARTHER = 4.0
-# Share of a pixel that a line may be off: one that runs through the pixel's middle covers half of it and more.
-# In a letter of fewer than 50 px one that is off more counts, in a long line several.
+# The share of a pixel by which a line's coverage may be off (a line through the middle covers half and more), and the
+# share of a part's pixels that may be off by more: none of a letter below 50 px, several of a long line.
 MOST_OFF, FEW_OFF = 0.75, 0.02
 
 
 def traced(
-    parts: list[TranslucentPart],
-    canvas: tuple[int, int],
-    settings: ArtworkSettings,
-    flat: Flattened,
-    finer: float = 1.0,
-    steps: int = 1,
+    plan: Plan, settings: ArtworkSettings, flat: Flattened, finer: float = 1.0, steps: int = 1
 ) -> tuple[Shape, ...]:
-    """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px;
-    finer: times the detail; steps: a pixel each way, in which the parts are.
+    """Return the parts of a plan as shapes with fitted outlines; polygons if the time is up. finer: a factor of the
+    detail. steps: of the plan's picture, a pixel each way.
     """
+    parts, canvas = plan.parts, plan.levels.shape[:2]
     detail, completed, sought = finer * settings.detail, settings.completion == ON, len(parts) <= MOST_COMPLETED
-    extents, canvas_in_steps = [part.extent for part in parts], (canvas[0] * steps, canvas[1] * steps)
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
         work().at("fitting outlines", 0.25)
-        for outlines in outlines_of_all(extents, canvas_in_steps, detail, completed, sought, steps):
+        for outlines in outlines_of_all([part.extent for part in parts], canvas, detail, completed, sought, steps):
             fitted.append(outlines)
             work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
-    shapes = [_shape(part, outlines, canvas, flat, steps) for part, outlines in zip(parts, fitted, strict=False)]
-    return (*shapes, *polygons(parts[len(fitted) :], canvas, flat, steps))
+    return polygons(plan, flat, steps, fitted)
 
 
 def polygons(
-    parts: list[TranslucentPart], canvas: tuple[int, int], flat: Flattened, steps: int = 1
+    plan: Plan, flat: Flattened, steps: int = 1, fitted: Sequence[tuple[Outline, ...]] = ()
 ) -> tuple[Shape, ...]:
-    """The parts as polygons of few lines, in a thousandth of the time; arguments as of `traced`."""
-    few = [tuple(few_lines(contour.points) for contour in part.extent.contours) for part in parts]
-    return tuple(_shape(part, outlines, canvas, flat, steps) for part, outlines in zip(parts, few, strict=True))
-
-
-def _shape(
-    part: TranslucentPart, outlines: tuple[Outline, ...], canvas: tuple[int, int], flat: Flattened, steps: int
-) -> Shape:
-    outlines = tuple(scaled_outline(outline, 1.0 / steps, 1.0 / steps) for outline in outlines)
-    fill = eight_bit(part.fill)
-    return Shape(fill, outlines, shape_name(fill, outlines, canvas[1], canvas[0]), flat.gradient(part.fill))
+    """Return the parts of a plan as shapes: the first ones with their fitted outlines, the others as polygons of few
+    lines, which take a thousandth of the time. Other parameters as of `traced`.
+    """
+    height, width = plan.levels.shape[:2]
+    few = (tuple(few_lines(contour.points) for contour in part.extent.contours) for part in plan.parts[len(fitted) :])
+    shapes = []
+    for part, outlines in zip(plan.parts, chain(fitted, few), strict=True):
+        outlines = tuple(scaled_outline(outline, 1.0 / steps, 1.0 / steps) for outline in outlines)
+        fill = eight_bit(part.fill)
+        name = shape_name(fill, outlines, width // steps, height // steps)
+        shapes.append(Shape(fill, outlines, name, flat.gradient(part.fill)))
+    return tuple(shapes)
 
 
 def length(shapes: tuple[Shape, ...]) -> float:
-    """Of the description of shapes, in parameters."""
+    """Return the length of the description of shapes, in parameters."""
     return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
 
 
@@ -102,11 +97,11 @@ def or_finer(
     placeholders: np.ndarray | None,
     error: float,
 ) -> tuple[Drawing, State | None]:
-    """A drawing as it was traced; or, where it is far off in many of the blends of its fills, as small letters and thin
-    lines are, the one that is traced in several steps a pixel, if that is much nearer. And its state, if it was drawn.
+    """Return a traced drawing, or one traced in several steps a pixel if that is much nearer; and its state, if known.
 
-    plan: of the drawing, with the picture in which to look closer. settings: with areas in its px. placeholders: as of
-    `planned`. error: in levels, of the picture's pixels beyond their rounding.
+    The finer one is tried if many blends of fills are far off, as in small letters and thin lines. plan: of the
+    drawing, with the picture for the finer one. settings: with areas in px of that. placeholders: as of `planned`.
+    error: in levels, of the picture's pixels beyond their rounding.
     """
     height, width = drawing.height, drawing.width
     steps = steps_of(height, width)
@@ -122,28 +117,26 @@ def or_finer(
     if finer is None:
         return drawing, state
     closer = replace(settings, min_area=max(settings.min_area, LEAST_AREA) * steps**2)
-    parts = planned(finer, closer, 1, 0.0, placeholders, ONE_SAMPLE).parts
-    other = Drawing(width, height, traced(parts, (height, width), settings, flat, float(steps), steps))
+    plan = planned(finer, closer, 1, 0.0, placeholders, ONE_SAMPLE)
+    other = Drawing(width, height, traced(plan, settings, flat, float(steps), steps))
     nearer = begin(other, goal)
     return (other, nearer) if nearer.value < LEFT * state.value else (drawing, state)
 
 
 def steps_of(height: int, width: int) -> int:
-    """Steps a pixel each way of a picture; 1 where it has too many pixels for more."""
+    """Return the steps a pixel each way for a picture; 1 if it has too many pixels for more."""
     return max(1, min(STEPS, math.isqrt(MOST_STEPS // (height * width))))
 
 
 def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, most: int) -> FlatPicture | None:
-    """A picture (H, W, 4) in levels as one of so many steps a pixel each way, each of them a fill, or on an edge; None
-    where it falls to more than `most` regions.
-
-    error: in levels, of its pixels.
+    """Return a picture (H, W, 4) in levels with so many steps a pixel each way, each in one fill or on an edge; None if
+    it has more than `most` regions. error: of its pixels, in levels.
     """
     first = np.maximum(fills.pure, 0)
     second, share = first.copy(), np.zeros(first.shape, np.float32)
     y, x = np.nonzero(fills.pure < 0)
     near = near_fills(fills.pure, y, x, REACH)
-    # Where nothing is pure, all that is known is what the pixel has most of.
+    # Without a pure pixel near, only the main fill of a pixel is known.
     near[:, 0] = np.where(near[:, 0] < 0, fills.fills[y, x], near[:, 0])
     parts, _ = components((fills.pure < 0).astype(np.int32) - 1)
     pairs = blend_pairs(levels[y, x], parts[y, x], fills.palette, near, FARTHER * error)
@@ -153,16 +146,16 @@ def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, mo
 
 
 def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
-    """The drawing of a plan's parts, one shape each, in their order, with the pixels of thin parts that it misses."""
+    """Return the drawing of a plan's parts, one shape each in their order, with pixels in place of wrong outlines."""
     pairs = zip(drawing.shapes, plan.parts, strict=True)
     shapes = [_of_pixels(shape, part.extent, plan.levels, part.fill) for shape, part in pairs]
     return replace(drawing, shapes=tuple(shapes))
 
 
 def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarray) -> Shape:
-    """The shape of an extent, or its pixels in a picture (H, W, 4) of such a fill (4,), both in levels."""
+    """Return the shape of an extent; if its outline is wrong, the pixels in its fill (4,) of a picture (H, W, 4)."""
     around = ndimage.binary_dilation(extent.shown, ndimage.SQUARE) & ~extent.shown
-    # Pixels would leave gaps to smooth outlines of what lies above.
+    # Not in wide parts, nor below other shapes: there pixels would leave gaps to smooth outlines.
     if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any() or (around & extent.allowed).any():
         return shape
     height, width = extent.shown.shape
@@ -176,7 +169,7 @@ def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarra
 
 
 def _along_pixels(own: np.ndarray, corner: np.ndarray) -> Iterator[Outline]:
-    """The outlines of pixels (h, w) bool in a window with such a corner x, y."""
+    """Yield the outlines of pixels (h, w) bool in a window with the corner (x, y)."""
     for inside, cracks, _ in border_map(own.astype(np.int32)).loops:
         if inside:
             yield polygon(cracks[cracks[:, 2] != np.roll(cracks[:, 2], 1), :2] + corner.astype(float))

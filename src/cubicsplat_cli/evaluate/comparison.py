@@ -1,4 +1,4 @@
-"""One candidate, an SVG or a picture, compared with its reference: what `cubicsplat eval` reports."""
+"""Compare a candidate, an SVG or a picture, with its reference: the figures of `cubicsplat eval`."""
 
 from __future__ import annotations
 
@@ -17,22 +17,17 @@ from cubicsplat_cli.metrics import Input, Quality, gap_db
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE
 
-# Half a percent: what rounding to whole pixels does to a small picture's shape is no mistake of the user.
-_ASPECT_TOLERANCE = 0.005
-# Edges per cubic of the engine's picture at its native size (S* of the exact finish).
-ENGINE_SAMPLES = 48
-
 
 @record
 class Change:
-    """One renderer's quality at native size and after drawing several times as large and averaging back."""
+    """A renderer's quality at native size, and several times as large, averaged back."""
 
     native: Quality
     scaled: Quality
 
     @property
     def change_db(self) -> float | None:
-        """Scaled minus native PSNR; None when either picture is identical to the reference."""
+        """Return the scaled minus the native PSNR; None if either picture is identical to the reference."""
         return gap_db(self.native, self.scaled)
 
     def public(self) -> dict[str, Any]:
@@ -41,7 +36,7 @@ class Change:
 
 @record
 class ScaleFigures:
-    """Scale consistency: of the file, and of the engine where the file is one of ours (else None)."""
+    """Scale consistency of the file and, if the file is one of ours, of the engine."""
 
     factor: int
     file: Change
@@ -50,7 +45,7 @@ class ScaleFigures:
 
 @record
 class ComparedFile:
-    """The file that is compared with the reference. renderer: draws it if it is an SVG, None for a picture."""
+    """The file that is compared with the reference. renderer: the one that drew an SVG; None for a picture."""
 
     path: str
     data: bytes
@@ -71,11 +66,11 @@ class Comparison:
     quality: Quality
     scale: ScaleFigures | None = None
     notes: list[str] = field(default_factory=list)
-    measures: dict[str, float | None] = field(default_factory=dict)  # further ones, by their names in reports
+    measures: dict[str, float | None] = field(default_factory=dict)  # further metrics, by their names in reports
 
     def public(self) -> dict[str, Any]:
-        """The members of the JSON report that are about this pair, for `report.plain`."""
-        picture, candidate = self.reference, self.candidate
+        """Return the members of the JSON report on this pair, for `metrics.plain`."""
+        picture, candidate, scale = self.reference, self.candidate, self.scale
         members: dict[str, Any] = {
             "reference": Input(
                 self.reference_path, picture.sha256, picture.width, picture.height, picture.alpha is not None
@@ -90,70 +85,57 @@ class Comparison:
         }
         if self.measures:
             members["measures"] = self.measures
-        if self.scale is not None:
-            members["scale"] = self._scale_fields(self.scale)
+        if scale is not None:
+            members["scale"] = {
+                "factor": scale.factor,
+                "width": picture.width * scale.factor,
+                "height": picture.height * scale.factor,
+                "svg": scale.file.public(),
+                "engine": None if scale.engine is None else scale.engine.public(),
+            }
         return members | {"notes": list(self.notes)}
-
-    def _scale_fields(self, scale: ScaleFigures) -> dict[str, Any]:
-        return {
-            "factor": scale.factor,
-            "width": self.reference.width * scale.factor,
-            "height": self.reference.height * scale.factor,
-            "svg": scale.file.public(),
-            "engine": None if scale.engine is None else scale.engine.public(),
-        }
 
 
 def compare_with(
-    reference: Picture,
-    reference_path: str,
-    data: bytes,
-    candidate_path: str,
-    *,
-    is_svg: bool,
-    renderer: str = "auto",
-    max_pixels: int = MAX_PIXELS,
-    scale: int | None = None,
-    threads: int | None = None,
-    measures: Sequence[str] = (),
-) -> Comparison:
+    reference: Picture, reference_path: str, data: bytes, candidate_path: str, *, is_svg: bool, renderer: str = "auto",
+    max_pixels: int = MAX_PIXELS, scale: int | None = None, threads: int | None = None, measures: Sequence[str] = (),
+) -> Comparison:  # fmt: skip
     """Compare the bytes of an SVG (drawn at the reference's size) or of a picture with the reference.
 
-    scale: 1..12, for an SVG: also draw it that many times as large. measures: further ones (`further`). Raises
-    InputError for a candidate that cannot be used, UsageError for a senseless scale or one asked of a picture,
-    EngineError where no renderer works, or what a measure needs is missing.
+    scale: 1..12, for an SVG: also draw it that many times as large. measures: names of further metrics (`further`).
+    Raises InputError for an unusable candidate, UsageError for a senseless scale or a picture with a scale, EngineError
+    if no renderer works, or a metric misses a package.
     """
     notes = [f"{reference.source}: {note}" for note in reference.notes]
     if scale is not None:
         SCALE.check("scale", scale)
-    if not is_svg:
-        if scale is not None:
+        if not is_svg:
             raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
+    drawn_by, figures = None, None
+    if is_svg:
+        drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
+        pixels, drawn_by, quality = drawn.pixels, drawn.renderer, compare(reference, drawn.pixels)
+    else:
         picture = load_picture(data, name=candidate_path, max_pixels=max_pixels, smaller="compare smaller copies")
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
-        quality = compare_premultiplied(reference, picture.target())
-        further_figures = further(reference, straight_rgba(picture), measures) if measures else {}
-        candidate = ComparedFile(candidate_path, data, None)
-        return Comparison(reference, reference_path, candidate, quality, notes=notes, measures=further_figures)
-    drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
-    quality, further_figures = compare(reference, drawn.pixels), further(reference, drawn.pixels, measures)
-    figures = None
+        pixels, quality = straight_rgba(picture), compare_premultiplied(reference, picture.target())
+    further_figures = further(reference, pixels, measures)
     if scale is not None:
-        large = downsampled_svg(
-            data, reference.width, reference.height, scale, source=candidate_path, renderer=renderer
-        )
+        size = reference.width, reference.height
+        large = downsampled_svg(data, *size, scale, source=candidate_path, renderer=renderer)
         file = Change(quality, compare_premultiplied(reference, large.pixels))
         figures = ScaleFigures(scale, file, _engine(reference, data, candidate_path, scale, threads, notes))
-    candidate = ComparedFile(candidate_path, data, drawn.renderer)
+    candidate = ComparedFile(candidate_path, data, drawn_by)
     return Comparison(reference, reference_path, candidate, quality, figures, notes, further_figures)
 
 
 def _draw_svg(reference: Picture, data: bytes, source: str, renderer: str, notes: list[str]) -> Rendered:
-    """An SVG drawn at the reference's size; may add to `notes`."""
+    """Draw an SVG at the reference's size; may add to `notes`."""
     rendered, size = rerender_untrusted(
         data, source=source, width=reference.width, height=reference.height, renderer=renderer
     )
-    if abs(size.width * reference.height / (size.height * reference.width) - 1.0) > _ASPECT_TOLERANCE:
+    # Half a percent: the rounding of a small picture's sides to whole pixels is no mistake of the user.
+    if abs(size.width * reference.height / (size.height * reference.width) - 1.0) > 0.005:
         notes.append(
             f"{source}: its shape, {size.width:g} x {size.height:g}, is not that of the reference, "
             f"{reference.width} x {reference.height}; it is centred and leaves borders"
@@ -166,7 +148,7 @@ def _draw_svg(reference: Picture, data: bytes, source: str, renderer: str, notes
 def _engine(
     reference: Picture, data: bytes, source: str, scale: int, threads: int | None, notes: list[str]
 ) -> Change | None:
-    """The engine's figures where the file is one of ours at the reference's size; else None and a note."""
+    """Return the engine's figures if the file is one of ours at the reference's size; else None and a note."""
     from cubicsplat_cli.svg.scene_reader import read_svg
 
     try:
@@ -177,8 +159,6 @@ def _engine(
     if (scene.width, scene.height) != (reference.width, reference.height):
         notes.append(f"{source}: no figures of the engine, because its size is not that of the reference")
         return None
-    qualities = (
-        compare_premultiplied(reference, downsampled_scene(scene, factor, samples=ENGINE_SAMPLES, threads=threads))
-        for factor in (1, scale)
-    )
-    return Change(*qualities)
+    # At its native size the engine's picture has as many edges per cubic as in the exact finish.
+    pictures = (downsampled_scene(scene, factor, samples=48, threads=threads) for factor in (1, scale))
+    return Change(*(compare_premultiplied(reference, picture) for picture in pictures))

@@ -1,4 +1,4 @@
-"""Draws SVG bytes with an independent renderer: cairosvg, or resvg where the system has no libcairo."""
+"""Draw SVG bytes with an independent renderer: cairosvg, or resvg on systems without libcairo."""
 
 from __future__ import annotations
 
@@ -34,12 +34,9 @@ if TYPE_CHECKING:
 MAX_SIDE = 32_767
 MAX_RENDER_PIXELS = 2**28
 RENDERERS = ("cairosvg", "resvg")
-# Where red, green, blue and alpha are in a pixel as cairo has it: a native 32-bit number, alpha first.
+# The places of red, green, blue and alpha in cairo's pixel, a native 32-bit number with alpha first.
 RGBA = [2, 1, 0, 3] if sys.byteorder == "little" else [1, 2, 3, 0]
-_STRIP_PIXELS = 2**18
-
 _PACKAGES = {"cairosvg": "cairosvg", "resvg": "resvg_py"}
-CACHE = "cairo"  # kind of what is kept on disk
 DECLARATIONS = "cairocffi.ffi"  # the module that parses cairo's header
 
 
@@ -47,8 +44,8 @@ DECLARATIONS = "cairocffi.ffi"  # the module that parses cairo's header
 class Rendered:
     """A drawn SVG.
 
-    pixels: (H, W, 4) uint8 straight RGBA, transparent where nothing was drawn. renderer: name and version.
-    note: what the user should know about the choice of the renderer, or None.
+    pixels: (H, W, 4) uint8 straight RGBA, on a transparent ground. renderer: name and version. note: a sentence for the
+    user about the choice of the renderer, or None.
     """
 
     pixels: np.ndarray
@@ -57,80 +54,74 @@ class Rendered:
 
 
 def available_renderers() -> dict[str, tuple[str | None, str | None]]:
-    """Of every known renderer, in the order of preference, the version; where it cannot be imported None, and the
-    problem with what to do.
+    """Return (version, None) of each renderer in the order of preference; (None, problem and remedy) if its import
+    fails.
     """
     loaded = {name: _load(name) for name in RENDERERS}
-    return {
-        name: (None if module is None else module.__version__, problem) for name, (module, problem) in loaded.items()
-    }
+    return {name: (getattr(module, "__version__", None), problem) for name, (module, problem) in loaded.items()}
 
 
 def rerender(svg: bytes, width: int, height: int, *, renderer: str = "auto", source: str = "the SVG") -> Rendered:
-    """Draw SVG bytes that this package made at width x height px, transparent background kept.
+    """Draw SVG bytes that this package made at width x height px, on a transparent ground.
 
-    source: the file's name for messages. renderer: "cairosvg", "resvg", or "auto" for the first that works; a fallback
-    is named in `Rendered.note`. Raises UsageError for another name, InputError for an impossible size or bytes that
-    cannot be drawn, EngineError when the renderer (or, for auto, every renderer) is missing.
+    source: the name for messages. renderer: "cairosvg", "resvg", or "auto" for the first that works; a note tells
+    of a fallback. Raises UsageError for another name, InputError for an impossible size or bytes that cannot be drawn,
+    EngineError if the renderer (or, for auto, every renderer) is missing.
     """
-    _check_size(width, height)
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE) or width * height > MAX_RENDER_PIXELS:
+        raise InputError(
+            f"a picture of {width} x {height} px cannot be drawn: at most {MAX_SIDE} px a side and "
+            f"{MAX_RENDER_PIXELS / 1e6:.0f} megapixels; choose a smaller scale"
+        )
     module, name, note = choose_renderer(renderer)
     with drawing_with(name, source):
         if name == "cairosvg":
             pixels = _straight(draw_by_cairo(module, svg, width, height))
         else:
-            pixels = draw_by_resvg(module, svg.decode("utf-8"), width, height)
-    return Rendered(_centred(pixels, width, height), full_name(module, name), note)
+            pixels = _centred(draw_by_resvg(module, svg.decode("utf-8"), width, height), width, height)
+    return Rendered(pixels, full_name(module, name), note)
 
 
 @contextmanager
 def drawing_with(name: str, source: str) -> Iterator[None]:
-    """Turns whatever a renderer raises into one InputError that names the file."""
+    """Turn any error of a renderer into one InputError that names the file."""
     try:
         yield
     except (KeyboardInterrupt, SystemExit, MemoryError):
         raise
-    except BaseException as error:  # as which resvg's panics come
-        # Both renderers answer an SVG they cannot draw with nearly any exception; the file is what is wrong.
+    except BaseException as error:  # resvg's panics are no Exceptions
+        # Both renderers raise nearly any exception for an SVG that they cannot draw; the fault is the file's.
         reason = _reason(error, name)
         said = f" ({reason})" if reason else ""
         raise InputError(f"{source}: {name} cannot draw it{said}; check the file in a viewer") from error
 
 
 def _reason(error: BaseException, name: str) -> str:
-    """The complaint of a renderer without what only Python programmers understand; may be empty."""
+    """Return a renderer's complaint in words for users, maybe none."""
     text = one_line(error)
     if isinstance(error, UnicodeError):
         return "it is not UTF-8"
     if match := re.search(r"could not convert string to float: (.*)", text) or re.search(r"b'(.*)'$", text):
         return f"{match[1]} is no number" if "float" in text else match[1]
-    # resvg's own sentences, and those of the XML parser; cairosvg has none, and fails as any program does.
-    return (
-        text
-        if (name == "resvg" and isinstance(error, ValueError)) or isinstance(error, (InputError, SyntaxError))
-        else ""
-    )
+    # The sentences of resvg and of the XML parser are clear; cairosvg fails with any exception of Python.
+    clear = isinstance(error, (InputError, SyntaxError)) or (name == "resvg" and isinstance(error, ValueError))
+    return text if clear else ""
 
 
 def full_name(module: ModuleType, name: str) -> str:
-    """Package and version of a renderer, as reports name it."""
+    """Return the package and version of a renderer, as reports name it."""
     return f"{_PACKAGES[name]} {module.__version__}"
 
 
 def rerender_untrusted(
-    svg: bytes,
-    *,
-    source: str,
-    width: int | None = None,
-    height: int | None = None,
-    scale: float = 1.0,
+    svg: bytes, *, source: str, width: int | None = None, height: int | None = None, scale: float = 1.0,
     renderer: str = "auto",
-) -> tuple[Rendered, SvgSize]:
-    """Draw an SVG of unknown origin after `check_untrusted`, at width x height, at one of these and the other by its
-    shape, or at its own size times `scale`.
+) -> tuple[Rendered, SvgSize]:  # fmt: skip
+    """Draw an SVG of unknown origin after `check_untrusted`: at width x height, or at one of these with the other by
+    its shape, or at its own size times `scale`.
 
-    Returns the picture and the natural size: of an SVG that says none width x height, where both are given. An SVG of
-    another shape than width x height is centred, as viewers do. Raises what `check_untrusted` and `rerender` raise;
+    Returns the picture and the natural size, which is width x height for an SVG without a size if both are given. An
+    SVG of another shape is centred, as in viewers. Raises the errors of `check_untrusted` and `rerender`, and
     UsageError for a scale that is not positive and finite.
     """
     svg, size, drawn = checked(svg, source, width, height, scale)
@@ -141,9 +132,9 @@ def rerender_untrusted(
 def checked(
     svg: bytes, source: str, width: float | None = None, height: float | None = None, scale: float = 1.0
 ) -> tuple[bytes, SvgSize, SvgSize]:
-    """An SVG of unknown origin that says its size, after `check_untrusted`; that size, and the one to draw it at.
+    """Check an SVG of unknown origin; return it with a size, that size, and the size to draw it at.
 
-    width, height, scale, errors: see `rerender_untrusted`.
+    Parameters and errors are those of `rerender_untrusted`.
     """
     from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
 
@@ -158,7 +149,7 @@ def checked(
 
 
 def install_hint() -> str:
-    """The command that installs the system's libcairo on this kind of system."""
+    """Return the command that installs libcairo on this system."""
     if sys.platform == "darwin":
         return "brew install cairo"
     if sys.platform == "win32":
@@ -166,37 +157,25 @@ def install_hint() -> str:
     return "apt-get install libcairo2"
 
 
-def _check_size(width: int, height: int) -> None:
-    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE) or width * height > MAX_RENDER_PIXELS:
-        raise InputError(
-            f"a picture of {width} x {height} px cannot be drawn: at most {MAX_SIDE} px a side and "
-            f"{MAX_RENDER_PIXELS / 1e6:.0f} megapixels; choose a smaller scale"
-        )
-
-
 def choose_renderer(renderer: str = "auto") -> tuple[ModuleType, str, str | None]:
-    """The module to draw with, its renderer name, and the note when it is not the preferred one.
+    """Return the module to draw with, the renderer's name, and a note if it is not the preferred one.
 
-    Raises UsageError for an unknown name, EngineError where the renderer (for auto: every renderer) is missing.
+    Raises UsageError for an unknown name, EngineError if the renderer (for auto: every renderer) is missing.
     """
-    if renderer != "auto":
-        if renderer not in RENDERERS:
-            raise UsageError(f"renderer must be one of {', '.join(RENDERERS)}, not {renderer!r}")
-        module, problem = _load(renderer)
-        if module is None:
-            raise EngineError(f"the renderer {renderer} is not available: {problem}")
-        return module, renderer, None
+    if renderer not in ("auto", *RENDERERS):
+        raise UsageError(f"renderer must be one of {', '.join(RENDERERS)}, not {renderer!r}")
     problems: list[str] = []
-    for name in RENDERERS:
+    for name in RENDERERS if renderer == "auto" else (renderer,):
         module, problem = _load(name)
         if module is not None:
             return module, name, f"drawn by {name}: {'; '.join(problems)}" if problems else None
         problems.append(problem or "")
-    raise EngineError(f"no SVG renderer is available: {'; '.join(problems)}")
+    missing = "no SVG renderer is" if renderer == "auto" else f"the renderer {renderer} is not"
+    raise EngineError(f"{missing} available: {'; '.join(problems)}")
 
 
 def _load(name: str) -> tuple[ModuleType | None, str | None]:
-    """Import a renderer; where that fails, the problem and its remedy instead."""
+    """Import a renderer, or return the problem and its remedy."""
     try:
         return import_cairosvg() if name == "cairosvg" else importlib.import_module(_PACKAGES[name]), None
     except OSError as error:
@@ -208,19 +187,19 @@ def _load(name: str) -> tuple[ModuleType | None, str | None]:
 
 
 def draw_by_resvg(module: ModuleType, svg: str, width: int, height: int) -> np.ndarray:
-    """(h, w, 4) uint8 straight RGBA: an SVG's text drawn within width x height px. Raises whatever resvg raises."""
+    """Draw an SVG's text within width x height px, (h, w, 4) uint8 straight RGBA. Raises any error of resvg."""
     from PIL.PngImagePlugin import PngImageFile
 
-    # Our own files hold no text; finding the system's fonts would take longer than drawing.
-    fonts = "<text" not in svg
-    png = module.svg_to_bytes(svg_string=svg, width=width, height=height, skip_system_fonts=fonts, dpi=96)
-    # Pillow's size limit guards against files of others; this one was drawn here at a checked size.
+    # Our own files hold no text, and the search for fonts would take longer than drawing.
+    no_fonts = "<text" not in svg
+    png = module.svg_to_bytes(svg_string=svg, width=width, height=height, skip_system_fonts=no_fonts, dpi=96)
+    # Pillow's size limit guards against foreign files; this one has a checked size.
     with PngImageFile(io.BytesIO(bytes(png))) as image:
         return np.asarray(image.convert("RGBA"))
 
 
 def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """resvg keeps the SVG's shape and gives a smaller picture; centre it as viewBox does (xMidYMid meet)."""
+    """Centre a picture of resvg, which keeps the SVG's shape, in width x height px, as viewers do (xMidYMid meet)."""
     drawn_height, drawn_width = pixels.shape[:2]
     if (drawn_width, drawn_height) == (width, height):
         return pixels
@@ -233,9 +212,7 @@ def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def embedded_only(url: str, _resource_type: str) -> bytes:
-    """The file of an embedded PNG or JPEG, as the function that cairosvg calls to fetch a reference; InputError for any
-    other.
-    """
+    """Return the file of an embedded PNG or JPEG, for cairosvg. Raises InputError for any other reference."""
     if url.startswith("data:"):
         try:
             return picture_in(url)[0]
@@ -247,13 +224,12 @@ def embedded_only(url: str, _resource_type: str) -> bytes:
 def draw_by_cairo(
     module: ModuleType, svg: bytes, width: int, height: int, part: tuple[int, int, int, int] | None = None
 ) -> np.ndarray:
-    """An SVG drawn at width x height px, or a part of that: left, top, width and height in px.
+    """Draw an SVG at width x height px, or a part of that: left, top, width and height in px.
 
-    Returns (h, w, 4) uint8 premultiplied, its channels where RGBA says. module: cairosvg. Raises InputError for an
-    empty SVG, and whatever cairosvg raises.
+    Returns (h, w, 4) uint8 premultiplied, with channels in the order of RGBA. module: cairosvg. Raises InputError for
+    an empty SVG, and any error of cairosvg.
     """
-    # An empty bytestring would make cairosvg take a URL, which here is none.
-    if not svg:
+    if not svg:  # cairosvg would ask for a URL
         raise InputError("the SVG is empty")
     left, top, part_width, part_height = part or (0, 0, width, height)
     surfaces = importlib.import_module(f"{module.__name__}.surface")
@@ -275,8 +251,8 @@ def draw_by_cairo(
 
 
 def _straight(pixels: np.ndarray) -> np.ndarray:
-    """What `draw_by_cairo` returns as straight RGBA, in its place and rounded as cairo does when it writes a PNG."""
-    rows = max(1, _STRIP_PIXELS // pixels.shape[1])
+    """Turn a result of `draw_by_cairo` into straight RGBA in place, rounded as in cairo's PNG files."""
+    rows = max(1, 2**18 // pixels.shape[1])  # a strip is small enough for a core's cache
     for top in range(0, pixels.shape[0], rows):
         part = pixels[top : top + rows]
         straight = part[..., RGBA]
@@ -289,28 +265,29 @@ def _straight(pixels: np.ndarray) -> np.ndarray:
 
 
 def import_cairosvg() -> ModuleType:
-    """cairosvg. Raises what its import raises.
+    """Import cairosvg. Raises the errors of its import.
 
-    Its cairocffi parses cairo's header whenever it is imported, which takes a tenth of a second. A command keeps what
-    comes of that in the user's cache. Programs that use this package as a library may need the rest of that module.
+    cairocffi parses cairo's header at every import, which takes a tenth of a second. A command keeps the parsed
+    declarations in the user's cache. In other programs the import is the ordinary one, since they may need the rest of
+    that module.
     """
     header = None if COMMAND_BEGAN.get() is None or "cairocffi" in sys.modules else _header()
     if header is None:
         return importlib.import_module("cairosvg")
     key = hashlib.sha256(header).hexdigest()
-    kept = read_cache(CACHE, key)
+    kept = read_cache("cairo", key)
     if kept is not None:
         sys.modules[DECLARATIONS] = ModuleType(DECLARATIONS)
         exec(marshal.loads(kept), sys.modules[DECLARATIONS].__dict__)
     with _searched_by_the_loader():
         cairosvg = importlib.import_module("cairosvg")
     if kept is None and (parsed := sys.modules.get(DECLARATIONS)) is not None:
-        write_cache(CACHE, key, marshal.dumps(_parsed(parsed.ffi)))
+        write_cache("cairo", key, marshal.dumps(_parsed(parsed.ffi)))
     return cairosvg
 
 
 def _header() -> bytes | None:
-    """All that the parsed declarations depend on; None where they depend on more."""
+    """Return all that the parsed declarations depend on; None if they depend on more."""
     package = importlib.util.find_spec("cairocffi")
     if package is None or package.origin is None or importlib.util.find_spec("xcffib") is not None:
         return None
@@ -321,7 +298,7 @@ def _header() -> bytes | None:
 
 
 def _parsed(ffi: Any) -> Any:
-    """The code of a module with the declarations of an FFI."""
+    """Return the code of a module with the declarations of an FFI."""
     ffi.set_source(DECLARATIONS, None, compiler_verbose=0)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "ffi.py")
@@ -331,13 +308,13 @@ def _parsed(ffi: Any) -> Any:
 
 @contextmanager
 def _searched_by_the_loader() -> Iterator[None]:
-    """Within, Linux' dynamic loader finds cairo by itself: cairocffi would run a compiler and a linker first, to look
-    for the names that cairo has on Windows.
+    """Let Linux' dynamic loader find cairo: cairocffi would first run a compiler and a linker, to look for the names
+    that cairo has on Windows.
     """
-    found = ctypes.util.find_library
+    find_library = ctypes.util.find_library
     if sys.platform == "linux":
         ctypes.util.find_library = lambda name: None
     try:
         yield
     finally:
-        ctypes.util.find_library = found
+        ctypes.util.find_library = find_library

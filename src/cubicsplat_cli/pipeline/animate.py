@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
-from cubicsplat_cli.clip_request import AUTO, LOTTIE, SMIL, ClipInput, ClipOutput, ClipQuality, ClipReport
+from cubicsplat_cli.clip_request import AUTO, LOTTIE, ClipInput, ClipOutput, ClipQuality, ClipReport
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.clips import Frame
@@ -32,21 +32,20 @@ from cubicsplat_cli.svg.moving_file import write_clip
 if TYPE_CHECKING:
     from cubicsplat_cli.artwork.shapes import Drawing
 
-TO_CHOOSE = 0.25  # of a time limit, to choose the style, at most
-# Of a budget of bytes after gzip: the fits that are made for it at most; the share of curves as they stand, where each
-# takes so many bytes with those that come and go for it; what gzip leaves of a file.
+# A budget of bytes after gzip: the most fits; the share of the bytes for still curves, at first; the bytes of a curve,
+# with those that come and go in its place; the share of a file that gzip leaves.
 FITS, STANDING, CURVE_BYTES, COMPRESSED = 4, 0.3, 100.0, 0.36
-# Steps of the grid by which paths may be off where knots are left out for it, and after the last fit; how often that is
-# bisected. A further fit aims at a little less. There are at most so many times the usual number of curves. A file that
-# takes this share of the bytes needs no further fit.
+# Steps of the grid by which paths may be off when knots are removed to save bytes, and after the last fit; the number
+# of bisections for that; the share of the bytes that a further fit aims at; the most curves, as a multiple of the usual
+# number; the share of the bytes from which on no further fit is made.
 MOST_OFF, LAST_OFF, LOOKS, AGAIN, DENSE, FULL = 2.0, 20.0, 6, 0.9, 4, 0.8
 
 
 def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -> Animation:
-    """Make a clip an animation, and measure what the file plays.
+    """Make an animation of a clip, and measure its file.
 
     write: is given the animation before it is measured. A Ctrl-C ends the work with the frames so far. Raises
-    EngineError when the engine fails, and what reading the clip's frames raises.
+    EngineError if the engine fails, and the errors of reading the clip's frames.
     """
     with task.timer("fit"):
         style = style_of(task)
@@ -55,15 +54,15 @@ def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -
     with task.timer("write"):
         write(animation)
     with task.timer("measure"):
-        quality, last = _quality(animation, task, task.played(style.name))
-    return replace(animation, report=_report(animation, task, style, quality, last, interrupted=work.interrupted))
+        quality, end = _quality(animation, task, task.played(style.name))
+    return replace(animation, report=_report(animation, task, style, quality, end, interrupted=work.interrupted))
 
 
 def style_of(task: ClipTask) -> Style:
-    """The style that is asked for, or suits the first frame: a drawing, unless a photo of it is nearer.
+    """Return the requested style, or the one that suits the first frame: a drawing, unless a photo of it is nearer.
 
-    Photos are not tried where pixels are either there or not, as in a GIF: no shape has such edges, and the error at
-    them would decide.
+    A photo is not tried if all pixels are either opaque or clear, as in a GIF: no shape has such edges, and their error
+    would decide.
     """
     if task.request.style != AUTO:
         return Style(task.request.style, "asked for")
@@ -80,8 +79,8 @@ def style_of(task: ClipTask) -> Style:
     from cubicsplat_cli.pipeline.vectorize import task_of
 
     settings, limit = task.request.settings, task.request.settings.time_limit
-    limited = settings.with_(curves=None, time_limit=None if limit is None else TO_CHOOSE * limit)
-    alone = Request(limited, measure=False, photo_parts=NONE)  # which would not move
+    limited = settings.with_(curves=None, time_limit=None if limit is None else 0.25 * limit)
+    alone = Request(limited, measure=False, photo_parts=NONE)  # photographs in a page would not move
     *_, made = candidates(task_of(first, alone, StageTimer()), style)
     if made.interrupted:
         raise KeyboardInterrupt
@@ -89,7 +88,7 @@ def style_of(task: ClipTask) -> Style:
 
 
 def fitted_clip(task: ClipTask, work: Work) -> Animation:
-    """Curves that move from frame to frame, as many as fit into the bytes where these are limited."""
+    """Fit moving curves to the frames, within the request's bytes, if any."""
     settings, most = task.request.settings, task.request.max_bytes
     with under_way(work):
         if most is None:
@@ -109,7 +108,7 @@ def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: fl
 
 
 def _animation(clip: list[Tracks], task: ClipTask, off: float = 0.5) -> CurvesAnimation:
-    """The animation of a fitted clip. off: see `to_grid_clip`."""
+    """Return the animation of a fitted clip. off: see `to_grid_clip`."""
     grid, plays = to_grid_clip(clip, task.request.precision, off), task.request.plays(task.source.plays)
     svg = with_checksum(write_clip(grid, title=task.title, comment=task.comment, plays=plays))
     start = float(clip[0].times[0])
@@ -119,37 +118,37 @@ def _animation(clip: list[Tracks], task: ClipTask, off: float = 0.5) -> CurvesAn
 
 
 def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
-    """The animation that fits into so many bytes of its format. Raises InputError where a few curves do not.
+    """Return the animation nearest to the frames whose files have at most `most` bytes.
 
-    The first fit has as many curves as leave most of the bytes to their motion. What is too large loses the knots that
-    matter least. Where that would show, or where bytes are left, a further fit aims at less or more; of what fits the
-    nearest to the frames is taken.
+    The first fit has so few curves that most of the bytes are left to their motion. A file that is too large loses the
+    least important knots. If that would show, or if bytes are left, another fit has fewer or more curves. Raises
+    InputError if even a few curves are too many.
     """
     seconds = deque(task.held_frames(), maxlen=1)[0].end
     room = most * (1.0 if isinstance(most, GzipBytes) else COMPRESSED)
     dense = DENSE * task.request.settings.for_size(task.source.width, task.source.height).curves
-    fitting: list[tuple[float, Animation]] = []
+    within: list[tuple[float, Animation]] = []
     for turn in range(FITS):
         curves = max(1, min(dense, round(STANDING * room / CURVE_BYTES)))
         clip = _fit(task, work, task.request.settings.with_(curves=curves), room / seconds)
         animation = _animation(clip, task)
         size, last = _size(animation, task), turn == FITS - 1 or work.stopped
-        made = animation if size <= most else _thinned(most, clip, task, LAST_OFF if last and not fitting else MOST_OFF)
+        made = animation if size <= most else _thinned(most, clip, task, LAST_OFF if last and not within else MOST_OFF)
         if made is not None:
             level = _quality(made, task, task.held_frames())[0].psnr_db
-            fitting.append((math.inf if level is None else level, made))
+            within.append((math.inf if level is None else level, made))
         if (size > FULL * most and made is not None) or curves == dense or work.stopped:
             break
         room *= AGAIN * most / size
-    if fitting:
-        return max(fitting, key=lambda each: each[0])[1]
+    if within:
+        return max(within, key=lambda candidate: candidate[0])[1]
     if work.stopped:
         return replace(animation, notes=(f"stopped before it fitted into {most:d} bytes",))
     raise InputError(f"{counted(curves, 'curve')} need more than {most:d} bytes; allow more, or take fewer frames")
 
 
 def _thinned(most: int, clip: list[Tracks], task: ClipTask, most_off: float) -> Animation | None:
-    """The animation with as many knots as fit; None where paths would be off by more."""
+    """Return the animation with as many knots as the bytes hold; None if paths would be off by more than `most_off`."""
     low, high, made = 0.5, most_off, None
     for _ in range(LOOKS):
         middle = math.sqrt(low * high)
@@ -162,35 +161,33 @@ def _thinned(most: int, clip: list[Tracks], task: ClipTask, most_off: float) -> 
 
 
 def _size(animation: Animation, task: ClipTask) -> int:
-    """Bytes of all files, after gzip where that is asked for."""
+    """Return the bytes of all files, after gzip if the request counts these."""
     packed = isinstance(task.request.max_bytes, GzipBytes)
-    files = animation.files(task.request.format or SMIL).values()
+    files = animation.files(task.format).values()
     return sum(len(gzip.compress(data, mtime=0) if packed else data) for data in files)
 
 
 def drawn_clip(task: ClipTask, work: Work) -> Animation:
-    """The drawings of the frames as shapes that stand still, move, or are shown in some of them."""
+    """Draw the frames as shapes that stand still, move, or are shown in some frames only."""
     from cubicsplat_cli.artwork.moving import moving_drawing
     from cubicsplat_cli.svg.moving_file import write_moving_drawing
 
-    begins: list[float] = []
-    ends: list[float] = []
+    spans: list[tuple[float, float]] = []
 
     def drawings() -> Iterator[Drawing]:
         for frame, drawing in _drawings(task, work):
-            begins.append(frame.begin)
-            ends.append(frame.end)
+            spans.append((frame.begin, frame.end))
             yield drawing
 
     moving = moving_drawing(drawings())
-    plays, starts = task.request.plays(task.source.plays), np.array(begins)
-    text = write_moving_drawing(moving, starts, ends[-1], title=task.title, comment=task.comment, plays=plays)
-    middles = (starts + np.array(ends)) / 2.0
-    return DrawnAnimation(with_checksum(text), starts, middles, ends[-1], plays, task.title, task.comment, moving)
+    plays, (starts, ends) = task.request.plays(task.source.plays), np.array(spans).T
+    duration, middles = spans[-1][1], (starts + ends) / 2.0
+    text = write_moving_drawing(moving, starts, duration, title=task.title, comment=task.comment, plays=plays)
+    return DrawnAnimation(with_checksum(text), starts, middles, duration, plays, task.title, task.comment, moving)
 
 
 def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
-    """Each frame with its drawing, until the work is stopped; the first one in any case."""
+    """Yield each frame with its drawing until the work is stopped; the first one in any case."""
     from cubicsplat_cli.artwork.settings import ArtworkSettings
     from cubicsplat_cli.artwork.vectorize import draw
 
@@ -212,41 +209,40 @@ def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
 
 
 def _of_frame(task: ClipTask, index: int) -> Callable[[Progress], None]:
-    """What tells the progress of a frame's drawing as that of the clip, where its length is known."""
-    count = task.source.count or 0
-    tell = task.on_progress or nothing
+    """Return a function that reports the progress of a frame's drawing as progress of the clip."""
+    count, tell = task.source.count or 0, task.on_progress or nothing
 
-    def said(progress: Progress) -> None:
+    def report(progress: Progress) -> None:
         share = (index + progress.share) / count if count else 0.0
         tell(replace(progress, share=share, seconds_left=math.inf, stage=f"frame {index + 1}, {progress.stage}"))
 
-    return said
+    return report
 
 
 def _quality(animation: Animation, task: ClipTask, frames: Iterator[Frame]) -> tuple[ClipQuality, float]:
-    """Each frame as it is played, against the clip's; and when the last one ends."""
-    form, threads = task.request.format or SMIL, task.request.settings.threads
+    """Return the quality of each frame as the file plays it, and the end of the last frame, s."""
+    threads, exact = task.request.settings.threads, animation.exact.tolist()
+    frames, pictures = islice(frames, len(exact)), animation.pictures(task.format, threads)
     levels: list[dict[str, float | None]] = []
-    last, exact = 0.0, animation.exact.tolist()
-    for at, frame, picture in zip(exact, islice(frames, len(exact)), animation.pictures(form, threads), strict=True):
+    end = 0.0
+    for at, frame, picture in zip(exact, frames, pictures, strict=True):
         levels.append({"time_s": at, "psnr_db": psnr_db(frame.picture, picture, threads)})
-        last = frame.end
-    known = [level["psnr_db"] for level in levels if level["psnr_db"] is not None]
-    return ClipQuality(sum(known) / len(known) if known else None, min(known, default=None), levels), last
+        end = frame.end
+    finite = [level["psnr_db"] for level in levels if level["psnr_db"] is not None]
+    return ClipQuality(sum(finite) / len(finite) if finite else None, min(finite, default=None), levels), end
 
 
 def _report(
-    animation: Animation, task: ClipTask, style: Style, quality: ClipQuality, last: float, *, interrupted: bool
+    animation: Animation, task: ClipTask, style: Style, quality: ClipQuality, end: float, *, interrupted: bool
 ) -> ClipReport:
-    source, seconds, form = task.source, task.timer.seconds, task.request.format or SMIL
-    files, count = animation.files(form), len(quality.frames)
-    data, (groups, curves, knots) = b"".join(files.values()), animation.counts
-    compressed = sum(len(gzip.compress(each, mtime=0)) for each in files.values())
+    source, seconds, count = task.source, task.timer.seconds, len(quality.frames)
+    files = list(animation.files(task.format).values())
+    data, compressed = b"".join(files), sum(len(gzip.compress(file, mtime=0)) for file in files)
     return ClipReport(
         ClipInput(
-            source.name, source.sha256, source.width, source.height, source.transparent, count, last, source.plays
+            source.name, source.sha256, source.width, source.height, source.transparent, count, end, source.plays
         ),
-        ClipOutput(form, len(data), compressed, sha256_of(data), groups, curves, knots),
+        ClipOutput(task.format, len(data), compressed, sha256_of(data), *animation.counts),
         task.request.deciding(),
         task.request.digest(),
         style.name,

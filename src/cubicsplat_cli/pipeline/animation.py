@@ -1,6 +1,4 @@
-"""The data of `animate`: one clip and what is asked of it; and the result, a clip as curves that move, or as a drawing
-whose shapes do, with its files.
-"""
+"""The data of `animate`: a clip with the request for it, and the result, moving curves or shapes, with its files."""
 
 from __future__ import annotations
 
@@ -36,17 +34,12 @@ from cubicsplat_cli.svg.moving_file import read_clip, still
 from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
-# Seconds that one frame takes to become the next. What is shown for much longer stands still before it changes.
-CHANGE_S = 0.2
-_LONG = 1.5  # times CHANGE_S
-AFTER_FIT = 0.1  # of a time limit, for writing and measuring
-STILL_PRECISION = 2  # decimals of frames that lie between knots
-TIMES = "frames.json"
+CHANGE_S = 0.2  # seconds from one frame to the next; a frame that is shown for much longer stands still before
 
 
 @record
 class ClipTask:
-    """One clip, and what is asked of it."""
+    """One clip and the request for it."""
 
     source: ClipSource
     request: ClipRequest
@@ -56,51 +49,57 @@ class ClipTask:
 
     @cached_property
     def comment(self) -> str:
-        """The line by which the command knows its own files."""
+        """Return the line by which the command recognises its own files."""
         seed, digest = self.request.settings.seed, self.request.digest()
         return provenance_comment(__version__, seed, digest, self.source.sha256)
 
     @cached_property
     def transparent(self) -> bool:
-        """Whether what is fitted has transparency."""
+        """True if the target has transparency."""
         return self.source.transparent and self.request.settings.background_colour is None
 
     @property
     def deadline(self) -> float:
-        """The time at which the fit must end, by `time.perf_counter`."""
+        """Return the time at which the fit must end, by `time.perf_counter`."""
         limit = self.request.settings.time_limit
-        return math.inf if limit is None else time.perf_counter() + (1.0 - AFTER_FIT) * limit - self.timer.total()
+        # A tenth of the limit is for writing and measuring.
+        return math.inf if limit is None else time.perf_counter() + 0.9 * limit - self.timer.total()
+
+    @property
+    def format(self) -> str:
+        """Return the format of the result."""
+        return self.request.format or SMIL
 
     def frames(self) -> Iterator[Frame]:
-        """The frames over the ground that is asked for."""
+        """Yield the frames over the requested ground."""
         for frame in self.source.frames():
             yield replace(frame, picture=laid_over(frame.picture, self.request.settings.background_colour))
 
     def held_frames(self) -> Iterator[Frame]:
-        """The frames, those that are shown for long twice: when they begin, and before they change."""
+        """Yield the frames; those that are shown for long twice, for their beginning and their end."""
         for frame in self.frames():
-            if frame.end - frame.begin > _LONG * CHANGE_S:
+            if frame.end - frame.begin > 1.5 * CHANGE_S:
                 middle = frame.end - CHANGE_S
                 yield replace(frame, end=middle)
                 frame = replace(frame, begin=middle)
             yield frame
 
     def played(self, style: str) -> Iterator[Frame]:
-        """The frames that an animation of a style has."""
+        """Return the frames of an animation in a style."""
         return self.frames() if style == ARTWORK else self.held_frames()
 
     def pixels(self, frame: Frame) -> np.ndarray:
-        """The target of the fit: (H, W, 3), or premultiplied (H, W, 4) where any frame is transparent; float32."""
+        """Return a frame's target: (H, W, 3), or premultiplied (H, W, 4) if any frame has transparency; float32."""
         return frame.picture.premultiplied() if self.transparent else frame.picture.rgb
 
 
 @record
 class Animation(ABC):
-    """A clip that moves.
+    """A clip as an animation.
 
-    svg: the text of the SVG that SMIL animates. begins: (F,) when each frame begins, s from the start. exact: (F,) a
-    time within it at which it is as it was made. duration: s. plays: how often it is shown, 0 for ever. notes: what the
-    user should know. report: the figures; None before they are measured.
+    svg: the text of the SVG that SMIL animates. begins: (F,) the beginning of each frame, s. exact: (F,) a time within
+    each frame at which the animation shows it as it was fitted, s. duration: s. plays: the number of times that it is
+    shown, 0 for endlessly. notes: sentences for the user. report: the figures; None before they are measured.
     """
 
     svg: str
@@ -116,34 +115,34 @@ class Animation(ABC):
     @property
     @abstractmethod
     def counts(self) -> tuple[int, int, int]:
-        """Groups of frames, curves or shapes in all of them, and knots or changes that are written."""
+        """Return the numbers of groups of frames, of curves or shapes in all, and of written knots or changes."""
 
     @abstractmethod
     def pictures(self, form: str, threads: int | None = None) -> Iterator[ImageSource]:
-        """The pictures of the frames, drawn from the file of a format."""
+        """Yield the pictures of the frames, drawn from the file of a format."""
 
     @abstractmethod
     def stills(self) -> Iterator[str]:
-        """The text of an SVG of each frame."""
+        """Yield the text of an SVG of each frame."""
 
     @abstractmethod
     def lottie(self) -> str:
-        """The same as Lottie JSON. Raises UsageError for a drawing."""
+        """Return the animation as Lottie JSON. Raises UsageError for a drawing."""
 
     def frames(self) -> dict[str, str]:
-        """An SVG of each frame by the name of its file, and the JSON of their times."""
+        """Return an SVG of each frame by the name of its file, and the JSON of their times."""
         texts = {f"{index + 1:04d}.svg": text for index, text in enumerate(self.stills())}
         shown = zip(texts, self.begins.tolist(), [*self.begins[1:].tolist(), self.duration], strict=True)
         times = [{"file": name, "begin_s": begin, "duration_s": end - begin} for name, begin, end in shown]
-        return {**texts, TIMES: to_json({**head(), "plays": self.plays, "frames": times})}
+        return {**texts, "frames.json": to_json({**head(), "plays": self.plays, "frames": times})}
 
     def files(self, form: str) -> dict[str, bytes]:
-        """The files of a format: of frames by their names, else one without a name."""
+        """Return the files of a format by their names; the only file of a format has no name."""
         texts = {"": self.svg} if form == SMIL else {"": self.lottie()} if form == LOTTIE else self.frames()
         return {name: text.encode() for name, text in texts.items()}
 
     def save(self, path: str | Path) -> None:
-        """Write it: to a name that ends in .json as Lottie, to a folder that exists as frames, else as SVG."""
+        """Write the animation: as Lottie to a name that ends in .json, as frames to an existing folder, else as SVG."""
         path = Path(path)
         form = FRAMES if path.is_dir() else LOTTIE if path.suffix.lower() == ".json" else SMIL
         for name, data in self.files(form).items():
@@ -152,7 +151,7 @@ class Animation(ABC):
 
 @record
 class CurvesAnimation(Animation):
-    """Curves that blend and move. clip: the numbers of the file."""
+    """Moving curves that blend. clip: the numbers of the file."""
 
     clip: GridClip
 
@@ -162,9 +161,9 @@ class CurvesAnimation(Animation):
         return len(groups), sum(len(group.curves) for group in groups), self.clip.knots
 
     def scenes(self, form: str = SMIL) -> Iterator[Scene]:
-        """The scene that each frame shows, as the file of a format says it."""
+        """Yield the scene of each frame, as the file of a format holds it."""
         clip = read_clip(self.svg) if form == SMIL else self.clip
-        # The file rounds the time at which a group begins, to either side of its first frame's.
+        # The file rounds the beginning of a group, which may then lie before or after its first frame's.
         firsts = [int(np.abs(self.begins - group.begin).argmin()) for group in self.clip.groups[1:]]
         for group, exact in zip(clip.groups, np.split(self.exact, firsts), strict=True):
             for scene in clip.scenes(group, exact):
@@ -172,7 +171,7 @@ class CurvesAnimation(Animation):
 
     @property
     def _still_precision(self) -> int:
-        return max(STILL_PRECISION, self.clip.precision)
+        return max(2, self.clip.precision)  # frames between knots need 2 decimals
 
     def pictures(self, form: str, threads: int | None = None) -> Iterator[ImageSource]:
         return (of_values(render_scene(scene, threads=threads)) for scene in self.scenes(form))
@@ -187,7 +186,7 @@ class CurvesAnimation(Animation):
 
 @record
 class DrawnAnimation(Animation):
-    """Opaque shapes that stand still, move as a whole, or are shown in some frames."""
+    """Opaque shapes that stand still, move as a whole, or are shown in some frames only."""
 
     moving: MovingDrawing
 

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
@@ -18,7 +18,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE
-from cubicsplat_cli.pipeline.likeness import FileLevel
+from cubicsplat_cli.pipeline.likeness import file_db
 from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.request import Request
@@ -28,128 +28,116 @@ from cubicsplat_cli.svg.drawing_writer import write_drawing, write_mosaic
 from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
-SAMPLES = 48  # edges per cubic of the engine's own picture
-ENLARGED = 0.41  # standard deviation in px, before it, of what linear interpolation spreads: a triangle 2 px wide
+SAMPLES = 48  # edges per cubic in the engine's own picture
+ENLARGED = 0.41  # px of the small picture: standard deviation of linear interpolation, a triangle 2 px wide
 
 
 def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
-    """Few opaque shapes with exact outlines; cells where the picture is made of such.
+    """Draw few opaque shapes with exact outlines; cells if the picture consists of cells.
 
     on_sketch: as of `drawn_outlines`.
     """
     from cubicsplat_cli.artwork.input.cells import cells_of
 
-    # Small regions are joined to their neighbours by outlines only.
+    # Cells never join their neighbours, as `min_area` asks of small regions.
     cells = None if task.request.artwork.min_area else cells_of(task.pixels)
     return drawn_outlines(task, on_sketch) if cells is None else drawn_cells(task, cells)
 
 
 def drawn_pixels(task: Task) -> Made:
-    """The cells that a picture is made of, single pixels where it has none; InputError where these are too many."""
+    """Draw the cells of a picture, single pixels if it has no larger ones. Raises InputError if these are too many."""
     from cubicsplat_cli.artwork.input.cells import cells_of, forced_cells
 
     cells = cells_of(task.pixels)
     if cells is not None:
         return drawn_cells(task, cells)
     made = drawn_cells(task, cells := forced_cells(task.pixels))
-    if cells.side > 1:
-        return made
-    return replace(made, notes=["drawn pixel by pixel: it is not made of larger cells", *made.notes])
+    notes = [] if cells.side > 1 else ["drawn pixel by pixel: it is not made of larger cells"]
+    return replace(made, notes=[*notes, *made.notes])
 
 
 def drawn_cells(task: Task, cells: Cells) -> Made:
-    """The cells of a picture, exactly, in no more colours than are asked for."""
+    """Draw the cells of a picture exactly, in at most the requested number of colours."""
     from cubicsplat_cli.artwork.mosaic import finer, mosaic, with_ground
 
-    request = task.request
-    chosen, most = request.artwork, [n for n in (request.artwork.colors, request.settings.curves) if n is not None]
+    request, chosen = task.request, task.request.artwork
+    most = [n for n in (chosen.colors, request.settings.curves) if n is not None]
     cells = cells.limited(min(most, default=None)).in_palette(chosen.palette, chosen.palette_tolerance)
     notes = cells.notes
     if request.group_by == OBJECT:
         notes.append("--group-by object is of shapes, but pixel art has one path a colour")
     if request.ground != KEEP:
-        cells, found = with_ground(cells, None if request.ground == REMOVE else hex_colour(request.ground))
-        notes += _ground_notes(request, found)
+        cells, has_ground = with_ground(cells, None if request.ground == REMOVE else hex_colour(request.ground))
+        notes += _ground_notes(request, has_ground)
     if request.overlap is not None:
         cells = finer(cells, request.overlap * task.target.width / task.picture.width)
     abutting = chosen.stacking == CUTOUT and request.overlap is None
     drawing = mosaic(cells, *task.picture.size, abutting=abutting)
+
+    def write(title: str, comment: str) -> str:
+        grouped = request.group_by == COLOR
+        return write_mosaic(drawing, precision=request.precision, title=title, comment=comment, grouped=grouped)
+
     facts = _facts(len(drawing.layers), drawing.corners, drawing.fills)
-    return Made(
-        drawing.scene(),
-        lambda title, comment: write_mosaic(
-            drawing, precision=request.precision, title=title, comment=comment, grouped=request.group_by == COLOR
-        ),
-        1,
-        len(drawing.layers),
-        notes=notes,
-        facts=facts,
-    )
+    return Made(drawing.scene(), write, 1, len(drawing.layers), notes, facts)
 
 
 def drawn_outlines(
     task: Task, on_sketch: Callable[[Made], None] = nothing, completed: Callable[[Drawing], Drawing] | None = None
 ) -> Made:
-    """The drawing of regions with smooth outlines.
+    """Draw regions with smooth outlines.
 
-    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing. completed: what
-    becomes of a drawing, in px of the target, before it is as large as the picture.
+    on_sketch: is given a first version of a drawing of very many shapes; an exception that it raises ends the drawing.
+    completed: returns a changed drawing, in px of the target, before it is scaled to the picture.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import prepare, versions
 
-    request = task.request
+    request, size = task.request, task.picture.size
     chosen = replace(request.artwork, curves=request.settings.curves, strokes=request.strokes)
-    deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
+    deadline, threads = time.perf_counter() + task.seconds_to_make(), request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.pixels
         prepared = prepare(target, task.target.compression)
-        noise = prepared.condition.noise
-        blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
-        known: dict[str, Any] = {
-            "blur": blur,
-            "noise": noise,
+        damage: dict[str, Any] = {
+            "blur": prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0),
+            "noise": prepared.condition.noise,
             "may_be_photo": not prepared.scanned,
             "of_scan": prepared.scanned,
         }
 
         def add_sketch(sketch: Drawing) -> None:
-            made = result_of_drawing(scaled_drawing(sketch, *task.picture.size), task.request)
-            on_sketch(replace(made, **known))
+            on_sketch(replace(result_of_drawing(scaled_drawing(sketch, *size), request), **damage))
 
         drawings = versions(target, chosen, prepared, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)
-        sized = (scaled_drawing(each, *task.picture.size) for each in whole)
-        made = within_budget(task, (_structured(each, task.request) for each in sized))
+        made = within_budget(task, (_structured(scaled_drawing(drawing, *size), request) for drawing in whole))
     notes = [*prepared.notes, *made.notes]
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     if not made.facts["shapes"]:
         notes.append(f"no shapes: {TOO_FINE}, but as a photo it can be")
-    facts = {**made.facts, "interrupted": work.interrupted}
-    return replace(made, notes=notes, facts=facts, **known)
+    return replace(made, notes=notes, interrupted=work.interrupted, **damage)
 
 
 def result_of_one_fill(fill: Rgba, task: Task) -> Made:
-    """A picture of one colour: its ground and no curve, in either style."""
-    request = task.request
+    """Return the result for a picture of one colour: its ground and no curve, in either style."""
+    request, size = task.request, task.picture.size
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == PHOTO:
-        return replace(
-            result_of_drawing(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style
-        )
+        return replace(result_of_drawing(plain_drawing(fill, *size), request), paths=0, facts={}, style=style)
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
         fill = nearest_in(request.artwork.palette, fill, request.artwork.palette_tolerance)
-    return replace(_structured(plain_drawing(fill, *task.picture.size), request), style=style)
+    return replace(_structured(plain_drawing(fill, *size), request), style=style)
 
 
 def _structured(drawing: Drawing, request: Request) -> Made:
-    """The drawing with the ground, cut, in the order and in the groups that are asked for, and notes."""
+    """Return a drawing with the requested ground, cut, order and groups, as a result with notes."""
     from cubicsplat_cli.artwork import structure
 
-    ground, notes = structure.ground_of(drawing), []
+    ground = structure.ground_of(drawing)
     fill = None if request.ground in (KEEP, REMOVE) else (*hex_colour(request.ground), 255)
     if fill is not None and ground is None:
         drawing, ground = structure.on_ground(drawing, fill), fill
@@ -160,9 +148,8 @@ def _structured(drawing: Drawing, request: Request) -> Made:
         from cubicsplat_cli.artwork.planar.cutout import cut_out
 
         drawing = cut_out(drawing, precision)
-    if request.ground != KEEP:
-        notes = _ground_notes(request, ground is not None)
-        drawing = drawing if ground is None else structure.with_ground(drawing, ground, fill)
+    if request.ground != KEEP and ground is not None:
+        drawing = structure.with_ground(drawing, ground, fill)
     if request.overlap is not None:
         from cubicsplat_cli.artwork.planar.cutout import overlapping
 
@@ -170,24 +157,26 @@ def _structured(drawing: Drawing, request: Request) -> Made:
         drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
     if request.group_by == COLOR:
         drawing = structure.grouped_by_colour(drawing)
-    return replace(result_of_drawing(drawing, request), notes=notes)
+    return replace(result_of_drawing(drawing, request), notes=_ground_notes(request, ground is not None))
 
 
 def _precision(drawing: Drawing, request: Request) -> int:
-    """The decimals of the file; one less than usual where bytes are few."""
+    """Return the decimals of the file; one less than usual under a limit of bytes."""
     usual = suggested_precision(drawing.width, drawing.height)
     return max(0, usual - (request.max_bytes is not None)) if request.precision is None else request.precision
 
 
-def _ground_notes(request: Request, found: bool) -> list[str]:
-    """Notes on the ground that was to be removed or painted."""
-    if not found and request.ground == REMOVE:
+def _ground_notes(request: Request, has_ground: bool) -> list[str]:
+    """Return notes on a ground that is removed or painted."""
+    if request.ground == KEEP:
+        return []
+    if request.ground == REMOVE and not has_ground:
         return ["there is no ground to remove: nothing fills the picture behind all else"]
     return ["the figures compare the drawing with the picture as it was, on its own ground"]
 
 
 def result_of_drawing(drawing: Drawing, request: Request) -> Made:
-    """A finished drawing as a result."""
+    """Return a finished drawing as a result."""
     from cubicsplat_cli.artwork.geometry.outlines import Ring
     from cubicsplat_cli.artwork.geometry.stroke import Chain
     from cubicsplat_cli.artwork.scene import picture_of
@@ -201,64 +190,53 @@ def result_of_drawing(drawing: Drawing, request: Request) -> Made:
     if shaded := [shape.name for shape in drawing.shapes if shape.shading is not None]:
         facts["shaded"] = shaded
 
+    @cache  # called for the size before the file is written
     def write(title: str, comment: str) -> str:
         text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
         return minified(text) if request.tiny else text
 
-    return Made(
-        picture_of(drawing) if drawing.shapes else None,
-        lru_cache(1)(write),  # asked for its size before it is written
-        SAMPLES,
-        len(drawing.shapes),
-        facts=facts,
-    )
+    return Made(picture_of(drawing) if drawing.shapes else None, write, SAMPLES, len(drawing.shapes), facts=facts)
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
-    """The members of the report about a drawing whose shapes are paths of one colour each."""
+    """Return the report's members on a drawing whose shapes are paths of one colour each."""
     inks = [hex_text(fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": inks}
 
 
 def within_budget(task: Task, versions: Iterator[Made]) -> Made:
-    """The first version where nothing bounds the drawing; else the first that keeps to the bounds, or the last that has
-    the PSNR that is asked for, with a note where none does.
+    """Return the last version with the requested PSNR, if one is requested, else the first within the requested bounds.
 
-    Raises InputError where not even the simplest fits.
+    A note says if none does. Raises InputError if not even the simplest fits. versions: from rich to simple.
     """
-    made, request = next(versions), task.request
-    if request.target_psnr is not None:
-        return _reaching(request.target_psnr, made, versions, task)
+    made, least = next(versions), task.request.target_psnr
+    if least is not None:
+        level = file_db(task, task.text(made.write))
+        if level < least:
+            note = f"reached {level:.2f} dB of the {least:g} dB asked for; more --detail or --style photo may reach it"
+            return made.with_note(note)
+        for simpler in versions:
+            if file_db(task, task.text(simpler.write)) < least:
+                break
+            made = simpler
+        return made
     while (has := _excess(task, made)) is not None:
         following = next(versions, None)
         if following is not None:
             made = following
         elif work().stopped:
-            return replace(made, notes=[*made.notes, f"the time was too short to simplify it: it has {has}"])
+            return made.with_note(f"the time was too short to simplify it: it has {has}")
         else:
             raise InputError(f"not even the simplest drawing fits; allow at least {has}")
     return made
 
 
 def _excess(task: Task, made: Made) -> str | None:
-    """The bytes or nodes of a version that has more than it may; None for others."""
+    """Return the number of bytes or nodes of a version if it exceeds the request's limit; else None."""
     request = task.request
     if request.max_nodes is not None and made.facts["segments"] > request.max_nodes:
         return f"{made.facts['segments']} nodes"
     if request.max_bytes is None:
         return None
-    size = len(packed(task.finished(made), compressed=request.counts_compressed))
+    size = len(packed(task.text(made.write), compressed=request.counts_compressed))
     return f"{size} bytes" if size > request.max_bytes else None
-
-
-def _reaching(least: float, made: Made, versions: Iterator[Made], task: Task) -> Made:
-    level_of = FileLevel(task)
-    level = level_of(task.finished(made))
-    if level < least:
-        note = f"reached {level:.2f} dB of the {least:g} dB asked for; more --detail or --style photo may reach it"
-        return replace(made, notes=[*made.notes, note])
-    for following in versions:
-        if level_of(task.finished(following)) < least:
-            break
-        made = following
-    return made

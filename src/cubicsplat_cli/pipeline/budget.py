@@ -1,8 +1,8 @@
-"""The most curves that fit into a number of bytes, or the fewest that reach a PSNR, found during one fit.
+"""The most curves that fit into a number of bytes, or the fewest that reach a PSNR, within one fit.
 
 The fit starts with a guess. At some steps a trial SVG is written or rendered: its size tells the bytes of a curve, its
-PSNR what is missing. The least important curves are then removed, or new ones added. Before the exact finish nearly
-all surplus curves go, so that the finish optimises those that the file will hold.
+PSNR the missing dB. Then the least important curves are removed, or new ones added. Nearly all surplus curves go before
+the exact finish, so that the finish optimises the curves of the file.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.read import packed
-from cubicsplat_cli.pipeline.likeness import FileLevel
+from cubicsplat_cli.pipeline.likeness import file_db
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
@@ -32,21 +32,22 @@ if TYPE_CHECKING:
     from cubicsplat_cli.photo.loop import FitLoop
 
 # All measured on Kodak photos, docs/lab/photos.md.
-BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
-SHARED_OPACITY = 0.78  # at first, of curves whose bytes count: 20 of a curve's 105 would say one of its own
-COMPRESSED = 0.45  # of a file's bytes are left by gzip
+BYTES_PRECISION = 1  # decimals; at equal bytes none or two are worse
+SHARED_OPACITY = 0.78  # at first, under a limit of bytes: an opacity of its own would take 20 of a curve's 105 bytes
+COMPRESSED = 0.45  # share of a file that gzip leaves
 MIDWAY = 0.3  # of the steps before the exact finish
-SPARE, SPARE_AT_FINISH = 1.15, 1.01  # times the curves that are enough, until the finish and from then on
-CLOSE = 0.995  # of the bytes allowed, which is near enough
-# At which share of the steps before the finish the level is measured, and how many dB it rises from there to the end.
+SPARE, SPARE_AT_FINISH = 1.15, 1.01  # times the sufficient curves, before the finish and from then on
+CLOSE = 0.995  # share of the allowed bytes that is near enough
+# The shares of the steps before the finish at which the level is measured, and by how many dB it then rises to the end.
 LOOKS = ((0.15, 3.9), (0.4, 2.0), (0.65, 1.0), (0.9, 0.55))
 DB_PER_DOUBLING = 1.4
 BEGINNING = 256  # curves of a fit that is to reach a level
-AIM = 0.35  # dB above the level asked for: what is left to rise is known to 0.16 dB (standard deviation) at the last
-NEAR = 0.1  # dB above it, at which no more curves are tried to leave out
-MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find how many curves can go; of their importance, counted
+AIM = 0.35  # dB above the requested level: at the last look the rise is uncertain by 0.16 dB (standard deviation)
+NEAR = 0.1  # dB above the requested level at which no more curves are removed
+MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find the surplus curves; the least factor of their importance
 MOST_GROWTH = 8.0  # times the curves, at one look
-# Of growing after the fit, of its steps; and times the curves, without which so few steps give nothing.
+# Further fits after the first; their share of its steps; and the least growth of the curves, since few steps with less
+# growth gain nothing.
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 
@@ -54,7 +55,7 @@ ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 class Photo:
     """The fits of one picture, and the files of their scenes.
 
-    rough, fine: what most of a fit is done on, and what its exact finish.
+    rough: the picture, or a smaller copy, for most of a fit. fine: the one for its exact finish.
     """
 
     task: Task
@@ -63,7 +64,7 @@ class Photo:
 
     @cached_property
     def inputs(self) -> FitInputs:
-        """The inputs of fits to the fine picture."""
+        """Return the inputs of fits to the fine picture."""
         from cubicsplat_cli.photo.inputs import FitInputs
 
         request = self.task.request
@@ -71,7 +72,7 @@ class Photo:
         return FitInputs(self.task.weights(self.fine), start, request.freeze)
 
     def begin(self, settings: FitSettings) -> FitLoop:
-        """A fit in parts."""
+        """Begin a fit that runs in parts."""
         from cubicsplat_cli.photo.inputs import FitInputs
         from cubicsplat_cli.photo.loop import FitLoop
 
@@ -81,27 +82,30 @@ class Photo:
         return FitLoop(self.fine.target(), settings, self.inputs, task.on_progress, task.recorder, rough=rough)
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
-        """A fit that begins with a scene."""
+        """Fit curves from a scene on."""
         from cubicsplat_cli.photo.loop import fit
 
         task, inputs = self.task, replace(self.inputs, start=scene)
         return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)
 
-    def size(self, scene: Scene) -> int:
-        """Bytes of the file."""
-        request = self.task.request
-        return len(packed(self.task.text(scene, file_precision(request)), compressed=request.counts_compressed))
+    def writer(self, scene: Scene) -> Callable[[str, str], str]:
+        """Return a function that writes the SVG of a scene, at the picture's size, for a title and a comment."""
+        from cubicsplat_cli.svg.scene_writer import write_svg
 
-    @cached_property
-    def _file_level(self) -> FileLevel:
-        return FileLevel(self.task)
+        request, sized = self.task.request, scaled_scene(scene, *self.task.picture.size)
+        form: dict[str, Any] = {"precision": file_precision(request), "shapes": request.settings.shapes}
+        return lambda title, comment: write_svg(sized, title=title, comment=comment, **form)
+
+    def size(self, scene: Scene) -> int:
+        """Return the bytes of a scene's file."""
+        return len(packed(self.task.text(self.writer(scene)), compressed=self.task.request.counts_compressed))
 
     def level(self, scene: Scene) -> float:
-        """PSNR of the file in dB."""
-        return self._file_level(self.task.text(scene, file_precision(self.task.request)))
+        """Return the PSNR of a scene's file in dB."""
+        return file_db(self.task, self.task.text(self.writer(scene)))
 
     def importance(self, scene: Scene) -> tuple[float, np.ndarray]:
-        """The loss, and (N,) by how much it would rise without each curve."""
+        """Return the loss, and (N,) by how much it would rise without each curve."""
         from cubicsplat_cli.raster.engines import leave_one_out_importance
 
         settings, weights = self.task.request.settings, self.inputs.weights
@@ -109,9 +113,9 @@ class Photo:
 
 
 def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:
-    """The best picture in at most so many bytes. settings: with about as many curves as they are for.
+    """Fit the best picture in at most `most` bytes. settings: with about as many curves as these bytes hold.
 
-    Raises InputError where not even one curve fits.
+    Raises InputError if not even one curve fits.
     """
     fitting = photo.begin(settings)
     for share, spare in ((MIDWAY, SPARE), (1.0, SPARE_AT_FINISH)):
@@ -119,10 +123,10 @@ def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:
             break
         scene = fitting.scene()
         order, count = _fitting_curves(scene, fitting.importance(), most, photo)
-        wanted = max(1, math.ceil(spare * count))
-        kept = order[:wanted]
-        # New curves come midway only: at the finish they would not become good any more.
-        fitting.resize(kept, wanted if share < 1.0 else len(kept))
+        target = max(1, math.ceil(spare * count))
+        kept = order[:target]
+        # New curves come midway only: the finish is too short for them.
+        fitting.resize(kept, target if share < 1.0 else len(kept))
     fitted = fitting.finish()
     scene = fitted.scene
     if photo.size(scene) <= most:
@@ -133,13 +137,13 @@ def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:
 
 
 def file_precision(request: Request) -> int:
-    """The decimals of the file."""
+    """Return the decimals of a photo's file."""
     usual = PHOTO_PRECISION if request.max_bytes is None else BYTES_PRECISION
     return usual if request.precision is None else request.precision
 
 
 def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Photo) -> tuple[np.ndarray, float]:
-    """The curves, those of most use for a byte first, and how many the file holds, perhaps more than there are."""
+    """Return the curves by their use for a byte, the best first, and how many the file holds, maybe more than all."""
     from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
     use = importance.astype(np.float64) / bytes_by_curve(scene, file_precision(photo.task.request))
@@ -147,20 +151,20 @@ def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Phot
     size, head = photo.size(scene), photo.size(scene.chosen(order[:1]))
     if head > most:
         raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
-    each = max(1.0, (size - head) / max(1, scene.curves - 1))
-    return order, 1 + (most - head) / each
+    bytes_per_curve = max(1.0, (size - head) / max(1, scene.curves - 1))
+    return order, 1 + (most - head) / bytes_per_curve
 
 
 def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult:
-    """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was."""
+    """Fit the fewest curves whose file has `least` dB; a note gives the level if that is out of reach."""
     limit = max(1, min(1_000_000, photo.fine.width * photo.fine.height // LEAST_PIXELS_PER_CURVE))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
     for share, rise in LOOKS:
         if not fitting.relax(share):
             break
         scene = fitting.scene()
-        wanted = _grown(scene.curves, least + AIM - photo.level(scene) - rise, limit)
-        fitting.resize(np.argsort(-fitting.importance(), kind="stable")[:wanted], wanted)
+        target = _grown(scene.curves, least + AIM - photo.level(scene) - rise, limit)
+        fitting.resize(np.argsort(-fitting.importance(), kind="stable")[:target], target)
     fitted = fitting.finish()
     level = photo.level(fitted.scene)
     for number in range(ROUNDS):
@@ -182,17 +186,17 @@ def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult
 
 
 def _grown(curves: int, missing: float, limit: int) -> int:
-    """Number of curves that give `missing` dB more than these, at most `limit`."""
+    """Return the number of curves that give `missing` dB more than these, at most `limit`."""
     factor = min(MOST_GROWTH, 2.0 ** (missing / DB_PER_DOUBLING))
     return max(1, min(limit, math.ceil(factor * curves)))
 
 
 def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
-    """The largest number up to a limit, or one whose size is nearly `most`, with size(number) <= most; 0 if there is
-    none. size: rises with the number, about evenly.
+    """Return the largest number up to `limit` with size(number) <= most, or one whose size is nearly `most`; 0 if there
+    is none. size: rises with the number, about evenly.
     """
     low, high, number = 0, limit + 1, limit
-    before: tuple[int, int] | None = None
+    before = (0, 0)
     while high - low > 1:
         taken = size(number)
         if taken <= most:
@@ -201,23 +205,22 @@ def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
                 break
         else:
             high = number
-        here = (number, taken)
-        each = taken / number if before is None else (taken - before[1]) / (number - before[0])
-        number = max(low + 1, min(high - 1, number + math.floor((most - taken) / max(each, 1e-3))))
-        before = here
+        slope = max((taken - before[1]) / (number - before[0]), 1e-3)
+        before = (number, taken)
+        number = max(low + 1, min(high - 1, number + math.floor((most - taken) / slope)))
     return low
 
 
 def guessed_curves(most: float, segments: int, precision: int) -> int:
-    """About how many curves of so many segments a file of so many bytes holds, not compressed, and a few to spare."""
+    """Return about how many curves of so many segments an uncompressed file of `most` bytes holds, and a few more."""
     return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
 def _to_spare(scene: Scene, least: float, level: float, photo: Photo) -> tuple[np.ndarray, int]:
-    """The curves, those of most worth first, and how many of the last of them a file of at least `least` dB can spare.
+    """Return the curves by importance, the highest first, and how many of the last a file of `least` dB can spare.
 
-    The loss without several curves is about what it is with them and what they are worth; files that are drawn say
-    how nearly so.
+    The loss without several curves is about the sum of the loss with them and their importances. Rendered files
+    correct this estimate.
     """
     loss, importance = photo.importance(scene)
     order = np.argsort(-importance, kind="stable")
@@ -238,22 +241,22 @@ def _to_spare(scene: Scene, least: float, level: float, photo: Photo) -> tuple[n
 
 
 def _rise(before: float, after: float) -> float:
-    """By which share the squared error rises between two levels in dB."""
+    """Return by which share the squared error rises between two levels in dB."""
     return 10.0 ** ((before - after) / 10.0) - 1.0
 
 
 def _kept(scene: Scene, order: np.ndarray, count: int) -> Scene:
-    """The first `count` curves of an order, in the scene's own."""
+    """Return the first `count` curves of an order, arranged as in the scene."""
     return scene.chosen(np.sort(order[:count]))
 
 
 def _trimmed(fitted: FitResult, order: np.ndarray, count: int) -> FitResult:
-    gone = fitted.scene.curves - count
-    return replace(fitted, scene=_kept(fitted.scene, order, count), dropped=fitted.dropped + gone)
+    dropped = fitted.dropped + fitted.scene.curves - count
+    return replace(fitted, scene=_kept(fitted.scene, order, count), dropped=dropped)
 
 
 def _joined(first: FitResult, second: FitResult) -> FitResult:
-    """Two fits as one."""
+    """Return two successive fits as one."""
     steps, seconds = first.steps + second.steps, first.fit_s + second.fit_s
     later = [
         {**entry, "step": entry["step"] + first.steps, "seconds": round(entry["seconds"] + first.fit_s, 3)}

@@ -1,42 +1,32 @@
-"""Distance of a result from its picture: the levels by which photo and drawing are compared."""
+"""PSNR of results against their picture in dB, infinite for identical ones: it compares photo and drawing."""
 
 from __future__ import annotations
 
 import math
-from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_scene, of_values
-from cubicsplat_cli.evaluate.metrics import decibels, measurable, psnr_db
+from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import LayeredScene, Scene
 
-LIKENESS_SIDE = 1024  # px of the longer side of the copy on which both are compared, where fine lines count
+LIKENESS_SIDE = 1024  # px of the longer side of the copy that is compared; fine lines count at this size
 COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
 
 
-class FileLevel:
-    """Measures files of a task: their PSNR in dB as another renderer draws them, infinite where alike."""
-
-    def __init__(self, task: Task) -> None:
-        self.task = task
-
-    @cached_property
-    def _reference(self) -> Picture:
-        return measurable(self.task.picture, math.inf)
-
-    def __call__(self, svg: str) -> float:
-        reference = self._reference
-        drawn = rerender(svg.encode(), reference.width, reference.height)
-        return _level_db(self.task, reference, of_pixels(drawn.pixels))
+def file_db(task: Task, svg: str) -> float:
+    """Return the PSNR of an SVG's text as another renderer draws it."""
+    reference = task.reference
+    drawn = rerender(svg.encode(), reference.width, reference.height)
+    return _level_db(task, reference, of_pixels(drawn.pixels))
 
 
 def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float:
-    """PSNR of a scene against what is fitted, at most LIKENESS_SIDE px; infinite where they are alike, or there is no
+    """Return the PSNR of a scene against the target, both at most LIKENESS_SIDE px wide and high; infinite without a
     scene. samples: edges per cubic. blur: px of the target by which the scene is blurred first.
     """
     return math.inf if scene is None else _level_db(task, *_drawn(task, scene, samples, blur))
@@ -45,9 +35,10 @@ def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur:
 def seen_db(
     task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0, enough_db: float = math.inf
 ) -> float:
-    """The same as people see it: the mean of the PSNR of pixels and that of tones, the means of squares of COARSE px.
-    Edges that are a little off hide neither shading that is missing nor what drifts from tone to tone. Infinite also
-    where the pixels have `enough_db`.
+    """Return the mean of a scene's PSNR by pixels and its PSNR by tones, which are means over squares of COARSE px.
+
+    This is nearer to what people see: slightly misplaced edges do not hide missing shading or drifting tones. Infinite
+    without a scene, and if the PSNR by pixels reaches `enough_db`. Other parameters as of `level_db`.
     """
     if scene is None:
         return math.inf
@@ -61,7 +52,7 @@ def seen_db(
 
 
 def _drawn(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
-    """The target, and a scene as the engine draws it at that size."""
+    """Return a copy of the target, and the engine's picture of a scene at its size."""
     picture, threads = resize_picture(task.target, LIKENESS_SIDE), task.request.settings.threads
     values = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
     if blur:
@@ -76,7 +67,7 @@ def _level_db(task: Task, picture: Picture, drawn: ImageSource) -> float:
 
 
 def _over_black_and_white(source: ImageSource) -> np.ndarray:
-    """(H, W, 6) the colours of a picture over black, then over white."""
+    """Return the colours of a picture over black, then over white, (H, W, 6)."""
     values = source.rows(0, source.height)
     alpha = values[..., 3:] if source.transparent else np.ones_like(values[..., :1])
     return np.concatenate([values[..., :3], values[..., :3] + 1.0 - alpha], axis=2)

@@ -1,11 +1,11 @@
-"""The photo style: curves that blend, fitted to the picture, within a budget where one is given."""
+"""The photo style: curves that blend, fitted to the picture, and within the request's budget, if any."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.load import Picture, resize_picture
@@ -28,12 +28,12 @@ from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 if TYPE_CHECKING:
     from cubicsplat_cli.photo.inputs import FitResult
 
-# The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
-# which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
+# Most of a fit uses a copy of so many pixels for each curve; the exact finish uses one whose sides are this many times
+# as long. Both cost less than 0.1 dB: see docs/lab/cpu.md.
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
-# Px of the longer side of the copy of a quick fit, and its steps; at which shares of these before the finish its level
-# is looked at, and by how many dB it rises from there to the end at most, as it does for airbrush: by half for photos.
+# A quick fit: px of its copy's longer side; its steps; the shares of the steps before the finish at which its level is
+# measured, each with the most dB by which the level then rises to the end (for airbrush; photos rise by half of that).
 QUICK_SIDE, QUICK_STEPS = 192, 300
 QUICK_LOOKS = ((0.15, 11.0), (0.4, 6.0), (0.65, 3.0), (1.0, 0.0))
 FEWEST = 8  # curves of a quick fit; it has no more than the photo would
@@ -42,47 +42,54 @@ LEAST_BYTES = 5.0  # of a line or cubic in a file
 
 
 def fitted_photo(task: Task) -> Made:
-    """Curves that blend, fitted to the picture."""
-    if task.request.tiny:
+    """Fit curves that blend to the picture: as many as the request's bytes or level need."""
+    request = task.request
+    if request.tiny:
         return _tiny_photo(task)
     photo, settings = _prepared(task)
-    return _made_of(photo, _within(photo, settings))
+    if request.max_bytes is not None:
+        transparent = photo.fine.alpha is not None or settings.background == "none"
+        fitted = within_bytes(request.max_bytes, _one_opacity(settings, transparent), photo)
+    elif request.target_psnr is not None:
+        fitted = within_level(request.target_psnr, settings, photo)
+    else:
+        fitted = photo.begin(settings).finish()
+    return _made_of(photo, fitted)
 
 
 class PhotoFit:
-    """The fit of a photo that no bytes or level bound, which can be looked at early on."""
+    """The fit of a photo without a budget, whose level can be estimated before its end."""
 
     def __init__(self, task: Task) -> None:
-        self._task = task
         self._photo, settings = _prepared(task)
         self._fitting = self._photo.begin(settings)
 
-    def early(self) -> tuple[Scene, float] | None:
-        """The curves early in the fit, and by how many dB their level usually rises from there to the end; None where
-        the fit was ended before.
-        """
-        share, rise = LOOKS[0]
-        return (self._fitting.scene(), rise) if self._fitting.relax(share) else None
+    def expected(self, looks: Sequence[tuple[float, float]] = LOOKS[:1], enough: float = math.inf) -> float:
+        """Fit until the level expected at the end is `enough` or less, and return that level, dB; infinite if no look
+        finds one, or the fit ends before.
 
-    def most(self, least: float) -> float | None:
-        """The level that the fit has at most at its end, dB, as soon as that is known to be `least` or less; else None,
-        with most of what goes before the exact finish done.
+        looks: the shares of the steps before the finish at which to measure, and by how many dB the level then rises.
         """
-        for share, rise in QUICK_LOOKS[1:-1]:
+        task = self._photo.task
+        for share, rise in looks:
             if not self._fitting.relax(share):
-                return None
-            level = level_db(self._task, self._fitting.scene(), self._task.request.settings.finish_samples)
-            if level + rise <= least:
-                return level + rise
-        return None
+                break
+            level = level_db(task, self._fitting.scene(), task.request.settings.finish_samples) + rise
+            if level <= enough:
+                return level
+        return math.inf
+
+    def most(self, enough: float) -> float:
+        """Return the highest level possible at the end, dB, once it is known to be `enough` or less; else infinity."""
+        return self.expected(QUICK_LOOKS[1:-1], enough)
 
     def finished(self) -> Made:
-        """The result of the whole fit."""
+        """Fit to the end, and return the result."""
         return _made_of(self._photo, self._fitting.finish())
 
 
 def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
-    """The curves of a photo that takes as many bytes as a drawing; those of large drawings are not counted."""
+    """Return the curves of a photo in as many bytes as a drawing takes; the bytes of large drawings are not counted."""
     most = task.request.settings.curves or USUAL_CURVES
     if drawing.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
         return most
@@ -91,26 +98,27 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
 
 
 def is_smaller(task: Task, drawing: Made) -> bool:
-    """Whether a drawing takes fewer bytes than the photo would."""
+    """True if a drawing takes fewer bytes than the photo."""
     return curves_of_equal_bytes(task, drawing) < _with_curves(task).curves
 
 
 class QuickPhoto:
-    """A fit of so many curves in few steps to a small copy of a picture, done as far as its level matters.
+    """A fit of some curves in few steps to a small copy of a picture, done as far as its level matters.
 
-    level_of: the level of a scene, dB; infinite where it is the picture.
+    level_of: returns the level of a scene, dB; infinite for one like the picture.
     """
 
     def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float]) -> None:
         self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
-        from cubicsplat_cli.photo.loop import FitLoop  # which most drawings do not come to
+        from cubicsplat_cli.photo.loop import FitLoop  # most drawings need none
 
         small = resize_picture(task.target, QUICK_SIDE).target()
         self._fitting = FitLoop(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
 
     def beyond(self, least: float) -> float | None:
-        """Its level, dB, infinite where it is the picture; None where that is `least` or less, which may be plain long
-        before its end. Raises what a fit raises, and KeyboardInterrupt.
+        """Return the level, dB; None if it is `least` or less, which may be clear long before the end.
+
+        Raises the errors of a fit, and KeyboardInterrupt.
         """
         while self._looks and self._most > least:
             share, rise = self._looks.pop(0)
@@ -127,68 +135,50 @@ class QuickPhoto:
 
 
 def _prepared(task: Task) -> tuple[Photo, FitSettings]:
-    """The fits of a picture, and their settings."""
+    """Return the fits of a picture, and their settings."""
     settings = _with_curves(task)
     rough, fine = copies_of(task.target, settings)
-    # A drawing to begin with is as fine as it is.
+    # An initial drawing has all its detail already.
     return Photo(task, fine if task.request.init is not None else rough, fine), settings
 
 
 def _made_of(photo: Photo, fitted: FitResult) -> Made:
-    from cubicsplat_cli.svg.scene_writer import write_svg
-
-    task, request = photo.task, photo.task.request
-    notes = [] if request.init is None else list(request.init.notes)
-    notes += fitted_on(task.target, photo.rough, photo.fine)
-    scene = scaled_scene(fitted.scene, *task.picture.size)
-    form: dict[str, Any] = {"precision": file_precision(request), "shapes": request.settings.shapes}
-    return Made(
-        scene,
-        lambda title, comment: write_svg(scene, title=title, comment=comment, **form),
-        fitted.samples,
-        scene.curves,
-        [*notes, *fitted.notes],
-        _facts(fitted),
-    )
+    """Return a fit as a result, with notes on the initial drawing and on the copies that were fitted."""
+    picture, rough, fine, init = photo.task.target, photo.rough, photo.fine, photo.task.request.init
+    notes = [] if init is None else list(init.notes)
+    if fine is not picture or rough is not picture:
+        finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
+        notes.append(f"fitted on a copy of {rough.width} x {rough.height} pixels{finish}")
+    scene = scaled_scene(fitted.scene, *photo.task.picture.size)
+    return _result(scene, photo.writer(scene), fitted, fitted.samples, notes)
 
 
-def _facts(fitted: FitResult) -> dict[str, Any]:
-    """The members of the report that are the fit's."""
-    return {
+def _result(
+    scene: Scene, write: Callable[[str, str], str], fitted: FitResult, samples: int, notes: Sequence[str] = ()
+) -> Made:
+    facts = {
         "device": fitted.device,
         "replaced": fitted.replaced,
         "dropped": fitted.dropped,
-        "interrupted": fitted.interrupted,
         "history": fitted.history,
         "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
     }
+    return Made(scene, write, samples, scene.curves, [*notes, *fitted.notes], facts, interrupted=fitted.interrupted)
 
 
 def _tiny_photo(task: Task) -> Made:
-    """Polygons on a coarse grid, whose file says nothing but them."""
+    """Fit polygons on a coarse grid, whose file holds nothing else."""
     from cubicsplat_cli.pipeline.tiny import fitted_polygons
 
     most = task.request.max_bytes
     assert most is not None
     polygons, fitted = fitted_polygons(most, _one_opacity(task.settings(), transparent=False), task)
-    scene = polygons.scene(*task.picture.size)
-    return Made(scene, lambda _title, _comment: polygons.text(), 1, scene.curves, fitted.notes, _facts(fitted))
-
-
-def _within(photo: Photo, settings: FitSettings) -> FitResult:
-    """One fit, or those that meet the budget that was asked for."""
-    request = photo.task.request
-    if request.max_bytes is not None:
-        transparent = photo.fine.alpha is not None or settings.background == "none"
-        return within_bytes(request.max_bytes, _one_opacity(settings, transparent), photo)
-    if request.target_psnr is not None:
-        return within_level(request.target_psnr, settings, photo)
-    return photo.begin(settings).finish()
+    return _result(polygons.scene(*task.picture.size), lambda _title, _comment: polygons.text(), fitted, 1)
 
 
 def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:
-    """The settings with one opacity for all curves, unless something shall stay transparent or opaque, or gradients are
-    asked for, which say theirs anyway.
+    """Return the settings with one opacity for all curves, unless parts must stay transparent or opaque, or fills are
+    gradients, whose stops have opacities in any case.
     """
     recipe = settings.recipe
     if transparent or recipe.opaque or settings.fill != "flat":
@@ -197,9 +187,7 @@ def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:
 
 
 def _with_curves(task: Task) -> FitSettings:
-    """The settings with as many curves as were asked for, as the drawing has that the fit begins with, as the bytes are
-    for, or as suit the picture.
-    """
+    """Return the settings with a number of curves: of the request, the initial drawing, the bytes, or the size."""
     settings, request, init = task.settings(), task.request, task.request.init
     if request.max_bytes is not None:
         most = request.max_bytes / (COMPRESSED if request.counts_compressed else 1.0)
@@ -218,18 +206,10 @@ def _with_curves(task: Task) -> FitSettings:
     return usual if settings.curves is not None else settings.with_(curves=init.scene.curves)
 
 
-def fitted_on(picture: Picture, rough: Picture, fine: Picture) -> list[str]:
-    """Notes of the report about copies."""
-    if fine is picture and rough is picture:
-        return []
-    finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
-    return [f"fitted on a copy of {rough.width} x {rough.height} pixels{finish}"]
-
-
 def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:
     """Return the pictures for most of a fit and for its exact finish: copies of a large one, or the same one twice.
 
-    A recipe in fractions of the canvas is a published one, and works on the picture.
+    A recipe whose lengths are fractions of the canvas is a published one, and works on the picture.
     """
     if settings.recipe.length_unit == "canvas" or settings.recipe.finish == 0.0:
         return picture, picture
@@ -238,7 +218,7 @@ def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture
 
 
 def _with_pixels(picture: Picture, enough: int) -> Picture:
-    """The picture, or a copy of so many pixels where it has half as many again: less would save nothing."""
+    """Return the picture, or a copy of `enough` pixels if it has more than 1.5 times as many."""
     pixels = picture.width * picture.height
     if 2 * pixels <= 3 * enough:
         return picture

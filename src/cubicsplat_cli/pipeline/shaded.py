@@ -1,7 +1,7 @@
-"""Shaded drawings: clean objects, and inside each a group of curves of the photo engine, clipped at its outline.
+"""Shaded drawings: clean objects, each with a group of curves of the photo engine inside, clipped at its outline.
 
-What shows of an object is its shading alone, over its opaque paint. So each is a fit of its own to the pixels in which
-it shows.
+Only an object's own shading, over its opaque paint, shows within its outline. So each object is a separate fit, to the
+pixels in which it shows.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.input.prepare import as_levels
-from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
 from cubicsplat_cli.artwork.vectorize import draw_flat
-from cubicsplat_cli.evaluate.perceptual import metric
+from cubicsplat_cli.evaluate.perceptual import metric as ciede2000_metric
 from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
@@ -25,43 +24,43 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import nearest_paints
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.paint import painted
+from cubicsplat_cli.scene.paint import Gradient, Rgba, painted
 from cubicsplat_cli.settings import FitSettings, cpu_count
 
 # At equal bytes triangles come nearer to soft shading than curves of 2 cubics, by a tenth in root mean square.
 SHAPES = "triangle"
-# Of all curves, so that none says its own. It stays as it is: left to the fit it falls, and what renderers round off
-# more and fainter layers shows in even areas. A half takes the most from both.
+# The opacity of all curves, which the file states once. It is fixed, since the fit would lower it, and the rounding of
+# more and fainter layers would show in even areas. One half serves both best.
 SHARED_OPACITY = 0.5
-SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
-PX_PER_CURVE = 42.0  # at first: leaving out many at the end is worse than to begin with fewer
-# Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
+SHADED = 2.0  # levels of root mean square error of its paint, above which an object gets shading
+PX_PER_CURVE = 42.0  # at first: few curves at the start are better than many removed at the end
+# 512 x 512 px, the largest picture with shading: a larger one would need thousands of curves, and minutes.
 MOST_PIXELS = 2**18
-# What a curve must take away of the squared CIEDE2000, summed over pixels, to stay: what leaves the bytes of a photo of
-# 128 curves, in the mean of 3D emoji.
+# The squared CIEDE2000, summed over pixels, that a curve must save to stay. The mean 3D emoji then takes the bytes of a
+# photo of 128 curves.
 PRICE = 43.0
-# A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
+# A picture with more objects, or with a larger share of rough pixels in them, has textures rather than shading.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
-ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
-LEAST_SHADED = 0.1  # of the picture's objects in px that have more than their paints
-REACH = 3  # px from a pixel at an edge to those whose colour it has
-# Of an error's cost that is the same in all directions: CIEDE2000 is a square for small errors only.
+ROUGH = 6.0  # levels between a rough pixel and the mean of 3 x 3 px; shading never differs so much
+LEAST_SHADED = 0.1  # share of the objects' pixels that need more than paint
+REACH = 3  # px from a pixel at an edge to the pixel whose colour it takes
+# The share of an error's cost that is alike in all directions: CIEDE2000 is quadratic for small errors only.
 PLAIN = 0.1
 FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones converge sooner
-LEAST_STEPS = 0.25  # of them
+LEAST_STEPS = 0.25  # the least share of the steps
 
 
 @record
 class Objects:
-    """levels: (H, W, 4) premultiplied. labels: (H, W) int32 the object of each pixel."""
+    """The objects of a picture. levels: (H, W, 4) premultiplied, 0..255. labels: (H, W) int32 the object of a pixel."""
 
     levels: np.ndarray
     labels: np.ndarray
 
 
 def shaded_objects(target: np.ndarray) -> Objects | None:
-    """The objects of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None where it does not consist
-    of few objects with soft shading inside, all opaque but for a transparent ground.
+    """Return the objects of a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None unless it consists
+    of few opaque objects with soft shading, on any ground.
     """
     if target.shape[0] * target.shape[1] > MOST_PIXELS:
         return None
@@ -80,33 +79,31 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     for number in range(count):
         own = visible & (labels == number)
         if own.any():
-            plain = _in_paint(straight, None, own)
-            off[own] = _off(straight, plain)[own].mean()
+            off[own] = _off(straight, *_paint_of(straight, own))[own].mean()
     shaded = off[visible] > SHADED**2
     return Objects(levels, labels) if shaded.mean() >= LEAST_SHADED else None
 
 
 def drawn_shaded(task: Task, objects: Objects) -> Made:
-    """The shaded drawing of a picture's objects."""
+    """Return the shaded drawing of a picture's objects as a result."""
     request = task.request
     most = int(request.shading) if request.shading.isdecimal() else None
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
         drawing = shaded_drawing(objects, task.settings(), most)
     made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
-    facts = {**made.facts, "interrupted": doing.interrupted}
-    return replace(made, facts=facts, may_be_photo=True)
+    return replace(made, interrupted=doing.interrupted, may_be_photo=True)
 
 
 def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
-    """The drawing of objects with their shading; where the work under way is stopped, some are without. most: curves of
-    an object, or None for as many as are of use.
+    """Draw objects with their shading; some have none if the current work is stopped. most: curves of an object, or
+    None for as many as are useful.
     """
-    outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings())
-    straight, shares = _straight(objects.levels), shown(outlined)
-    shapes = [
-        _in_paint(straight, shape, share >= min(FULL, float(share.max())))
-        for shape, share in zip(outlined.shapes, shares, strict=True)
-    ]
+    outlined = draw_flat(silhouettes(objects.levels, objects.labels))
+    straight, shares, shapes = _straight(objects.levels), shown(outlined), list[Shape]()
+    for shape, share in zip(outlined.shapes, shares, strict=True):
+        fill, gradient = _paint_of(straight, share >= min(FULL, float(share.max())))
+        name = shape_name(fill, shape.outlines, outlined.width, outlined.height)
+        shapes.append(replace(shape, fill=fill, gradient=gradient, name=name))
     with work().stoppable():
         spread = _spread(objects.levels, straight, shares)
         for index, share in enumerate(shares):
@@ -118,26 +115,27 @@ def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = N
 def _shaded(
     straight: np.ndarray, plain: Shape, share: np.ndarray, spread: np.ndarray, settings: FitSettings, most: int | None
 ) -> Shape:
-    """A shape in the paint of all that shows of it; with shading where that leaves too much.
+    """Return a shape with shading; without if its paint is near enough to the picture.
 
-    share: (H, W) where it shows. spread: see `_spread`. Raises KeyboardInterrupt when the fit is interrupted.
+    share: (H, W) the share of each pixel that shows it. spread: see `_spread`. Raises KeyboardInterrupt if the fit is
+    interrupted.
     """
-    height, width = share.shape
     whole = share > FULL
-    if not whole.any() or math.sqrt(float(_off(straight, plain)[whole].mean())) < SHADED:
+    if not whole.any() or math.sqrt(float(_off(straight, plain.fill, plain.gradient)[whole].mean())) < SHADED:
         return plain
     curves = round(min(float(whole.sum()) / PX_PER_CURVE, math.inf if most is None else most))
     if curves < 1:
         return plain
     goal, weights = _continued(straight, share)
     goal += np.where(whole, 0.0, share)[..., None] * spread
-    scene = _fitted(np.clip(goal, 0.0, 255.0), weights, _paint(plain, width, height), settings.with_(curves=curves))
-    return replace(plain, shading=scene)
+    ground = _painted(plain.fill, plain.gradient, share.shape)
+    return replace(plain, shading=_fitted(np.clip(goal, 0.0, 255.0), weights, ground, settings.with_(curves=curves)))
 
 
 def _continued(straight: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The colours (H, W, 3) of a shape, where it is half covered those of the nearest pixel of it that is not; and the
-    weight (H, W) of each, the square of what shows of it.
+    """Return the colours (H, W, 3) of a shape, and the weights (H, W) of its pixels, the squares of their shares.
+
+    A pixel that the shape shares with others takes the colour of the nearest whole one.
     """
     goal, whole = straight.copy(), share > FULL
     weights = np.where(whole, 1.0, 0.0)
@@ -150,8 +148,8 @@ def _continued(straight: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _spread(levels: np.ndarray, straight: np.ndarray, shares: Sequence[np.ndarray]) -> np.ndarray:
-    """(H, W, 3) what the colours of shapes, continued to their edges, are to be off there, times the share of each, so
-    that together they are the picture: the least change that brings it about.
+    """Return the smallest correction (H, W, 3) that makes the shapes' colours, continued to their edges, add up to the
+    picture: each shape changes by this times its share of a pixel.
     """
     rest, squares = levels[..., :3].astype(float), np.full(levels.shape[:2], 1e-3)
     for share in shares:
@@ -160,51 +158,47 @@ def _spread(levels: np.ndarray, straight: np.ndarray, shares: Sequence[np.ndarra
     return rest / squares[..., None]
 
 
-def _in_paint(straight: np.ndarray, shape: Shape | None, where: np.ndarray) -> Shape:
-    """A shape in the paint of the pixels (H, W) bool of a picture (H, W, 3); without one, the paint alone."""
+def _paint_of(straight: np.ndarray, where: np.ndarray) -> tuple[Rgba, Gradient | None]:
+    """Return the paint of the pixels `where`, (H, W) bool, of a picture (H, W, 3); see `base_paint`."""
     y, x = np.nonzero(where)
-    fill, gradient = base_paint(straight[y, x], x, y)
-    if shape is None:
-        return Shape(fill, (), "", gradient)
-    height, width = where.shape
-    return replace(shape, fill=fill, gradient=gradient, name=shape_name(fill, shape.outlines, width, height))
+    return base_paint(straight[y, x], x, y)
 
 
 def _straight(levels: np.ndarray) -> np.ndarray:
-    """(H, W, 3) straight colours of premultiplied levels."""
+    """Return the straight colours (H, W, 3) of premultiplied levels (H, W, 4)."""
     return np.asarray(levels[..., :3] * (255.0 / np.maximum(levels[..., 3:], 1.0)))
 
 
-def _paint(shape: Shape, width: int, height: int) -> np.ndarray:
-    """(H, W, 3) levels of a shape's paint over the whole canvas."""
-    if shape.gradient is None:
-        return np.broadcast_to(np.array(shape.fill[:3], float), (height, width, 3))
-    y, x = np.mgrid[:height, :width]
-    return 255.0 * painted(shape.gradient, x + 0.5, y + 0.5)[..., :3]
+def _painted(fill: Rgba, gradient: Gradient | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the levels (H, W, 3) of a paint over a whole canvas of shape (H, W)."""
+    if gradient is None:
+        return np.broadcast_to(np.array(fill[:3], float), (*shape, 3))
+    y, x = np.indices(shape)
+    return 255.0 * painted(gradient, x + 0.5, y + 0.5)[..., :3]
 
 
-def _off(straight: np.ndarray, shape: Shape) -> np.ndarray:
-    """(H, W) the mean square of three channels, in levels^2, by which a shape's paint is off."""
-    height, width = straight.shape[:2]
-    return np.asarray(((straight - _paint(shape, width, height)) ** 2).mean(axis=2))
+def _off(straight: np.ndarray, fill: Rgba, gradient: Gradient | None) -> np.ndarray:
+    """Return the mean square error of a paint over the three channels, (H, W) in levels^2."""
+    return np.asarray(((straight - _painted(fill, gradient, straight.shape[:2])) ** 2).mean(axis=2))
 
 
 def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings) -> Scene:
-    """Curves over a ground that are near a picture, both (H, W, 3) in levels, where there are weights (H, W)."""
+    """Fit curves over a ground to a picture, both (H, W, 3) in levels, in the box of the weights (H, W) above 0."""
     from cubicsplat_cli.photo.inputs import FitInputs
     from cubicsplat_cli.photo.loop import FitLoop
 
     rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    target, behind = ((each[window] / 255.0).astype(np.float32) for each in (goal, ground))
+    target, behind = ((levels[window] / 255.0).astype(np.float32) for levels in (goal, ground))
     steps = round(settings.steps * min(1.0, max(LEAST_STEPS, settings.curves / FULL_STEPS)))
-    recipe = settings.recipe  # whose first edges are as wide as these curves
+    recipe = settings.recipe  # its first edges suit this number of curves
     given = {**vars(FitSettings.from_preset(preset=settings.preset, shapes=SHAPES)), "curves": settings.curves}
     own = FitSettings(**given).with_(
         steps=steps, seed=settings.seed, threads=settings.threads, device="cpu", background="auto",
         recipe=replace(recipe, shared_opacity=SHARED_OPACITY, rate_opacities=0.0, edge_start=recipe.edge_end),
     )  # fmt: skip
-    inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind, metric=_seen(goal[window]))
+    metric = _error_metric(goal[window])
+    inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind, metric=metric)
     fitting = FitLoop(target, own, inputs=inputs)
     if fitting.relax():
         importance = fitting.importance()
@@ -219,9 +213,9 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
     return replace(scene, points=points, background=None, width=goal.shape[1], height=goal.shape[0])
 
 
-def _seen(colours: np.ndarray) -> np.ndarray:
-    """What the engine is to take for errors of colours (h, w, 3) in levels, the square of CIEDE2000: see `Engine`."""
-    rows = 255.0**2 * metric(colours)
+def _error_metric(colours: np.ndarray) -> np.ndarray:
+    """Return the cost of errors at colours (h, w, 3) in levels, the square of CIEDE2000: see `Engine`."""
+    rows = 255.0**2 * ciede2000_metric(colours)
     plain = PLAIN * rows[0].mean(axis=2, keepdims=True)
     rows *= 1.0 - PLAIN
     rows[0] += plain

@@ -1,9 +1,10 @@
-"""Photos of a few hundred bytes: polygons on a coarse grid, of which a search over whole numbers makes the best.
+"""Photos of a few hundred bytes: polygons on a coarse grid, improved by a search over whole numbers.
 
-A few fits give polygons, and rounding them to the grid costs 1 to 5 dB. The search gets nearly all of that back, and
-the best of what it finds is taken. It tries steps of one vertex and of a whole polygon, and vertices added and left
-out, in many colours each. It takes those that lower loss + price x bytes most, where the bytes are those of the
-compressed file.
+1. A few fits give polygons (`fitted_polygons`). Rounding these to the grid costs 1 to 5 dB.
+2. A search starts from the best fits and regains nearly all of that (`TinySearch`). It moves a vertex or a whole
+   polygon, adds or removes a vertex, and tries many colours with each change. It takes the changes that lower
+   loss + price x bytes of the compressed file most.
+3. The search with the lowest loss is the result.
 """
 
 from __future__ import annotations
@@ -49,22 +50,24 @@ UNITS_PER_SPACING = 11.0  # of the grid, for the side of a polygon's share of th
 LEAST_UNITS, MOST_UNITS = 48, 96  # numbers of two digits
 PIXELS_PER_UNIT = 2  # of the copy that is fitted
 SWEEPS = 30
-# A file twice as large has about 40 % less error, which says what a byte is worth; less of
-# that at the beginning, and less and less when the bytes are used up.
+# The worth of a byte: a file twice as large has about 40 % less error. The price begins lower, and falls after each
+# sweep within the limit.
 PRICE, CHEAPER = 0.6, 0.8
-GAIN = 1e-4  # of the loss for each polygon, below which another sweep is not worth its time
-SURPLUS = 0.2  # of the bytes that are too many, left out before the next sweep, which saves some itself
+GAIN = 1e-4  # of the loss for each polygon; a sweep that gains less is the last
+SURPLUS = 0.2  # share of the excess bytes that are removed before the next sweep; that sweep saves some itself
 SAVING = 4.0  # bytes, the most that a step usually saves
 MOST = 9  # vertices
 ROUNDS = 2  # steps of a polygon in a sweep
-# Polygons that are fitted in all, in fits of which the best are searched: the fewer there are, the more fits differ.
+# The polygons in all fits; the most fits; and those that are searched. Fits differ more the fewer polygons they have.
 FITTED, STARTS, SEARCHED = 120, 5, 2
 T = TypeVar("T")
-_EXACT = RasterSettings("exact", 1.0, 1)  # a side is one edge
 
 
 def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridPolygons, FitResult]:
-    """The best polygons whose file has at most so many bytes when compressed. Raises InputError where none fits."""
+    """Return the best polygons whose compressed file has at most `most` bytes, and the fit that they come from.
+
+    Raises InputError if not even one fits.
+    """
     count = max(1, round(SPARE * (most - HEAD_BYTES) / (PATH_BYTES + settings.segments * VERTEX_BYTES)))
     width, height = task.picture.size
     spacings = math.sqrt(count * max(width, height) / min(width, height))  # along the longer side
@@ -72,11 +75,11 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
     target = resize_picture(task.target, min(max(task.target.size), PIXELS_PER_UNIT * units))
     pixels, weights = target.target(), task.weights(target)
     starts, threads = min(STARTS, max(1, round(FITTED / count))), settings.threads or cpu_count()
-    at_once = 1 if settings.device == "cuda" else min(starts, threads)  # a GPU's engine does one fit after the other
+    at_once = 1 if settings.device == "cuda" else min(starts, threads)  # a GPU's engine runs one fit at a time
     limit = settings.time_limit
     if limit is not None:
-        limit *= 0.5 / math.ceil(starts / at_once)  # the search has the rest
-    # So small a fit is done before a GPU has started.
+        limit *= 0.5 / math.ceil(starts / at_once)  # the search has the other half
+    # A CPU finishes such a small fit before a GPU starts.
     device = "cpu" if settings.device == "auto" else settings.device
     settings = settings.with_(curves=count, time_limit=limit, threads=threads // at_once, device=device)
     deadline, stop = time.perf_counter() + task.seconds_to_make(), Event()
@@ -87,14 +90,14 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
 
     def fitted(start: int, first: bool) -> tuple[float, FitResult]:
         seeded, recorder = settings.with_(seed=settings.seed + start), None if start else task.recorder
-        found = fit(pixels, seeded, task.on_progress if first else interrupted, recorder, FitInputs(weights))
-        if found.interrupted:
+        result = fit(pixels, seeded, task.on_progress if first else interrupted, recorder, FitInputs(weights))
+        if result.interrupted:
             stop.set()
         with closing(CpuEngine(settings.threads)) as engine:
-            return _loss_of(found.scene, pixels, weights, engine), found
+            return _loss_of(result.scene, pixels, weights, engine), result
 
-    fits = [each for each in _side_by_side(fitted, starts, at_once, stop) if each is not None]
-    fits = sorted(fits, key=lambda one: one[0])[: 1 if stop.is_set() else SEARCHED]
+    fits = sorted(_side_by_side(fitted, starts, at_once, stop), key=lambda one: one[0])
+    fits = fits[: 1 if stop.is_set() else SEARCHED]
     at_once = min(len(fits), threads)
     began, turns = time.perf_counter(), math.ceil(len(fits) / at_once)
     settings = settings.with_(threads=threads // at_once)
@@ -107,39 +110,41 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
                 stop.set()
         return search
 
-    results = [each for each in _side_by_side(searched, len(fits), at_once, stop) if each is not None]
-    best = min(range(len(results)), key=lambda place: results[place].loss)
-    return results[best].polygons, replace(fits[best][1], interrupted=stop.is_set())
+    searches = _side_by_side(searched, len(fits), at_once, stop)
+    best, (_, result) = min(zip(searches, fits, strict=False), key=lambda pair: pair[0].loss)
+    return best.polygons, replace(result, interrupted=stop.is_set())
 
 
-def _side_by_side(do: Callable[[int, bool], T], count: int, at_once: int, stop: Event) -> list[T | None]:
-    """do(number, whether in this thread) for every number below count, so many at once; but for the first, None where
-    `stop` was set before its turn. Ctrl-C comes to this thread, and sets it.
+def _side_by_side(do: Callable[[int, bool], T], count: int, at_once: int, stop: Event) -> list[T]:
+    """Return do(number, first) of the numbers below `count`, of `at_once` at a time; first: in this thread.
+
+    Once `stop` is set, by Ctrl-C in this thread, all later ones but number 0 are skipped.
     """
 
-    def turn(number: int, first: bool) -> T | None:
-        return do(number, first) if number == 0 or not stop.is_set() else None
+    def turn(number: int, first: bool) -> list[T]:
+        return [do(number, first)] if number == 0 or not stop.is_set() else []
 
     with ThreadPoolExecutor(max(1, at_once - 1)) as others:
-        found = {k: others.submit(turn, k, False) for k in range(count) if k % at_once}
+        futures = {k: others.submit(turn, k, False) for k in range(count) if k % at_once}
         own = {k: turn(k, True) for k in range(0, count, at_once)}
         try:
-            wait(found.values())
+            wait(futures.values())
         except KeyboardInterrupt:
             stop.set()
-    return [own[k] if k in own else found[k].result() for k in range(count)]
+    return [result for k in range(count) for result in (own[k] if k in own else futures[k].result())]
 
 
 def _loss_of(scene: Scene, goal: np.ndarray, weights: np.ndarray | None, engine: CpuEngine) -> float:
-    """The loss of the engine's exact picture against a goal (H, W, C) of the scene's size."""
+    """Return the loss of the engine's exact picture against a goal (H, W, C) of the scene's size."""
     goal = with_channels(np.ascontiguousarray(goal, dtype=np.float32), scene.channels)
-    return engine.loss(scene_arrays(scene), _EXACT, goal, weights)
+    exact = RasterSettings("exact", 1.0, 1)  # a side is one edge
+    return engine.loss(scene_arrays(scene), exact, goal, weights)
 
 
 class TinySearch:
-    """Improves polygons towards a picture, and makes their file as small as is asked for.
+    """A search that improves polygons towards a picture, and reduces their file to a limit.
 
-    loss: of the engine's picture; bytes: of the compressed file; paths: the element of each polygon.
+    loss: of the engine's picture. bytes: of the compressed file. paths: the SVG element of each polygon.
     """
 
     def __init__(
@@ -156,8 +161,9 @@ class TinySearch:
         self._measure()
 
     def run(self, most: int, deadline: float, stop: Event) -> bool:
-        """Sweeps until that gains nothing any more, the time is up, or, after one sweep, `stop` is set. Returns whether
-        Ctrl-C ended it before.
+        """Sweep until a sweep gains too little, the time is up, or `stop` is set; then shrink the file to `most` bytes.
+
+        Return True if Ctrl-C ended the sweeps. Raises InputError if not even one polygon fits.
         """
         interrupted = False
         try:
@@ -200,11 +206,11 @@ class TinySearch:
         return _loss_of(self.polygons.scene(width, height), self.goal, self.weights, self.engine)
 
     def _pays(self, rise: float, size: int, price: float, most: int) -> bool:
-        """Whether to take a step by which the loss rises, and the file gets this size."""
+        """True if a change that raises the loss by `rise`, and makes the file `size` bytes, is worth taking."""
         return rise + price * (size - self.bytes) < 0.0 and not self.bytes <= most < size
 
     def _sweep(self, price: float, most: int) -> None:
-        """Improves the background, and then polygon after polygon, in random order."""
+        """Improve the background, then each polygon, in random order."""
         self._improve_ground(price, most)
         for index in self.generator.permutation(len(self.paths)).tolist():
             self._turn(index)
@@ -214,24 +220,24 @@ class TinySearch:
         self.loss = self._loss()
 
     def _turn(self, index: int) -> None:
-        """Lets a polygon begin at that vertex, and go round that way, whose path compresses best."""
+        """Write a polygon from that vertex on, and in that direction, whose path compresses best."""
         polygons, own = self.polygons, self.polygons.vertices[index]
-        best, found = (self.bytes, own, self.paths[index]), []
+        best, variants = (self.bytes, own, self.paths[index]), []
         for vertices in (own, own[::-1]):
             for first in range(len(own)):
                 polygons.vertices[index] = np.concatenate((vertices[first:], vertices[:first]))
-                found.append((polygons.vertices[index], polygons.path(index)))
-        shortest = min(len(path) for _, path in found)
-        for vertices, path in found:
+                variants.append((polygons.vertices[index], polygons.path(index)))
+        shortest = min(len(path) for _, path in variants)
+        for vertices, path in variants:
             if len(path) <= shortest:
                 self.paths[index] = path
                 best = min(best, (self._size(), vertices, path), key=lambda one: one[0])
         self.bytes, polygons.vertices[index], self.paths[index] = best
 
     def _improve(self, index: int, price: float, most: int) -> bool:
-        """Takes the step of a polygon that pays most, and returns whether there is one."""
+        """Take the change of a polygon that pays most; return True if there is one."""
         polygons, best = self.polygons, (0.0, 0.0, self.bytes, self._shape(index))
-        self._show()
+        self._update_steps()
         for score, rise, vertices, colour in self.steps.best(index, price):
             if score - price * SLACK > best[0]:
                 break
@@ -248,22 +254,22 @@ class TinySearch:
     def _shape(self, index: int) -> tuple[np.ndarray, np.ndarray, str]:
         return self.polygons.vertices[index], self.polygons.colours[index].copy(), self.paths[index]
 
-    def _show(self) -> None:
-        """Tells what looks for steps how the polygons are now."""
+    def _update_steps(self) -> None:
+        """Tell the search for steps the current polygons."""
         polygons = self.polygons
         ground = None if polygons.background is None else polygons.background / LEVELS
         self.steps.take(polygons.vertices, polygons.colours, ground, polygons.opacity / TENTHS)
 
     def _improve_ground(self, price: float, most: int) -> None:
-        """Takes steps of the background's colour and of the opacity of all."""
+        """Take changes of the background's colour, and of the opacity of all, that pay."""
         polygons, before = self.polygons, self.polygons.background
-        tried: list[tuple[np.ndarray | None, int]] = []
-        if polygons.opacity < TENTHS:  # not where all shall be opaque
-            tried += [(before, polygons.opacity + 1), (before, polygons.opacity - 1)]
+        trials: list[tuple[np.ndarray | None, int]] = []
+        if polygons.opacity < TENTHS:  # otherwise all stay opaque
+            trials += [(before, polygons.opacity + 1), (before, polygons.opacity - 1)]
         if before is not None:
-            ways = np.concatenate((np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)))
-            tried += [(before + way, polygons.opacity) for way in ways]
-        for background, opacity in tried:
+            unit = np.eye(3, dtype=np.int64)
+            trials += [(before + step, polygons.opacity) for step in (*unit, *-unit)]
+        for background, opacity in trials:
             if 1 <= opacity <= TENTHS and (background is None or is_colour(background)):
                 kept = polygons.background, polygons.opacity
                 polygons.background, polygons.opacity = background, opacity
@@ -274,8 +280,8 @@ class TinySearch:
                     polygons.background, polygons.opacity = kept
 
     def _shrink(self, most: float) -> None:
-        """Leaves out what gives least for a byte, a vertex or all of each polygon, until at most so many bytes are left
-        or nothing more can be told without another look. One polygon stays.
+        """Remove from each polygon a vertex, or the whole of it, by the least rise of the loss for a byte, until `most`
+        bytes are left, or all polygons have changed. One polygon stays.
         """
         polygons, changed = self.polygons, set[int]()
         for _, index, vertex in sorted(self._rises(), key=lambda rise: rise[0]):
@@ -292,8 +298,8 @@ class TinySearch:
         self._measure()
 
     def _rises(self) -> Iterator[tuple[float, int, int]]:
-        """By how much the loss rises for each byte that is saved, a polygon, and the vertex without which; -1: all."""
-        self._show()
+        """Yield each removal: the rise of the loss per saved byte, the polygon, and its vertex, -1 for all of it."""
+        self._update_steps()
         for index, vertices in enumerate(self.polygons.vertices):
             *rises, whole = self.steps.removals(index, len(vertices)).tolist()
             for vertex, rise in enumerate(rises):

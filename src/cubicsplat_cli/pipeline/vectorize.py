@@ -37,7 +37,7 @@ from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
 
 SCORES_SIDE = 256  # px, as Geometrize works on
-COLORS, COLORS_SIDE = 5, 96  # dominant colours at most, and px of the copy on which they are looked for
+COLORS, COLORS_SIDE = 5, 96  # the most dominant colours, and px of the copy that they are taken from
 
 
 def vectorize_picture(
@@ -50,9 +50,8 @@ def vectorize_picture(
 ) -> Result:
     """Turn a loaded picture into an SVG, and measure that SVG.
 
-    title: the SVG's title, by default the picture's source. A Ctrl-C while a photo is fitted or a drawing made ends
-    that with what there is so far. Raises EngineError when the engine fails, InputError when the scene cannot be
-    written.
+    title: the SVG's title, by default the picture's source. A Ctrl-C during the fit or the drawing ends it with the
+    result so far. Raises EngineError if the engine fails, InputError if the scene cannot be written.
     """
     task = task_of(picture, request or Request(), timer or StageTimer(), title=title, on_progress=on_progress)
     *_, made = candidates(task)
@@ -71,36 +70,35 @@ def task_of(
     on_progress: Callable[[Progress], None] | None = None,
     recorder: FrameRecorder | None = None,
 ) -> Task:
-    """The work on a loaded picture. recorder: keeps the scenes of a photo's fit."""
+    """Return the task for a loaded picture. recorder: keeps the scenes of a photo's fit."""
     with timer("read"):
-        wanted = laid_over(picture, request.settings.background_colour)
-        target = wanted if request.max_size is None else resize_picture(wanted, request.max_size)
-    return Task(picture, wanted, target, request, timer, on_progress, recorder, title or picture.source)
+        grounded = laid_over(picture, request.settings.background_colour)
+        target = grounded if request.max_size is None else resize_picture(grounded, request.max_size)
+    return Task(picture, grounded, target, request, timer, on_progress, recorder, title or picture.source)
 
 
 def measured(task: Task, made: Made, svg: str) -> Measured:
-    """Draw the SVG's bytes with an independent renderer, and compare that and the engine's picture with the input."""
+    """Compare the picture with the SVG, drawn by an independent renderer, and with the engine's picture."""
     timer, threads = task.timer, task.request.settings.threads
     with timer("measure"):
         reference = measurable(task.picture, task.seconds_left())
+    sides = reference.width, reference.height
     with timer("draw"):
-        drawn = rerender(svg.encode(), reference.width, reference.height)
+        drawn = rerender(svg.encode(), *sides)
     with timer("measure"):
-        own = of_scene(made.scene, reference.width, reference.height, made.samples, threads)
-        (file, surrogate), agreement = measure(reference, [of_pixels(drawn.pixels), own], threads)
+        own, svg_pixels = of_scene(made.scene, *sides, made.samples, threads), of_pixels(drawn.pixels)
+        (file, surrogate), agreement = measure(reference, [svg_pixels, own], threads)
+        weights = task.weights(reference)
         quality = Qualities(
             FileQuality(**vars(file), renderer=drawn.renderer),
             OwnQuality(**vars(surrogate), samples=made.samples),
             agreement,
             gap_db(file, surrogate),
+            None if weights is None else weighted_psnr_db(reference, svg_pixels, weights),
         )
-        weights = task.weights(reference)
-        if weights is not None:
-            level = weighted_psnr_db(reference, of_pixels(drawn.pixels), weights)
-            quality = replace(quality, weighted_psnr_db=level)
     notes = [] if drawn.note is None else [drawn.note]
-    if (reference.width, reference.height) != task.picture.size:
-        notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
+    if sides != task.picture.size:
+        notes.append(f"quality measured at {sides[0]} x {sides[1]} pixels")
     level = quality.svg.psnr_db if quality.weighted_psnr_db is None else quality.weighted_psnr_db
     if level is not None and level < FAR_DB and _may_be_nearer(task, made):
         more = "more --curves bring it nearer" if made.style.name == PHOTO else "--style photo may be nearer"
@@ -109,15 +107,14 @@ def measured(task: Task, made: Made, svg: str) -> Measured:
 
 
 def _may_be_nearer(task: Task, made: Made) -> bool:
-    """Whether the result should be as near as possible: no option asks for few curves or colours."""
+    """True if no option keeps the result from the picture, such as few curves or colours, or another ground."""
     own_colours = task.request.artwork.free_fills and task.request.ground == KEEP
-    as_it_is = made.style.name == PHOTO or (own_colours and not made.of_scan)
-    return as_it_is and not task.bounded
+    return not task.bounded and (made.style.name == PHOTO or (own_colours and not made.of_scan))
 
 
 def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
-    """At most COLORS colours of a picture's opaque pixels, by median cut and k-means on a small copy, the most frequent
-    first: `hex` and the `share` of those pixels.
+    """Return at most COLORS colours of a picture's opaque pixels, the most frequent first: each as `hex`, with its
+    `share` of those pixels. They are found by median cut and k-means on a small copy.
     """
     from PIL import Image
 
@@ -126,18 +123,17 @@ def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
     if not len(pixels):
         return []
     image = Image.fromarray(np.rint(255.0 * pixels[None]).astype(np.uint8))
-    paletted = image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
-    palette = bytes(paletted.getpalette() or ()).hex()
-    counts = np.bincount(np.asarray(paletted).ravel())
+    image = image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
+    palette = bytes(image.getpalette() or ()).hex()
     return [
-        {"hex": f"#{palette[6 * index : 6 * index + 6]}", "share": round(int(counts[index]) / len(pixels), 3)}
-        for index in np.argsort(-counts, kind="stable").tolist()
-        if counts[index]
+        {"hex": f"#{palette[6 * index : 6 * index + 6]}", "share": round(count / len(pixels), 3)}
+        for index, count in sorted(enumerate(image.histogram()), key=lambda color: -color[1])
+        if count
     ]
 
 
 def geometrized(task: Task, made: Made, output: Output) -> str | None:
-    """The shapes of a photo as Geometrize lists them; None where the picture has one colour."""
+    """Return the shapes of a photo as Geometrize lists them; None for a picture of one colour."""
     if not isinstance(made.scene, Scene) or "history" not in made.facts:
         return None
     from cubicsplat_cli.svg.scene_writer import geometrize_list
@@ -147,41 +143,36 @@ def geometrized(task: Task, made: Made, output: Output) -> str | None:
 
 
 def scores_of(task: Task, scene: Scene) -> list[float]:
-    """(N + 1,) root mean square errors, in [0, 1], of the background alone, and with each curve, from back to front.
-
-    On a copy of at most SCORES_SIDE px.
+    """Return the N + 1 root mean square errors, in [0, 1], of the background alone, and after each curve from the back
+    to the front, on a copy of at most SCORES_SIDE px.
     """
     target = resize_picture(task.picture, SCORES_SIDE)
     sized = scaled_scene(scene, target.width, target.height)
     goal = with_channels(target.target(), sized.channels)
     ground = np.zeros(4, np.float32) if sized.background is None else np.array(sized.background, np.float32)
     drawn: np.ndarray = np.broadcast_to(ground, goal.shape)
-    scores = [_root_mean_square(drawn - goal)]
+    scores = [float(np.sqrt(np.square(drawn - goal).mean()))]
     for curve in reversed(range(sized.curves)):
         alone = replace(sized.chosen(slice(curve, curve + 1)), background=None)
         layer = render_scene(alone, threads=task.request.settings.threads)
         drawn = layer[..., : goal.shape[2]] + (1.0 - layer[..., 3:]) * drawn
-        scores.append(_root_mean_square(drawn - goal))
+        scores.append(float(np.sqrt(np.square(drawn - goal).mean())))
     return scores
 
 
-def _root_mean_square(values: np.ndarray) -> float:
-    return float(np.sqrt(np.square(values).mean()))
-
-
 def output_of(task: Task, made: Made, text: str, data: bytes, **files: Any) -> Output:
-    """The report's member `output`. text: of the SVG; data: its file, which may be compressed. files: more members."""
+    """Return the report's member `output`. text: the SVG. data: its file, maybe compressed. files: more members."""
     paths = drawn_elements(text) if "shapes" in made.facts else made.paths
     compressed = len(packed(text, compressed=True)) if task.request.counts_compressed else None
     return Output(paths, len(data), sha256_of(data), compressed_bytes=compressed, **files)
 
 
 def report_of(task: Task, made: Made, figures: Measured | None, output: Output, *, path: str | None = None) -> Report:
-    """The figures of a finished result, with the seconds until now. path: of the picture, as the user named it."""
+    """Return the figures of a finished result, with the seconds so far. path: the user's name for the picture."""
     source, request, seconds = task.source, task.request, task.timer.seconds
     facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, seconds["fit"]), **made.facts}
     stages = {f"{name}_s": seconds.get(name) for name in ("read", "write", "draw", "measure")}
-    # Cut here: the page and the summary round it once more, and shall say what the written report says.
+    # Rounded here, so that the page and the summary, which round it further, agree with the written report.
     total = round(task.timer.total(), SECONDS_DECIMALS)
     timing = replace(facts.pop("timing"), total_s=total, **stages)
     return Report(
@@ -195,5 +186,6 @@ def report_of(task: Task, made: Made, figures: Measured | None, output: Output, 
         notes=[*task.target.notes, *made.notes, *task.logged, *([] if figures is None else figures.notes)],
         quality=None if figures is None else figures.quality,
         timing=timing,
+        interrupted=made.interrupted,
         **facts,
     )
