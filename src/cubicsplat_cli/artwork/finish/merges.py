@@ -78,7 +78,7 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
     for merge in plan:
         gone[(merge.first + np.arange(1, merge.count)) % ring.pieces] = True
         controls[merge.first], lines[merge.first] = merge.cubic[1:3], merge.line
-    return Ring(ring.anchors[~gone], controls[~gone], lines[~gone], ring.smooth[~gone])
+    return Ring(ring.anchors, controls, lines, ring.smooth).chosen(~gone)
 
 
 @record
@@ -99,6 +99,10 @@ class Visibility:
         order = np.lexsort((t, piece))
         seen = summed((c.slope[own] * WHITE) ** 2) * SEEN_SIGMA**2 > UNSEEN
         return cls(piece[order], t[order], seen[order], state.goal.share_error)
+
+    def shows(self, weights: np.ndarray) -> np.ndarray:
+        """Return (n,) bool, which weights of `weights` are those of points that show."""
+        return weights > 0.5 * self.sigma**-2
 
     def weights(self, piece: np.ndarray | int, t: np.ndarray) -> np.ndarray:
         """(n,) 1/px^2 of points of pieces (n,), or of one, at parameters (n,)."""

@@ -8,19 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
 
-# Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
-QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
-# (4, 4, 2) the quarters of a unit circle, from the rightmost point on, in the direction of growing angles.
-_QUARTER = np.array([[1.0, 0.0], [1.0, QUARTER_HANDLE], [QUARTER_HANDLE, 1.0], [0.0, 1.0]])
-_UNIT_CIRCLE = np.stack(
-    [_QUARTER @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), turns) for turns in range(4)]
-)
+FINE = 8  # cubics of a whole turn that are true to 5e-6 of its radius
+_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a box, clockwise as seen
 # Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
 _GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0
 
@@ -69,9 +64,13 @@ class Ring:
         """Degrees of freedom: 2 an anchor, 4 a cubic, less 1 for every smooth joint."""
         return 2 * self.pieces + 4 * int((~self.lines).sum()) - int(self.smooth.sum())
 
-    def ring(self) -> Ring:
-        """The ring itself."""
+    def ring(self, _arcs: int = 4) -> Ring:
+        """Return the ring itself."""
         return self
+
+    def chosen(self, which: np.ndarray) -> Ring:
+        """Return the ring of some pieces, by their numbers or as (A,) bool, each from the anchor at its start on."""
+        return Ring(self.anchors[which], self.controls[which], self.lines[which], self.smooth[which])
 
 
 def pieces_of_rings(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
@@ -121,9 +120,9 @@ class Circle:
     coordinates = 3
     parameters = 3
 
-    def ring(self) -> Ring:
-        """Four cubics, from the rightmost point on, in the direction of growing angles."""
-        return Ellipse(self.cx, self.cy, self.r, self.r).ring()
+    def ring(self, arcs: int = 4) -> Ring:
+        """Return a ring of so many cubics, from the rightmost point on, in the direction of growing angles."""
+        return Ellipse(self.cx, self.cy, self.r, self.r).ring(arcs)
 
 
 @dataclass(frozen=True)
@@ -145,9 +144,10 @@ class Ellipse:
 
     parameters = coordinates
 
-    def ring(self) -> Ring:
-        """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
-        return ring_of_cubics(_placed(_UNIT_CIRCLE * [self.rx, self.ry], self.angle, (self.cx, self.cy)))
+    def ring(self, arcs: int = 4) -> Ring:
+        """Return a ring of so many cubics, from the end of the first half-axis on, in the direction of growing angles."""
+        unit = arc(0.0, 2.0 * math.pi, arcs)
+        return ring_of_cubics(unit * [self.rx, self.ry] @ turn_matrix(self.angle) + [self.cx, self.cy])
 
 
 @dataclass(frozen=True)
@@ -176,28 +176,21 @@ class Rectangle:
 
     parameters = coordinates
 
-    def ring(self) -> Ring:
-        """Four lines, or with a radius eight pieces, from the left end of the top side on, clockwise as seen."""
+    def ring(self, arcs: int = 4) -> Ring:
+        """Return a ring from the left end of the top side on, clockwise as seen: four lines, and where the corners are
+        round a whole turn in so many cubics, a quarter of them at each corner.
+        """
         half = np.array([self.width / 2.0, self.height / 2.0])
-        signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-        middle = (self.x + half[0], self.y + half[1])
-        corners = signs * half
+        middle, turn = half + np.array([self.x, self.y]), turn_matrix(self.angle)
         if self.radius <= 0.0:
-            return polygon(_placed(corners, self.angle, middle))
-        return self._rounded(corners, middle)
-
-    def _rounded(self, corners: np.ndarray, middle: tuple[float, float]) -> Ring:
-        sides = np.roll(corners, -1, axis=0) - corners
-        along = sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-12)
-        starts = corners + self.radius * along
-        ends = np.roll(corners, -1, axis=0) - self.radius * along
-        anchors = _placed(np.stack([starts, ends], axis=1).reshape(8, 2), self.angle, middle)
-        after = np.roll(anchors, -1, axis=0)
-        controls = thirds(anchors, after)
-        turned = _placed(np.roll(corners, -1, axis=0), self.angle, middle)
-        controls[1::2, 0] = anchors[1::2] + QUARTER_HANDLE * (turned - anchors[1::2])
-        controls[1::2, 1] = after[1::2] + QUARTER_HANDLE * (turned - after[1::2])
-        return Ring(anchors, controls, np.arange(8) % 2 == 0, np.ones(8, dtype=bool))
+            return polygon(_CORNERS * half @ turn + middle)
+        # The bend at the end of each side.
+        bends = self.radius * arc(-0.5 * math.pi, 1.5 * math.pi, arcs).reshape(4, -1, 4, 2)
+        bends = bends + following(_CORNERS * (half - self.radius))[:, None, None]
+        starts, ends = np.roll(bends[:, -1, 3:], 1, axis=0), bends[:, 0, :1]
+        sides = np.concatenate([starts, thirds(starts[:, 0], ends[:, 0]), ends], axis=1)
+        cubics = np.concatenate([sides[:, None], bends], axis=1).reshape(-1, 4, 2) @ turn + middle
+        return replace(ring_of_cubics(cubics), lines=np.arange(len(cubics)) % (len(cubics) // 4) == 0)
 
 
 def polygon(anchors: np.ndarray) -> Ring:
@@ -211,9 +204,18 @@ def thirds(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[:, None] / 3.0
 
 
-def _placed(points: np.ndarray, angle: float, middle: tuple[float, float]) -> np.ndarray:
+def turn_matrix(angle: float) -> np.ndarray:
+    """Return the matrix (2, 2) that turns rows of x and y by an angle when they are multiplied by it."""
     cos, sin = math.cos(angle), math.sin(angle)
-    return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(middle)
+    return np.array([[cos, sin], [-sin, cos]])
+
+
+def arc(start: float, stop: float, count: int) -> np.ndarray:
+    """Return cubics (count, 4, 2) of the unit circle from one angle to another, radians."""
+    at = np.linspace(start, stop, count + 1)
+    unit = np.stack([np.cos(at), np.sin(at)], axis=1)
+    reach = 4.0 / 3.0 * np.tan((stop - start) / count / 4.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    return np.stack([unit[:-1], (unit + reach)[:-1], (unit - reach)[1:], unit[1:]], axis=1)
 
 
 def following(points: np.ndarray) -> np.ndarray:

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fine import arc
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Outline,
     Rectangle,
     Ring,
+    arc,
     polygon_lengths,
     signed_area,
     thirds,
