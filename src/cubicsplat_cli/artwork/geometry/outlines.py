@@ -14,7 +14,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
 
-FINE = 8  # cubics of a whole turn that are true to 5e-6 of its radius
+FINE = 16  # cubics of a whole turn, true to 1e-7 of its radius
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a box, clockwise as seen
 # Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
 _GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0

@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
+from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
 from cubicsplat_cli.raster.cubics import newton_steps
@@ -67,43 +68,22 @@ def _ends(run: Run, faces: Faces) -> tuple[int, int]:
     return int(start), int(faces.head[last] if onward else faces.tail[last])
 
 
-def _chains(faces: Faces, kept: np.ndarray) -> list[tuple[list[tuple[int, bool]], bool]]:
-    """The edges in rows from node to node, and those in closed rows without nodes (True)."""
-    at: dict[int, list[int]] = {}
-    for e in np.flatnonzero(kept).tolist():
-        at.setdefault(int(faces.tail[e]), []).append(e)
-        at.setdefault(int(faces.head[e]), []).append(e)
-    left = set(np.flatnonzero(kept).tolist())
-    chains = []
-    nodes = [v for v, edges in at.items() if len(edges) != 2]
-    for v in nodes:
-        for e in at[v]:
-            if e in left:
-                chains.append((_walked(e, v, at, faces, left), False))
-    for e in np.flatnonzero(kept).tolist():
-        if e in left:
-            chains.append((_walked(e, int(faces.tail[e]), at, faces, left), True))
-    return chains
+def _chains(faces: Faces, kept: np.ndarray) -> list[tuple[list[Link], bool]]:
+    """Return the kept edges in rows from node to node, and in closed rows without nodes (True)."""
+    edges = np.flatnonzero(kept).tolist()
+    meetings: dict[int, list[Link]] = defaultdict(list)
+    for e in edges:
+        meetings[int(faces.tail[e])].append((e, 0))
+        meetings[int(faces.head[e])].append((e, 1))
+    return rows_of(edges, pairs_of(meetings.values()))
 
 
-def _walked(e: int, v: int, at: dict[int, list[int]], faces: Faces, left: set[int]) -> list[tuple[int, bool]]:
-    chain = []
-    while e in left:
-        left.discard(e)
-        ahead = int(faces.tail[e]) == v
-        chain.append((e, ahead))
-        v = int(faces.head[e]) if ahead else int(faces.tail[e])
-        if len(at[v]) != 2:
-            break
-        e = at[v][0] if at[v][1] == e else at[v][1]
-    return chain
-
-
-def _along_pieces(chain: list[tuple[int, bool]], faces: Faces, sources: Sources, closed: bool) -> list[Run]:
+def _along_pieces(chain: list[Link], faces: Faces, sources: Sources, closed: bool) -> list[Run]:
     """The runs of a chain: it keeps to a piece as long as that goes on, then takes the one that follows it."""
     runs: list[Run] = []
     after = sources.after
-    for e, ahead in chain:
+    for e, entered in chain:
+        ahead = entered == 0
         found = [(p, (a, b) if ahead else (b, a)) for p, a, b in faces.runs[e]]
         last = runs[-1] if runs else None
         same = next((t for p, t in found if last and p == last.piece and _goes_on(last.t, t)), None)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import (
-    FINE,
     Outline,
     Ring,
     oriented,
@@ -27,6 +26,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
+EIGHTHS = 8  # cubics of a whole turn, which are true to 5e-6 of its radius
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
 MOST_CHORDS = 4096  # of a piece
@@ -67,7 +67,7 @@ def sources_of(drawing: Drawing) -> Sources:
 
 def rings_of(shape: Shape) -> list[Ring]:
     """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
-    return list(oriented([outline.ring(FINE) for outline in shape.outlines]))
+    return list(oriented([outline.ring(EIGHTHS) for outline in shape.outlines]))
 
 
 def canvas_ring(drawing: Drawing) -> Ring:
