@@ -12,10 +12,9 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.added import with_added
 from cubicsplat_cli.artwork.finish.colours import ROUNDED, recoloured
-from cubicsplat_cli.artwork.finish.moves import PRICE
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
-from cubicsplat_cli.artwork.finish.state import goal_of
+from cubicsplat_cli.artwork.finish.state import PRICE, goal_of
 from cubicsplat_cli.artwork.gradients.bands import banded_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients

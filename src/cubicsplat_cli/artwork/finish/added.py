@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import FILL_PARAMETERS, PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.finish.proposals import (
     MARGIN,
@@ -24,7 +23,18 @@ from cubicsplat_cli.artwork.finish.proposals import (
 )
 from cubicsplat_cli.artwork.finish.settle import settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
-from cubicsplat_cli.artwork.finish.state import WHITE, Layer, State, layer_of, layers_of, premultiplied
+from cubicsplat_cli.artwork.finish.state import (
+    FILL_PARAMETERS,
+    PRICE,
+    SHAPE_PARAMETERS,
+    UNSEEN,
+    WHITE,
+    Layer,
+    State,
+    layer_of,
+    layers_of,
+    premultiplied,
+)
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.shapes import Drawing, Shape

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import FILL_PARAMETERS, PRICE
+from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS, PRICE
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.palette import UNLIKE

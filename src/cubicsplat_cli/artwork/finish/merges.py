@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
-from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
-from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle, trimmed
-from cubicsplat_cli.artwork.finish.state import WHITE, State
+from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, judged, settle, trimmed
+from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, polygon_lengths
 from cubicsplat_cli.artwork.geometry.variables import feet_of
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
@@ -64,11 +63,7 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
         fewer = trial.taken_back(_with(state, paying, constraints), differ)
         trial = settle(fewer, TRIAL_ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
-    trial = trimmed(trial, changed)
-    refused = shorter(state, trial, changed, detail) | (trial.clockwise != state.clockwise)
-    if refused.any():
-        trial = settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused)
-    return trial
+    return judged(state, trimmed(trial, changed), changed, detail)
 
 
 def merged(ring: Ring, plan: list[Merge]) -> Ring:
@@ -183,7 +178,7 @@ def _paying(before: State, after: State, plans: list[list[Merge]], detail: float
 
     def pays(merge: Merge, k: int) -> bool:
         number = judged.get(id(merge))
-        lost = 0.0 if number is None else 0.5 * float(grown[number]) / floor_of(before, k)
+        lost = 0.0 if number is None else 0.5 * float(grown[number]) / before.floor(k)
         return lost * detail < PRICE * merge.saved
 
     return [[merge for merge in plan if pays(merge, k)] for k, plan in enumerate(plans)]

@@ -1,27 +1,49 @@
-"""The whole finish of a drawing: its pieces settled against the pixels, pieces added where those ask, settled again."""
+"""The whole finish of a drawing: its pieces settled against the pixels; pieces added where those ask for more than an
+outline can do, and a primitive made a ring; runs of pieces merged; settled again.
+
+Every move is tried with a short finish, and kept only where the description of the picture becomes shorter: half of
+chi^2 over the pixels that the outline crosses, plus a price for every parameter.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import with_merges
-from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
-from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, ROUNDS, TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import State, begin, drawn
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.finish.settle import ROUNDS, TRIAL_ROUNDS, judged, settle
+from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Circle,
+    Ellipse,
+    Rectangle,
+    Ring,
+    cubic_parts,
+    divided,
+    polygon_lengths,
+)
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import log, nothing, work
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.record import record
 
 PASSES = 3  # of moves, and of merges, at most
 # Pieces beyond which there are fewer rounds; merges only after the moves, and one pass of each; neither of the two,
-# which take some ms a piece; fewer rounds still; and nothing is fitted, for its memory.
-CROWDED, FULL, CHANGED, MANY, MOST = 400, 4000, 16_000, 40_000, 100_000
-FEWEST_ROUNDS = 3
+# which take some ms a piece; and nothing is fitted, for its memory.
+CROWDED, FULL, CHANGED, MOST = 400, 4000, 16_000, 100_000
+# Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
+WORTH, MOST_CHI = 3.0 * PRICE, 60.0
+NEAR = 2.5  # px: misfit within this of a joint is the joint's where this share of it is
+CONCENTRATED = 0.5
+LEAST_LENGTH = 3.0  # px of a piece that may be cut
+ROUNDED = 2.0  # px before and after a corner between which it is rounded
+# Half of the excess of chi^2 that a primitive's pixels must have on average: twice as much as by chance. Over the many
+# pixels of a large circle even what one of its neighbours spoils is worth a ring's parameters.
+CLEARLY = 0.5
 
 
 def polish(
@@ -51,7 +73,7 @@ def polish(
     at("fitting to the pixels", 0.5)
     state = state or begin(drawing, goal)
     with work().stoppable():
-        state = settle(state, ROUNDS if pieces <= CROWDED else _trial_rounds(pieces))
+        state = settle(state, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
         on_settled(drawn(drawing, state))
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
@@ -59,17 +81,15 @@ def polish(
             state = _repeated(merged, state, PASSES if goal.reach else 1)
         at("fitting to the pixels", 0.7)
         state = _repeated(moved, state, PASSES if pieces <= FULL else 1 if pieces <= CHANGED else 0)
-        state = _tried(state, _otherwise(drawing, constraints), detail)
-        if pieces <= MANY:
-            state = settle(state, TRIAL_ROUNDS)
+        rings = [
+            outline.otherwise if isinstance(outline, Ring) else None for s in drawing.shapes for outline in s.outlines
+        ]
+        state = _tried(state, {k: parametrised(o, constraints) for k, o in enumerate(rings) if o is not None}, detail)
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:
+            state = settle(state, TRIAL_ROUNDS)
             state = _repeated(merged, state, PASSES if pieces <= FULL else 1)
     return drawn(drawing, state)
-
-
-def _trial_rounds(pieces: int) -> int:
-    return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
 
 
 def _repeated(change: Callable[[State], State], state: State, passes: int) -> State:
@@ -81,19 +101,135 @@ def _repeated(change: Callable[[State], State], state: State, passes: int) -> St
     return state
 
 
-def _otherwise(drawing: Drawing, constraints: Constraints) -> dict[int, Parameters]:
-    """The closer rings of a drawing's outlines, by the number of the outline."""
-    rings = [outline.otherwise if isinstance(outline, Ring) else None for s in drawing.shapes for outline in s.outlines]
-    return {k: parametrised(ring, constraints) for k, ring in enumerate(rings) if ring is not None}
-
-
 def _tried(state: State, others: Mapping[int, Parameters], detail: float) -> State:
-    """The state with those of other outlines, by number, that pay once they are settled."""
+    """Return the state with those of other outlines, by number, that pay once they are settled."""
     if not others:
         return state
     changed = np.isin(np.arange(len(state.outlines)), [*others])
-    trial = settle(state.with_outlines(others), _trial_rounds(int(state.pieces[-1])), changed=changed)
-    refused = shorter(state, trial, changed, detail)
-    if refused.any():
-        trial = settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused)
-    return trial if not refused[changed].all() else state
+    return judged(state, settle(state.with_outlines(others), TRIAL_ROUNDS, changed=changed), changed, detail)
+
+
+@record
+class Complaint:
+    """Misfit of a piece's pixels. chi: half of the excess of chi^2; t: the parameter in its middle; start,
+    end: the shares of it near the piece's ends."""
+
+    chi: float
+    t: float
+    start: float
+    end: float
+
+
+def with_moves(state: State, constraints: Constraints, detail: float) -> dict[int, Parameters]:
+    """The outlines that have a piece more, by number, wherever the pixels ask for one."""
+    found, better = complaints(state), {}
+    starts, marks = state.pieces.tolist(), state.marks.tolist()
+    for k, outline in enumerate(state.outlines):
+        own = {i - starts[k]: found[i] for i in range(starts[k], starts[k + 1]) if i in found}
+        edited = _edited(outline, own, constraints, detail, marks[k + 1] - marks[k])
+        if edited is not None:
+            better[k] = edited
+    return better
+
+
+def complaints(state: State) -> dict[int, Complaint]:
+    """The complaints against the pieces of a drawing, numbered through all its outlines."""
+    c, count = state.crossings, int(state.pieces[-1])
+    floor = state.chance(slice(None))
+    chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
+    lengths = polygon_lengths(state.drawn.cubics)
+    along = c.t * lengths[c.piece]
+    weight = np.maximum(chi, 0.0)
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(c.piece, values, count)
+
+    excess, sums = 0.5 * total(chi), np.maximum(total(weight), 1e-12)
+    middle, start = total(weight * c.t) / sums, total(weight * (along < NEAR)) / sums
+    end = total(weight * (along > lengths[c.piece] - NEAR)) / sums
+    return {
+        int(i): Complaint(float(excess[i]), float(middle[i]), float(start[i]), float(end[i]))
+        for i in np.flatnonzero(excess > 0.0)
+    }
+
+
+def _edited(
+    outline: Parameters, own: dict[int, Complaint], constraints: Constraints, detail: float, crossed: int
+) -> Parameters | None:
+    """The outline, which crosses so many pixels, with the moves that its complaints suggest, from the last piece on;
+    None without any."""
+    ring = outline.outline()
+    if not isinstance(ring, Ring):
+        other = as_path(ring, detail * sum(complaint.chi for complaint in own.values()), crossed)
+        return None if other is None else parametrised(other, constraints)
+    found = {i: complaint for i, complaint in own.items() if complaint.chi * detail > WORTH}
+    done = ring
+    joints: set[int] = set()
+    for i in sorted(found, reverse=True):
+        done = _move(done, i, found[i], joints)
+    return None if done is ring else parametrised(done, constraints)
+
+
+def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ring | None:
+    """The ring to try in a primitive's place; None where all that its pixels hold against it, half of the excess of
+    chi^2, is worth less than the ring's further parameters, or is little for the pixels crossed.
+
+    Rectangles that stand level stay: drawing programs with few samples a pixel know their sides to a quarter of one,
+    and sides that slant would fit that better than they fit the drawing.
+    """
+    if isinstance(shape, Rectangle) and shape.angle == 0.0:
+        return None
+    ring = shape.ring()
+    return ring if chi > max(PRICE * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
+
+
+def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
+    length = float(polygon_lengths(ring.cubics[[i]])[0])
+    if max(complaint.start, complaint.end) > CONCENTRATED and length > 2.0 * NEAR:
+        anchor = i if complaint.start >= complaint.end else (i + 1) % ring.pieces
+        if anchor in joints or anchor == 0:
+            return ring
+        joints.add(anchor)
+        if ring.smooth[anchor]:
+            return cornered(ring, anchor)
+        return rounded(ring, anchor, ROUNDED)
+    if length < LEAST_LENGTH:
+        return ring
+    if ring.lines[i]:
+        return curved(ring, i)
+    return divided(ring, i, float(np.clip(complaint.t, 0.25, 0.75)))
+
+
+def curved(ring: Ring, piece: int) -> Ring:
+    """The ring with a line made a cubic, straight to begin with, that turns at its ends as it likes."""
+    return replace(ring, lines=ring.lines & (np.arange(ring.pieces) != piece))
+
+
+def cornered(ring: Ring, anchor: int) -> Ring:
+    """The ring with a smooth joint made a corner."""
+    return replace(ring, smooth=ring.smooth & (np.arange(ring.pieces) != anchor))
+
+
+def rounded(ring: Ring, anchor: int, reach: float) -> Ring:
+    """The ring with a corner replaced by a cubic between points `reach` px before and after it, joined smoothly."""
+    before, after = (anchor - 1) % ring.pieces, anchor
+    cubics = ring.cubics
+    first, _ = cubic_parts(cubics[before], 1.0 - _parameter(cubics[before][::-1], reach))
+    _, second = cubic_parts(cubics[after], _parameter(cubics[after], reach))
+    corner = ring.anchors[anchor]
+    anchors, controls = ring.anchors.copy(), ring.controls.copy()
+    controls[before] = first[1:3]
+    controls[after] = second[1:3]
+    anchors[anchor] = second[0]
+    bend = np.stack([first[3] + (corner - first[3]) * 0.55, second[0] + (corner - second[0]) * 0.55])
+    anchors = np.insert(anchors, anchor, first[3], axis=0)
+    controls = np.insert(controls, anchor, bend, axis=0)
+    smooth = ring.smooth.copy()
+    smooth[anchor] = True
+    return Ring(anchors, controls, np.insert(ring.lines, anchor, False), np.insert(smooth, anchor, True))
+
+
+def _parameter(cubic: np.ndarray, reach: float) -> float:
+    """The parameter at which a cubic is about `reach` px from its start, at most two fifths."""
+    length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
+    return min(reach / max(length, 1e-9), 0.4)

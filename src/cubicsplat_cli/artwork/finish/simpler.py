@@ -13,9 +13,8 @@ from itertools import compress
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import with_merges
-from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
-from cubicsplat_cli.artwork.finish.state import WHITE, State, begin, drawn
+from cubicsplat_cli.artwork.finish.state import PRICE, SHAPE_PARAMETERS, WHITE, State, begin, drawn
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
@@ -68,7 +67,7 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
         if saved > 0.0:
             box = np.concatenate([f(boxes[number, own], others[number, own]) for f, own in _ENDS])
             grown = _squares(after, box) - _squares(state, box)
-            refused[number] = 0.5 * detail * grown > saved * floor_of(state, number)
+            refused[number] = 0.5 * detail * grown > saved * state.floor(number)
     return after.taken_back(state, refused)
 
 
@@ -89,7 +88,7 @@ def without_shapes(state: State, detail: float, worth: dict[int, float]) -> Stat
     boxes = np.concatenate([f.reduceat(_boxes(state)[:, own], firsts) for f, own in _ENDS], axis=1)
     there = np.ones(len(layers), dtype=bool)
     prices = [PRICE * (SHAPE_PARAMETERS + sum(o.outline().parameters for o in each.outlines)) for each in layers]
-    floors = [floor_of(state, first) for first in firsts.tolist()]
+    floors = [state.floor(first) for first in firsts.tolist()]
     in_question = [n for n, each in enumerate(layers) if worth.get(id(each.shape), 0.0) * detail < WORTHY]
     for group in apart(boxes, in_question):
         work().at()

@@ -278,6 +278,24 @@ def reversed_ring(ring: Ring) -> Ring:
     return Ring(ring.anchors[order], ring.controls[pieces][:, ::-1], ring.lines[pieces], ring.smooth[order])
 
 
+def divided(ring: Ring, piece: int, t: float) -> Ring:
+    """Return the same curve with a piece cut in two at a parameter, joined smoothly; of a line, both parts are lines."""
+    a, b = cubic_parts(ring.cubics[piece], t)
+    anchors = np.insert(ring.anchors, piece + 1, a[3], axis=0)
+    controls = np.insert(ring.controls, piece + 1, b[1:3], axis=0)
+    controls[piece] = a[1:3]
+    lines = np.insert(ring.lines, piece + 1, ring.lines[piece])
+    return Ring(anchors, controls, lines, np.insert(ring.smooth, piece + 1, not ring.lines[piece]))
+
+
+def cubic_parts(cubic: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parts of a cubic (4, 2) before and after t, by de Casteljau's construction."""
+    rows = [cubic]
+    while len(rows[-1]) > 1:
+        rows.append(rows[-1][:-1] * (1.0 - t) + rows[-1][1:] * t)
+    return np.stack([row[0] for row in rows]), np.stack([row[-1] for row in rows[::-1]])
+
+
 def bernstein(u: np.ndarray) -> np.ndarray:
     """The Bernstein polynomials of degree 3 at u (...): (..., 4), the weights of a cubic's control points."""
     v = 1.0 - u

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.finish.moves import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters, ring_pieces
-from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at, thirds, with_thirds
+from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.regularities.alike import FEWEST, SIGMAS, SYSTEMATIC, Track, nearest

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import Visibility
-from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, gains
 from cubicsplat_cli.artwork.finish.parameters import (
     LEAST,
     NO_PINS,
@@ -28,7 +27,7 @@ from cubicsplat_cli.artwork.finish.parameters import (
     ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import State, begin, drawn, layer_of
+from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
@@ -188,10 +187,10 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
             families[k] = parameters.source
     wanted = np.zeros(len(outlines), dtype=bool)
     wanted[[*tied, *families[list(tied)].tolist()]] = True
-    gained = gains(state, trial, wanted)
+    gained = state.gains(trial, wanted)
     for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
-        known = 1.0 - state.goal.error**2 / max(floor_of(state, k), state.goal.error**2, UNSEEN)
+        known = 1.0 - state.goal.error**2 / max(state.floor(k), state.goal.error**2, UNSEEN)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / state.goal.share_error) ** 2
         saved[k] = (gained[k] + allowed) * detail
     for k, parameters in tied.items():

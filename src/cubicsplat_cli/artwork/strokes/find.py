@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
+from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,

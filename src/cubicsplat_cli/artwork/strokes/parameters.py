@@ -11,10 +11,9 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
+from cubicsplat_cli.artwork.finish.state import PRICE, Layer, State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, outlines_of_stroke, pieces_of, plan_of
 from cubicsplat_cli.artwork.geometry.variables import Pieces
@@ -141,7 +140,7 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
     first = np.cumsum([0, *(len(shape.outlines) for shape in drawing.shapes)]).tolist()
     shapes: list[Shape] = []
     for n in range(len(parts)):
-        pays = tried[n] and 0.5 * detail * growth[n] < PRICE * saved[n] * floor_of(before, first[n])
+        pays = tried[n] and 0.5 * detail * growth[n] < PRICE * saved[n] * before.floor(first[n])
         own = [after.layers[k] for k in np.flatnonzero(owners == n)] if pays else [still[n]]
         shapes += map(_drawn, own)
     return replace(drawing, shapes=tuple(shapes))
