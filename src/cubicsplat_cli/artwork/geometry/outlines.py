@@ -52,12 +52,8 @@ class Ring:
     @property
     def coordinates(self) -> int:
         """Numbers in its path data: 2 to start, 6 a cubic, 2 a line (1 along an axis, 0 for the closing)."""
-        steps = following(self.anchors) - self.anchors
-        axis = (np.abs(steps) < 1e-9).any(axis=1)
-        numbers = np.where(self.lines, np.where(axis, 1, 2), 6)
-        if self.lines[-1]:
-            numbers[-1] = 0
-        return 2 + int(numbers.sum())
+        numbers = path_numbers(following(self.anchors) - self.anchors, self.lines)
+        return 2 + int(numbers[: -1 if self.lines[-1] else None].sum())
 
     @property
     def parameters(self) -> int:
@@ -71,6 +67,11 @@ class Ring:
     def chosen(self, which: np.ndarray) -> Ring:
         """Return the ring of some pieces, by their numbers or as (A,) bool, each from the anchor at its start on."""
         return Ring(self.anchors[which], self.controls[which], self.lines[which], self.smooth[which])
+
+
+def path_numbers(steps: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Return (S,) how many numbers of path data pieces have between ends that lie apart by steps (S, 2); lines: bool."""
+    return np.where(lines, np.where((np.abs(steps) < 1e-9).any(axis=1), 1, 2), 6)
 
 
 def pieces_of_rings(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Rectangle,
     Ring,
     arc,
+    path_numbers,
     polygon_lengths,
     signed_area,
     thirds,
@@ -50,8 +51,7 @@ class Chain:
     @property
     def coordinates(self) -> int:
         """Numbers in its path data: 2 to start, 6 a cubic, 2 a line (1 along an axis)."""
-        axis = (np.abs(np.diff(self.anchors, axis=0)) < 1e-9).any(axis=1)
-        return 2 + int(np.where(self.lines, np.where(axis, 1, 2), 6).sum())
+        return 2 + int(path_numbers(np.diff(self.anchors, axis=0), self.lines).sum())
 
 
 Path = Chain | Ring | Circle | Ellipse | Rectangle

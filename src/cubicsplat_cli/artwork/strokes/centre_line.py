@@ -50,8 +50,7 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     ends, tangents = points[[0, -1]], local[1][[0, -1]]
     division, _ = divided_run(local, weights, (ends, tangents, np.array([END_ERRORS, END_ERRORS])), price)
     pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division.sizes))
-    cubics = pieces.cubics
-    return Chain(pieces.anchors, cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.smooth.copy())
+    return pieces.chain()
 
 
 def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
