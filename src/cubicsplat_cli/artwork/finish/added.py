@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.finish.proposals import (
     areas,
     proposals,
 )
-from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
 from cubicsplat_cli.artwork.finish.state import (
     FILL_PARAMETERS,
@@ -44,8 +44,7 @@ from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
 
-ROUNDS = 10
-PASSES, CROWDED = 3, 2000  # one pass where there are more shapes, of which each takes five seconds and more
+CROWDED = 2000  # one pass where there are more shapes, of which each takes five seconds and more
 MOST_TRIED = 4000  # areas
 SEEN = 60  # px of an area that is worth a note
 LEFT = 0.5  # share of the squared error that shapes may leave which explain it in no fewer areas than before

@@ -55,7 +55,7 @@ class Pins:
     lengths: tuple[float, ...] = ()
 
     def hold(self, axis: int, value: float) -> bool:
-        """Whether a number is pinned; axis: 0 for x, 1 for y, 2 for lengths."""
+        """Return whether a number is pinned; axis: 0 for x, 1 for y, 2 for lengths."""
         return any(abs(value - pin) < LEAST for pin in (self.x, self.y, self.lengths)[axis])
 
 
@@ -81,7 +81,7 @@ def parametrised(outline: Outline, constraints: Constraints) -> Parameters:
 
 
 def _on_border(box: Rectangle, constraints: Constraints) -> bool:
-    """Whether a rectangle with sharp corners has a side that stays where it is."""
+    """Return whether a rectangle with sharp corners has a side that stays where it is."""
     x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
     ends = np.array([x[0], y[0], x[1] - constraints.width, y[1] - constraints.height])
     pinned = any(constraints.pins.hold(0, v) for v in x) or any(constraints.pins.hold(1, v) for v in y)

@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
-from cubicsplat_cli.artwork.finish.settle import ROUNDS, TRIAL_ROUNDS, judged, settle
+from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
 from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
@@ -31,16 +31,14 @@ from cubicsplat_cli.progress import log, nothing, work
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
 
-PASSES = 3  # of moves, and of merges, at most
 # Pieces beyond which there are fewer rounds; merges only after the moves, and one pass of each; neither of the two,
 # which take some ms a piece; and nothing is fitted, for its memory.
 CROWDED, FULL, CHANGED, MOST = 400, 4000, 16_000, 100_000
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
 WORTH, MOST_CHI = 3.0 * PRICE, 60.0
-NEAR = 2.5  # px: misfit within this of a joint is the joint's where this share of it is
-CONCENTRATED = 0.5
+NEAR = 2.5  # px: misfit within this of a joint is the joint's, which may be rounded from there on
+CONCENTRATED = 0.5  # share of a piece's misfit that is a joint's, which then is what moves
 LEAST_LENGTH = 3.0  # px of a piece that may be cut
-ROUNDED = 2.0  # px before and after a corner between which it is rounded
 # Half of the excess of chi^2 that a primitive's pixels must have on average: twice as much as by chance. Over the many
 # pixels of a large circle even what one of its neighbours spoils is worth a ring's parameters.
 CLEARLY = 0.5
@@ -192,7 +190,7 @@ def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
         joints.add(anchor)
         if ring.smooth[anchor]:
             return cornered(ring, anchor)
-        return rounded(ring, anchor, ROUNDED)
+        return rounded(ring, anchor, NEAR)
     if length < LEAST_LENGTH:
         return ring
     if ring.lines[i]:

@@ -75,7 +75,7 @@ class ErrorModel:
 
     @property
     def clean(self) -> bool:
-        """Whether every difference is one of the drawing."""
+        """Return whether every difference is one of the drawing."""
         return self.seam > 0.0
 
     @classmethod

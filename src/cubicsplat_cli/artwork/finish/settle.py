@@ -15,6 +15,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Unknowns
 
 ROUNDS = 14
+PASSES = 3  # of moves, of merges and of further shapes, at most
 TRIAL_ROUNDS, AFTER_REFUSALS = 6, 2  # of what is tried in a settled drawing, and of what is left where some is refused
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
 PIXEL_SIGMA, FREE = 0.02, 0.5

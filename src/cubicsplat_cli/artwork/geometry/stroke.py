@@ -69,7 +69,7 @@ class Stroke:
 
     @property
     def closed(self) -> bool:
-        """Whether it returns to its start."""
+        """Return whether it returns to its start."""
         return not isinstance(self.path, Chain)
 
     @property
@@ -148,5 +148,5 @@ def _dot(at: np.ndarray, half: float, cap: str) -> Ring:
     """A stroke of no length: a disc or, with square caps, a square."""
     if cap == ROUND:
         return _ring(at + half * arc(0.0, 2.0 * np.pi, 8), np.zeros(8, dtype=bool))
-    corners = at + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
-    return _ring(line_chain(corners).cubics, np.ones(4, dtype=bool))
+    x, y = (at - half).tolist()
+    return Rectangle(x, y, 2.0 * half, 2.0 * half).ring()

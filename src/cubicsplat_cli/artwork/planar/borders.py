@@ -12,6 +12,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
+from cubicsplat_cli.artwork.geometry.stroke import line_chain
+from cubicsplat_cli.artwork.geometry.variables import ROUNDS
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
 from cubicsplat_cli.raster.cubics import newton_steps
@@ -21,7 +23,6 @@ _JUMP = 0.5  # of the parameter: where a ring of one piece begins again
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter
 ASTRAY = 0.25  # px that a node may lie off the vertex of the map
-_ROUNDS = 8
 
 
 @dataclass(eq=False)
@@ -214,7 +215,7 @@ def _if_near(place: np.ndarray, vertex: np.ndarray) -> np.ndarray:
 def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
     """The parameter of a piece nearest to a place."""
     u = np.array([[t]])
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         u = np.clip(newton_steps(sources.cubics[[piece]], place[None, None], u), 0.0, 1.0)
     return float(u[0, 0])
 
@@ -222,7 +223,7 @@ def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
 def _crossing(cubics: np.ndarray, t: np.ndarray) -> np.ndarray | None:
     """The crossing of two cubics (2, 4, 2) near the parameters (2,), by Newton's method; None where they run
     abreast."""
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         place, (way, _) = points_at(cubics, t[:, None])[:, 0], derivatives(cubics, t[:, None])
         (ax, ay), (bx, by) = way[:, 0]
         turn = ax * by - ay * bx
@@ -241,7 +242,7 @@ def _between(
     cubic = sources.cubics[piece]
     t0, t1 = (_foot(sources, piece, u, place) for u, place in zip(t, (a, b), strict=True))
     if sources.lines[piece] or abs(t1 - t0) < AT_END:
-        return a + (b - a) * (np.arange(4) / 3.0)[:, None], True
+        return line_chain(np.stack([a, b])).cubics[0], True
     part = _part(cubic, t0, t1)
     part[1] += a - part[0]
     part[2] += b - part[3]

@@ -11,14 +11,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.parameters import LEAST
 from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
+    Rectangle,
     Ring,
     oriented,
     pieces_of_rings,
     places_within,
     points_at,
-    polygon,
     polygon_lengths,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -33,7 +34,6 @@ MOST_CHORDS = 4096  # of a piece
 MOST_ROUNDS = 200
 # A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
 _NEAR = (9, 16)
-_SAME_SHARE = 1e-9
 
 
 @record
@@ -72,7 +72,7 @@ def rings_of(shape: Shape) -> list[Ring]:
 
 def canvas_ring(drawing: Drawing) -> Ring:
     """The edge of a drawing's canvas."""
-    return polygon(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [drawing.width, drawing.height])
+    return Rectangle(0.0, 0.0, drawing.width, drawing.height).ring()
 
 
 def sources_from(
@@ -194,7 +194,7 @@ def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarr
     order = np.lexsort((*points.T, at, which))
     # A segment goes to one of two points that face each other across it: between these it would be cut again, for ever.
     which, points, at = which[order], points[order], at[order]
-    apart = np.append(True, (which[1:] != which[:-1]) | (np.diff(at) > _SAME_SHARE))
+    apart = np.append(True, (which[1:] != which[:-1]) | (np.diff(at) > LEAST))
     which, points, at = which[apart], points[apart], at[apart]
     kept = np.ones(len(segments.piece), dtype=bool)
     kept[which] = False

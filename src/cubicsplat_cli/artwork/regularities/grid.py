@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.finish.parameters import LEAST, ON_BORDER, Pins, Rin
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, following, with_thirds
 from cubicsplat_cli.artwork.geometry.variables import Pieces
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, SIGMAS
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN, SIGMAS, SYSTEMATIC
 from cubicsplat_cli.artwork.regularities.ties import EXACT, constrained
 from cubicsplat_cli.artwork.shapes import Drawing
 
@@ -29,14 +29,12 @@ CELLS = [n for n in range(2, MOST_CELLS + 1) if any(MOST_CELLS * odd % n == 0 fo
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
 EDGE = 0.03  # px, the error of coordinates where edges show their true areas
-ROUND = 0.06  # px, that of middles and radii
 CORNER = 0.25  # px, that of the radius of a rectangle's corners
 SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, and pixels, from which an edge is seen
 # Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.
 FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
 SHORTEST = 4.0  # px of a line that tells its direction
 SHOWN = 0.8  # share of a line that must show
-SYSTEMATIC = 0.01  # px that one end of a line is off in its direction besides what its points tell
 POINT = 0.5 * SEEN_SIGMA  # px, the standard error of a point of a straight line
 OFTEN = 0.1  # share of a drawing's sloping lines that have the directions of a family, where the artist used it
 
@@ -55,7 +53,7 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
     marks = _seen_edges(state, edge)
     marks = [(axis, v, error) for axis, v, error in marks if min(abs(v), abs(v - size[axis])) > error]
     for outline in (outline for shape in drawing.shapes for outline in shape.outlines):
-        marks += [(axis, value, ROUND) for axis, value in _middle_and_radii(outline)]
+        marks += [(axis, value, MEAN) for axis, value in _middle_and_radii(outline)]
     snap = _Snap(_grids(marks, size), edge, size)
     shapes = tuple(replace(s, outlines=tuple(map(snap.outline, s.outlines))) for s in drawing.shapes)
     return replace(drawing, shapes=shapes), Pins(*(tuple(sorted(pins)) for pins in snap.pins))
@@ -129,7 +127,7 @@ class _Snap:
             return self._lines(self._lines(outline, 0), 1)
         if isinstance(outline, Rectangle):
             return self._box(outline) if outline.angle == 0.0 else outline
-        x, y, *radii = (self._on(axis, value, ROUND) for axis, value in _middle_and_radii(outline))
+        x, y, *radii = (self._on(axis, value, MEAN) for axis, value in _middle_and_radii(outline))
         if not radii:
             return replace(outline, cx=x, cy=y)
         return Circle(x, y, radii[0]) if radii[0] == radii[-1] else Ellipse(x, y, *radii)
@@ -233,6 +231,6 @@ def _across(angle: float) -> tuple[float, float]:
 
 
 def has_diagonal(ring: Ring) -> bool:
-    """Whether a line of a ring runs at 45 degrees exactly."""
+    """Return whether a line of a ring runs at 45 degrees exactly."""
     ways = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
     return bool((ring.lines & (np.abs(ways[:, 0] - ways[:, 1]) < LEAST) & (ways[:, 0] > EXACT)).any())

@@ -12,13 +12,12 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.geometry.variables import Pieces
-from cubicsplat_cli.artwork.regularities.alike import FEWEST, SIGMAS, SYSTEMATIC, Track, nearest
+from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, SYSTEMATIC, Track, nearest
 from cubicsplat_cli.artwork.regularities.ties import null_basis
 from cubicsplat_cli.record import record
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it
 SQUARE = 0.15  # tangent of the angle off square to the axis below which a smooth joint there is square
-ONE_PIECE = 0.05  # px that one piece across the axis may be off the two that it stands for
 SAMPLES = 64  # of a cubic, between which nothing happens
 
 
@@ -198,7 +197,7 @@ def _joined(found: MirroredRing) -> MirroredRing:
         if ring.pieces <= 3 or ring.lines[before] != ring.lines[i]:
             continue
         if ring.lines[i]:
-            if abs(ring.anchors[i, along] - start[along]) > ONE_PIECE:
+            if abs(ring.anchors[i, along] - start[along]) > MEAN:
                 continue
             (handles,) = thirds(start[None], end[None])
         else:
@@ -223,7 +222,7 @@ def _across(cubic: np.ndarray, axis: Axis) -> np.ndarray | None:
     whole = np.stack([start, handle, axis.mirrored(handle), axis.mirrored(start)])
     fine = points_at(cubic, np.linspace(0.0, 1.0, SAMPLES + 1))
     off = points_at(whole, np.linspace(0.0, 0.5, SAMPLES // 8 + 1))[:, None] - fine
-    return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < ONE_PIECE else None
+    return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < MEAN else None
 
 
 def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:

@@ -103,7 +103,9 @@ def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameter
 
 
 def _fits(found: MirroredRing, constraints: Constraints) -> bool:
-    """Whether a ring is still its own mirror image with what is held where it must be, such as the canvas's border."""
+    """Return whether a ring is still its own mirror image with what is held where it must be, such as the canvas's
+    border.
+    """
     anchors = ring_pieces(found.ring, constraints).anchors
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 
@@ -220,6 +222,6 @@ def _with(state: State, tied: Mapping[int, Parameters]) -> State:
 
 
 def _is_box(ring: Ring) -> bool:
-    """Whether a ring has nothing but level and upright lines that a box has too, which are mirror images anyway."""
+    """Return whether a ring has nothing but level and upright lines that a box has too, which are mirror images anyway."""
     steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
     return ring.pieces <= 4 and bool(ring.lines.all() and (steps < LEAST).any(axis=1).all())

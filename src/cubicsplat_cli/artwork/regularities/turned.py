@@ -34,10 +34,12 @@ from cubicsplat_cli.raster.point_tree import ClosedLines
 from cubicsplat_cli.record import record
 
 STEPS = 128  # round an outline
-LENGTH_OFF, NEAR = 0.8, 0.4  # px by which lengths of outlines that are alike differ, and their steps in the mean
+LENGTH_OFF, NEAR = (
+    0.8,
+    0.4,
+)  # px by which lengths of outlines that are alike differ, and their steps in the mean and extents
 ALIKE = 0.1  # px by which turns that fit as well differ in that
 FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
-SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
 # other, and px^2 for every px of the length by which areas differ, beyond the least.
 ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
@@ -114,7 +116,7 @@ class Turn:
         return RigidTransform(self.signs, (x, y), self.angle)
 
     def near(self, angle: float) -> bool:
-        """Whether an angle is within the errors of this one."""
+        """Return whether an angle is within the errors of this one."""
         return abs(math.remainder(self.angle - angle, 2.0 * math.pi)) <= SIGMAS * self.errors[0]
 
 
@@ -229,7 +231,7 @@ def found_copies(
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
     first, models = (np.zeros(len(names), dtype=bool) for _ in range(2))
     for i, (k, track) in enumerate(tracks.items()):
-        sized = first & (np.abs(sizes - sizes[i]) <= SIZE_OFF).all(axis=1)
+        sized = first & (np.abs(sizes - sizes[i]) <= NEAR).all(axis=1)
         able = np.flatnonzero(sized if tells[i] else [])
         full = np.abs(areas[able] - areas[i]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
         able = able[full | ~(whole[able] & track.whole)][:MOST_MODELS]

@@ -7,20 +7,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fitting import parameter_price
+from cubicsplat_cli.artwork.finish.parameters import LEAST
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION, parameter_price
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.artwork.geometry.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
-SIGMA = 0.05  # px, of a point of the centre line
+SIGMA = PRECISION  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
-FLANK = 8  # points on either side of a gap that tell its direction
+FLANK = 8  # points on either side of a gap, and at an end, that tell its direction
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
-END_ERRORS = (SIGMA, 0.05)  # px and radians
+END_ERRORS = (SIGMA, SIGMA)  # px and radians
 FEWEST = 6  # points
-LEAST_LENGTH = 1e-6  # px, of a run of points that has a direction
 HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
 
 
@@ -130,7 +130,7 @@ def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: 
 def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(2,) the unit tangent at the last of a run of points, and (2,) how it bends there, 1/px; 0 where all are one."""
     s = arc_lengths(points)
-    if s[-1] < LEAST_LENGTH:
+    if s[-1] < LEAST:
         return np.zeros(2), np.zeros(2)
     degree = 2 if len(points) >= 6 and _bent(points) else 1
     x, y = (np.polyfit(s - s[-1], points[:, c], degree)[::-1] for c in (0, 1))
@@ -141,7 +141,7 @@ def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bent(points: np.ndarray) -> bool:
-    """Whether points are off their chord by more than chance."""
+    """Return whether points are off their chord by more than chance."""
     way = points[-1] - points[0]
     off = (points - points[0]) @ np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
     return bool(np.abs(off).max() > 2.0 * SIGMA)

@@ -126,8 +126,8 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
 
 
 def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
-    """Whether strokes cover what a shape does, to a few hundredths of a px along its outline, or as far as that is
-    known: its ends and corners are where it is off by more.
+    """Return whether strokes cover what a shape does, to a few hundredths of a px along its outline, or as far as that
+    is known: its ends and corners are where it is off by more.
     """
     rings = shape.oriented()
     low, high = _box([ring.cubics for ring in rings])

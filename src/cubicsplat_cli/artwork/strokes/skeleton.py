@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE
@@ -15,10 +16,9 @@ from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
-FINEST = 8  # pixels of the skeleton per px
-PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least
+FINEST = 8  # pixels of the skeleton per px at most, and across a stroke at least
 SPUR, BRIDGE = 0.75, 0.9  # of the width: shorter branches to an end, and between junctions, are none
-STEP, STEPS_ACROSS = 0.05, 256.0  # px between the points of an outline at the least, and of these over its width
+STEPS_ACROSS = 256.0  # points of an outline over its width, at most, unless they are PRECISION px apart
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
 MOST_MOVED = 0.3  # widths, that such a point lies off the skeleton at the most
 _ROUNDS = 3
@@ -50,7 +50,7 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
 
     Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
     """
-    scale = int(np.clip(np.ceil(PIXELS_ACROSS / max(width, 1e-6)), 1, FINEST))
+    scale = int(np.clip(np.ceil(FINEST / max(width, 1e-6)), 1, FINEST))
     cubics, lines = pieces_of_rings(rings)
     low = np.floor(cubics.min(axis=(0, 1))) - 2.0
     size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
@@ -151,7 +151,7 @@ class Sides:
     @classmethod
     def of(cls, rings: tuple[Ring, ...], width: float) -> Sides:
         """Those of the rings of a stroke about so wide."""
-        step = max(STEP, width / STEPS_ACROSS)
+        step = max(PRECISION, width / STEPS_ACROSS)
         found = []
         for cubic in pieces_of_rings(rings)[0]:
             count = max(1, int(np.ceil(float(np.hypot(*np.diff(cubic, axis=0).T).sum()) / step)))
