@@ -191,10 +191,7 @@ class _Trials:
             free = replace(self.drawing, shapes=tuple(each.shape for each in new))
             layers = layers_of(free, self.goal)
         after = settle(self.before.beside(layers, [each.beneath for each in new]), rounds)
-        new = [
-            replace(each, shape=replace(each.shape, outlines=tuple(o.outline() for o in layer.outlines)))
-            for each, layer in zip(new, after.layers, strict=True)
-        ]
+        new = [replace(placed, shape=layer.drawn()) for placed, layer in zip(new, after.layers, strict=True)]
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
         changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]
         return new, [self._change(each.shape, falls, *where) for each, where in zip(new, changed, strict=True)], falls
@@ -255,7 +252,7 @@ def _floor(changes: list[_Change]) -> float:
 
 
 def _floor_of(ways: list[_Explanation]) -> float:
-    """That by which ways are compared."""
+    """Return the misfit by chance of a pixel by which ways to explain an area are compared."""
     return max((_floor(way.changes) for way in ways), default=UNSEEN)
 
 

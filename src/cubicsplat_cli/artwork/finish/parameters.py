@@ -185,7 +185,7 @@ class Still:
         self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 
     def moved(self, _step: np.ndarray) -> Still:
-        """Itself."""
+        """Return the outline itself."""
         return self
 
     def outline(self) -> Outline:
@@ -270,11 +270,8 @@ class CopyParameters:
 
     @cached_property
     def jacobian(self) -> SparseRows:
-        """Over the variables of the model."""
+        """The Jacobian by the variables of the model."""
         own, matrix = self.model.jacobian, self.way.matrix
-        if not matrix[0, 1]:  # x and y stay apart
-            signs = np.tile(np.diag(matrix), 4 * len(self.lines))
-            return SparseRows(own.starts, own.columns, own.values * np.repeat(signs, np.diff(own.starts)), own.count)
         pairs = 2 * np.arange(4 * len(self.lines))[:, None, None]
         places = np.broadcast_arrays(pairs + np.arange(2)[:, None], pairs + np.arange(2), matrix.T)
         rows, columns, values = (part.ravel() for part in places)

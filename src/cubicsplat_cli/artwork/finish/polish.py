@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import with_merges
-from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
+from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
 from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -108,64 +108,44 @@ def _tried(state: State, others: Mapping[int, Parameters], detail: float) -> Sta
 
 
 @record
-class Complaint:
-    """Misfit of a piece's pixels. chi: half of the excess of chi^2; t: the parameter in its middle; start,
-    end: the shares of it near the piece's ends."""
+class Complaints:
+    """The misfit of the pixels of all pieces of a drawing, (pieces,) each. chi: half of the excess of chi^2, where
+    there is any; t: the parameter in its middle; start, end: its shares near the ends of a piece.
+    """
 
-    chi: float
-    t: float
-    start: float
-    end: float
+    chi: np.ndarray
+    t: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+    @classmethod
+    def of(cls, state: State) -> Complaints:
+        """Return the complaints against the pieces of a drawing, numbered through all its outlines."""
+        c, floor = state.crossings, np.maximum(state.chance(slice(None)), UNSEEN)
+        chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / floor, MOST_CHI) - 1.0, 0.0)
+        lengths = polygon_lengths(state.drawn.cubics)
+        along, weight = c.t * lengths[c.piece], np.maximum(chi, 0.0)
+        parts = chi, weight, weight * c.t, weight * (along < NEAR), weight * (along > lengths[c.piece] - NEAR)
+        excess, total, *sums = (np.bincount(c.piece, part, len(lengths)) for part in parts)
+        return cls(np.maximum(0.5 * excess, 0.0), *(part / np.maximum(total, LEAST) for part in sums))
 
 
 def with_moves(state: State, constraints: Constraints, detail: float) -> dict[int, Parameters]:
-    """The outlines that have a piece more, by number, wherever the pixels ask for one."""
-    found, better = complaints(state), {}
-    starts, marks = state.pieces.tolist(), state.marks.tolist()
-    for k, outline in enumerate(state.outlines):
-        own = {i - starts[k]: found[i] for i in range(starts[k], starts[k + 1]) if i in found}
-        edited = _edited(outline, own, constraints, detail, marks[k + 1] - marks[k])
-        if edited is not None:
-            better[k] = edited
+    """Return the outlines that have a piece more, by number, wherever the pixels ask for one."""
+    complaints, better = Complaints.of(state), {}
+    for k, parameters in enumerate(state.outlines):
+        first, outline = int(state.pieces[k]), parameters.outline()
+        chi = detail * complaints.chi[first : state.pieces[k + 1]]
+        edited = outline
+        if isinstance(outline, Ring):
+            joints: set[int] = set()
+            for i in np.flatnonzero(chi > WORTH)[::-1].tolist():
+                edited = _moved(edited.ring(), i, complaints, first + i, joints)
+        else:
+            edited = as_path(outline, float(chi.sum()), int(state.marks[k + 1] - state.marks[k])) or outline
+        if edited is not outline:
+            better[k] = parametrised(edited, constraints)
     return better
-
-
-def complaints(state: State) -> dict[int, Complaint]:
-    """The complaints against the pieces of a drawing, numbered through all its outlines."""
-    c, count = state.crossings, int(state.pieces[-1])
-    floor = state.chance(slice(None))
-    chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
-    lengths = polygon_lengths(state.drawn.cubics)
-    along = c.t * lengths[c.piece]
-    weight = np.maximum(chi, 0.0)
-
-    def total(values: np.ndarray) -> np.ndarray:
-        return np.bincount(c.piece, values, count)
-
-    excess, sums = 0.5 * total(chi), np.maximum(total(weight), 1e-12)
-    middle, start = total(weight * c.t) / sums, total(weight * (along < NEAR)) / sums
-    end = total(weight * (along > lengths[c.piece] - NEAR)) / sums
-    return {
-        int(i): Complaint(float(excess[i]), float(middle[i]), float(start[i]), float(end[i]))
-        for i in np.flatnonzero(excess > 0.0)
-    }
-
-
-def _edited(
-    outline: Parameters, own: dict[int, Complaint], constraints: Constraints, detail: float, crossed: int
-) -> Parameters | None:
-    """The outline, which crosses so many pixels, with the moves that its complaints suggest, from the last piece on;
-    None without any."""
-    ring = outline.outline()
-    if not isinstance(ring, Ring):
-        other = as_path(ring, detail * sum(complaint.chi for complaint in own.values()), crossed)
-        return None if other is None else parametrised(other, constraints)
-    found = {i: complaint for i, complaint in own.items() if complaint.chi * detail > WORTH}
-    done = ring
-    joints: set[int] = set()
-    for i in sorted(found, reverse=True):
-        done = _move(done, i, found[i], joints)
-    return None if done is ring else parametrised(done, constraints)
 
 
 def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ring | None:
@@ -181,21 +161,22 @@ def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ri
     return ring if chi > max(PRICE * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
 
 
-def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
+def _moved(ring: Ring, i: int, complaints: Complaints, number: int, joints: set[int]) -> Ring:
+    """Return the ring with the move that the complaint of a number against its piece i suggests, of joints that have
+    not moved."""
+    start, end = float(complaints.start[number]), float(complaints.end[number])
     length = float(polygon_lengths(ring.cubics[[i]])[0])
-    if max(complaint.start, complaint.end) > CONCENTRATED and length > 2.0 * NEAR:
-        anchor = i if complaint.start >= complaint.end else (i + 1) % ring.pieces
+    if max(start, end) > CONCENTRATED and length > 2.0 * NEAR:
+        anchor = i if start >= end else (i + 1) % ring.pieces
         if anchor in joints or anchor == 0:
             return ring
         joints.add(anchor)
-        if ring.smooth[anchor]:
-            return cornered(ring, anchor)
-        return rounded(ring, anchor, NEAR)
+        return cornered(ring, anchor) if ring.smooth[anchor] else rounded(ring, anchor, NEAR)
     if length < LEAST_LENGTH:
         return ring
     if ring.lines[i]:
         return curved(ring, i)
-    return divided(ring, i, float(np.clip(complaint.t, 0.25, 0.75)))
+    return divided(ring, i, float(np.clip(complaints.t[number], 0.25, 0.75)))
 
 
 def curved(ring: Ring, piece: int) -> Ring:

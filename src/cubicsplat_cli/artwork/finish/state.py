@@ -41,6 +41,10 @@ class Layer:
     outlines: list[Parameters]
     signs: list[float]
 
+    def drawn(self) -> Shape:
+        """Return the shape with its outlines as they stand."""
+        return replace(self.shape, outlines=tuple(outline.outline() for outline in self.outlines))
+
 
 @record
 class State:
@@ -63,7 +67,7 @@ class State:
         previous: State | None = None,
         over: tuple[DrawnStack, np.ndarray] | None = None,
     ) -> State:
-        """That of some layers. previous: one of the same goal, of which what lies the same is not drawn again."""
+        """Return the state of some layers. previous: one of the same goal, whose unchanged parts are not drawn again."""
         pieces = _pieces_of(layers)
         return cls(layers, goal, pieces, DrawnStack(pieces, goal, previous.stack if previous else None, over), over)
 
@@ -115,7 +119,7 @@ class State:
 
     @cached_property
     def outlines(self) -> list[Parameters]:
-        """Those of all layers."""
+        """The outlines of all layers."""
         return [o for layer in self.layers for o in layer.outlines]
 
     @cached_property
@@ -135,7 +139,7 @@ class State:
 
     @property
     def crossings(self) -> CoverageJacobian:
-        """Of the pieces, numbered through all outlines."""
+        """The crossings of the pieces, numbered through all outlines."""
         return self.stack.crossings
 
     @cached_property
@@ -247,8 +251,7 @@ def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]
 
 def drawn(drawing: Drawing, state: State) -> Drawing:
     """The drawing with the outlines of a state."""
-    shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in state.layers]
-    return replace(drawing, shapes=tuple(shapes))
+    return replace(drawing, shapes=tuple(layer.drawn() for layer in state.layers))
 
 
 def premultiplied(fill: Rgba) -> np.ndarray:

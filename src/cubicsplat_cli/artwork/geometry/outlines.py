@@ -256,7 +256,7 @@ def dense(corners: np.ndarray, step: float) -> np.ndarray:
 
 
 def places_within(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the elements (m,) of rows of so many each, counts (n,): the row of each, and its number there, from 0 on."""
+    """Return for the elements (m,) of rows of so many each, counts (n,), the row and the number there, from 0 on."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 

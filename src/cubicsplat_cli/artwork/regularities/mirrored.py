@@ -38,8 +38,9 @@ class Axis:
 
 @record
 class Symmetry:
-    """That an outline is about its own mirror image. error: standard error of where the axis is, px; mean: px by which
-    points that show are off, in the root mean square."""
+    """The axis about which an outline is nearly its own mirror image. error: standard error of where the axis is, px;
+    mean: px by which points that show are off, in the root mean square.
+    """
 
     axis: Axis
     error: float

@@ -178,7 +178,7 @@ def _tied(state: State, tied: Mapping[int, Parameters], detail: float) -> State:
 
 
 def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of each outline the number of the model that it follows, or its own, and the nats that it saves by its ties.
+    """Return for each outline the number of the model that it follows, or its own, and the nats that its ties save.
 
     Outlines are off by SYSTEMATIC px besides by chance, alike along their length; what a tie moves them so far is free.
     """

@@ -28,7 +28,7 @@ ROUGHLY = 0.1
 
 @record
 class Rotation:
-    """That a ring is its own image by each n-th part of a turn about a middle (2,), px. parts: n."""
+    """The turns by n-th parts about a middle (2,), px, by which a ring is its own image. parts: n."""
 
     parts: int
     middle: np.ndarray

@@ -54,8 +54,8 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
 
 
 def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of points (n, 2) px, n >= 3, with weights (n,) 1/px^2: where the line is (n, 2), px, its unit tangents (n, 2) and
-    curvature (n,), 1/px, and standard errors (n, 2), px across it and radians.
+    """Return for points (n, 2) px, n >= 3, with weights (n,) 1/px^2 places of the line (n, 2), px, its unit tangents
+    (n, 2) and curvature (n,), 1/px, and standard errors (n, 2), px across it and radians.
 
     Each point gets a parabola in arc length over a window of its neighbours, which grows while the parabola still
     explains them: straight stretches average many points and tight bends few (Lepski's choice of a bandwidth).

@@ -43,7 +43,7 @@ class StrokeParameters:
 
     @classmethod
     def of(cls, stroke: Stroke, constraints: Constraints, fixed: bool = False) -> StrokeParameters:
-        """That of a stroke; fixed: its width stays."""
+        """Return the parameters of a stroke; fixed: its width stays."""
         path = stroke.path
         line = Pieces.of_chain(path) if isinstance(path, Chain) else parametrised(path, constraints)
         return cls(stroke, line, fixed)

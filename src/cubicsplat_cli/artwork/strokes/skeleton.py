@@ -150,7 +150,7 @@ class Sides:
 
     @classmethod
     def of(cls, rings: tuple[Ring, ...], width: float) -> Sides:
-        """Those of the rings of a stroke about so wide."""
+        """Return the sides of the rings of a stroke about so wide."""
         step = max(PRECISION, width / STEPS_ACROSS)
         found = []
         for cubic in pieces_of_rings(rings)[0]:
