@@ -100,17 +100,15 @@ class Visibility:
         return weights > 0.5 * self.sigma**-2
 
     def weights(self, piece: np.ndarray | int, t: np.ndarray) -> np.ndarray:
-        """(n,) 1/px^2 of points of pieces (n,), or of one, at parameters (n,)."""
-        first, last = np.searchsorted(self.piece, piece), np.searchsorted(self.piece, piece, "right") - 1
-        places = 2.0 * self.piece + self.t  # which grow
-        after = np.clip(np.searchsorted(places, 2.0 * piece + t), first, np.maximum(last, first))
-        crossed = first <= last
-        after = np.where(crossed, after, 0)
-        before = np.where(crossed, np.maximum(after - 1, first), 0)
-        if not len(places):
+        """Return (n,) 1/px^2 of points of pieces (n,), or of one, at parameters (n,): as of the nearest crossing there."""
+        if not len(self.piece):
             return np.full(len(t), HIDDEN_SIGMA**-2)
-        near = np.where(np.abs(self.t[before] - t) < np.abs(self.t[after] - t), before, after)
-        return np.where(crossed & self.seen[near], self.sigma**-2, HIDDEN_SIGMA**-2)
+        # Crossings of other pieces are farther away than those of the same one.
+        places, at = 2.0 * self.piece + self.t, 2.0 * piece + t
+        after = np.minimum(np.searchsorted(places, at), len(places) - 1)
+        before = np.maximum(after - 1, 0)
+        near = np.where(np.abs(places[before] - at) < np.abs(places[after] - at), before, after)
+        return np.where((self.piece[near] == piece) & self.seen[near], self.sigma**-2, HIDDEN_SIGMA**-2)
 
 
 def samples_along(

@@ -36,8 +36,9 @@ from cubicsplat_cli.record import record
 CROWDED, FULL, CHANGED, MOST = 400, 4000, 16_000, 100_000
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
 WORTH, MOST_CHI = 3.0 * PRICE, 60.0
-NEAR = 2.5  # px: misfit within this of a joint is the joint's, which may be rounded from there on
+NEAR = 2.5  # px: misfit within this of a joint is the joint's
 CONCENTRATED = 0.5  # share of a piece's misfit that is a joint's, which then is what moves
+ROUNDED = 2.0  # px before and after a corner between which it is rounded
 LEAST_LENGTH = 3.0  # px of a piece that may be cut
 # Half of the excess of chi^2 that a primitive's pixels must have on average: twice as much as by chance. Over the many
 # pixels of a large circle even what one of its neighbours spoils is worth a ring's parameters.
@@ -171,7 +172,7 @@ def _moved(ring: Ring, i: int, complaints: Complaints, number: int, joints: set[
         if anchor in joints or anchor == 0:
             return ring
         joints.add(anchor)
-        return cornered(ring, anchor) if ring.smooth[anchor] else rounded(ring, anchor, NEAR)
+        return cornered(ring, anchor) if ring.smooth[anchor] else rounded(ring, anchor, ROUNDED)
     if length < LEAST_LENGTH:
         return ring
     if ring.lines[i]:

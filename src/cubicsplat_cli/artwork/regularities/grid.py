@@ -100,16 +100,11 @@ def _distinct(marks: list[Mark], axis: int) -> np.ndarray:
 
 
 def _score(distinct: list[np.ndarray], axes: tuple[int, ...], unit: float, cells: int) -> float:
-    """By how many nats a grid explains the values better than chance, less what it takes to name the grid."""
-    total = -math.log(cells)
-    for axis in axes:
-        value, error = distinct[axis].T
-        if not len(value):
-            continue
-        chance = np.minimum(2.0 * error / unit, 1.0)
-        hit = np.abs(value - unit * np.rint(value / unit)) <= error
-        total += float(np.log(np.where(hit, ON_GRID / chance, 0.0) + (1.0 - ON_GRID)).sum())
-    return total
+    """Return by how many nats a grid explains the values better than chance, less what it takes to name the grid."""
+    value, error = np.concatenate([distinct[axis] for axis in axes]).T
+    hit = np.abs(value - unit * np.rint(value / unit)) <= error
+    chances = np.where(hit, ON_GRID / np.minimum(2.0 * error / unit, 1.0), 0.0)
+    return float(np.log(chances + (1.0 - ON_GRID)).sum()) - math.log(cells)
 
 
 class _Snap:

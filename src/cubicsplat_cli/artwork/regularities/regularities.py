@@ -28,7 +28,7 @@ from cubicsplat_cli.artwork.finish.parameters import (
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn, layer_of
-from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
@@ -85,7 +85,9 @@ def with_circles(state: State, constraints: Constraints, detail: float) -> State
 def with_symmetries(state: State, constraints: Constraints, detail: float) -> State:
     """Return the state with the rings that are their own mirror images made and kept such; the same without any."""
     rings = {
-        k: ring for k, o in enumerate(state.outlines) if isinstance(ring := o.outline(), Ring) and not _is_box(ring)
+        k: ring
+        for k, o in enumerate(state.outlines)
+        if isinstance(ring := o.outline(), Ring) and not level_box(ring, LEAST)
     }
     tracks = {k: Track.of(ring, Visibility.of(state, k)) for k, ring in rings.items()}
     axes = axes_of(tracks, (constraints.width, constraints.height))
@@ -142,7 +144,7 @@ def with_rotations(state: State, detail: float) -> State:
     tied: dict[int, Parameters] = {}
     for k, parameters in enumerate(outlines):
         ring = parameters.outline()
-        if isinstance(parameters, RingParameters) and isinstance(ring, Ring) and not _is_box(ring):
+        if isinstance(parameters, RingParameters) and isinstance(ring, Ring) and not level_box(ring, LEAST):
             rotational = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
             tied |= {k: rotational} if rotational is not None else {}
     tied |= _followers(outlines, tied)
@@ -219,9 +221,3 @@ def _with(state: State, tied: Mapping[int, Parameters]) -> State:
     for n in {state.places[k][0] for k in tied}:
         layers[n] = layer_of(layers[n].shape, state.goal, layers[n].outlines)
     return state.with_layers(layers)
-
-
-def _is_box(ring: Ring) -> bool:
-    """Return whether a ring has nothing but level and upright lines that a box has too, which are mirror images anyway."""
-    steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
-    return ring.pieces <= 4 and bool(ring.lines.all() and (steps < LEAST).any(axis=1).all())

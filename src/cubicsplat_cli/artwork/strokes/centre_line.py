@@ -17,7 +17,7 @@ from cubicsplat_cli.raster.outlines import parabolas
 
 SIGMA = PRECISION  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
-FLANK = 8  # points on either side of a gap, and at an end, that tell its direction
+FLANK = 8  # points on either side of a gap that tell its direction
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
 END_ERRORS = (SIGMA, SIGMA)  # px and radians
 FEWEST = 6  # points

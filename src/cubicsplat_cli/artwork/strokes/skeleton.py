@@ -100,7 +100,8 @@ def _steps(skeleton: np.ndarray) -> np.ndarray:
         (number[:-1, :-1][down], number[1:, 1:][down]),
         (number[:-1, 1:][up], number[1:, :-1][up]),
     ]
-    return np.concatenate([np.stack(pair, axis=1) for pair in pairs])
+    steps = np.concatenate([np.stack(pair, axis=1) for pair in pairs])
+    return steps[np.lexsort(steps.T[::-1])]
 
 
 def _length(branch: Branch) -> float:
