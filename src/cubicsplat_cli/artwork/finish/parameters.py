@@ -249,12 +249,12 @@ def _changes(shape: Circle | Ellipse | Rectangle, free: bytes) -> SparseRows:
         if shape.__match_args__[number] == "angle":
             change = (cubics - cubics[:, 0].mean(axis=0)) @ turn_matrix(0.5 * np.pi)
         else:  # points are linear in all other numbers
-            values = _numbers(shape)
-            values[number] += 1.0
-            change = type(shape)(*values).ring(FINE).cubics - cubics
+            numbers = _numbers(shape)
+            numbers[number] += 1.0
+            change = type(shape)(*numbers).ring(FINE).cubics - cubics
         columns.append(change.ravel())
     rows, count = cubics.size, len(columns)
-    values = np.stack(columns, axis=1).ravel() if columns else np.zeros(0)
+    values = np.array(columns).T.ravel()
     return SparseRows(np.arange(rows + 1) * count, np.tile(np.arange(count), rows), values, count)
 
 

@@ -209,6 +209,7 @@ def _place(node: int, ends: list[tuple[int, int]], borders: Borders, faces: Face
 
 
 def _if_near(place: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+    """Return a place, or the vertex where that is too far away."""
     return place if np.hypot(*(place - vertex)) <= ASTRAY else vertex
 
 
