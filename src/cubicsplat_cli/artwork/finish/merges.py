@@ -136,17 +136,17 @@ def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: 
         (PRICE / detail, HOPEFUL, MOST_TURN),
         (LONGEST_RUN, LONGEST_HIDDEN, FEWEST_PIECES),
     )
-    found = [
+    merges = [
         Merge(first, count, cubic, bool(line), saved, net)
         for (first, count, line, saved), cubic, net in zip(numbers.tolist(), cubics, nets.tolist(), strict=True)
     ]
     taken = np.zeros(ring.pieces, dtype=bool)
     chosen: list[Merge] = []
     left = ring.pieces
-    for merge in sorted(found, key=lambda merge: -merge.net):
-        own = (merge.first + np.arange(merge.count)) % ring.pieces
-        if not taken[own].any() and left - merge.count + 1 >= FEWEST_PIECES:
-            taken[own] = True
+    for merge in sorted(merges, key=lambda merge: -merge.net):
+        run = (merge.first + np.arange(merge.count)) % ring.pieces
+        if not taken[run].any() and left - merge.count + 1 >= FEWEST_PIECES:
+            taken[run] = True
             left -= merge.count - 1
             chosen.append(merge)
     return chosen

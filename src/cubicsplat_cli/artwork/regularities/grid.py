@@ -92,11 +92,11 @@ def _grids(marks: list[Mark], size: tuple[float, float]) -> dict[int, float]:
 
 def _distinct(marks: list[Mark], axis: int) -> np.ndarray:
     """(k, 2) values and errors along an axis, those alike once."""
-    found: list[tuple[float, float]] = []
+    distinct: list[tuple[float, float]] = []
     for value, error in sorted((value, error) for one, value, error in marks if one == axis):
-        if not found or value - found[-1][0] > error:
-            found.append((value, error))
-    return np.array(found).reshape(-1, 2)
+        if not distinct or value - distinct[-1][0] > error:
+            distinct.append((value, error))
+    return np.array(distinct).reshape(-1, 2)
 
 
 def _score(distinct: list[np.ndarray], axes: tuple[int, ...], unit: float, cells: int) -> float:
@@ -168,7 +168,7 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list
     """The lines of rings by number that are in the directions of a family, where the drawing has clearly more of these
     than chance would put there."""
     lines = [(k, *line) for k, (ring, visibility) in rings.items() for line in _sloping(ring, visibility)]
-    found: dict[int, list[Slope]] = {}
+    slopes: dict[int, list[Slope]] = {}
     for family in FAMILIES:
         score, hits = 0.0, []
         for k, piece, length, angle in lines:
@@ -180,8 +180,8 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list
             hits += [(k, (piece, math.radians(nearest)))] if hit else []
         if score > CLEAR:
             for k, slope in hits:
-                found.setdefault(k, []).append(slope)
-    return found
+                slopes.setdefault(k, []).append(slope)
+    return slopes
 
 
 def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, float]]:

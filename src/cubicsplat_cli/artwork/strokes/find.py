@@ -57,10 +57,10 @@ def as_strokes(
     """
     slack, shapes = min(SLACK * error, MOST_SLACK), drawing.shapes
     hopeful = _hopeful(shapes, slack) if shorter else range(len(shapes))
-    found = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
-    width_of = _common([stroke for strokes in found.values() for stroke in strokes])
+    by_shape = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
+    width_of = _common([stroke for strokes in by_shape.values() for stroke in strokes])
     return [
-        tuple(_stroked(shape, stroke, width_of[stroke.width]) for stroke in found.get(n, ())) or (shape,)
+        tuple(_stroked(shape, stroke, width_of[stroke.width]) for stroke in by_shape.get(n, ())) or (shape,)
         for n, shape in enumerate(shapes)
     ]
 
