@@ -12,8 +12,7 @@ from test_artwork_finish import covered
 from cubicsplat_cli.artwork.finish.parameters import Constraints, CopyParameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import settle
 from cubicsplat_cli.artwork.finish.state import begin, drawn, goal_of
-from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, flattened
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, Ring, flattened
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.regularities.turned import STEPS, Walk
@@ -124,7 +123,7 @@ SHAPES = [Circle(3.0, 4.0, 2.0), Ellipse(3.0, 4.0, 5.0, 2.0, 0.4), Rectangle(1.0
 def test_a_primitive_comes_to_lie_where_its_points_do(shape, signs, shift, angle):
     # A circle that is turned is the same.
     way = RigidTransform(signs, shift, 0.0 if isinstance(shape, Circle) else angle)
-    points, moved = (r.cubics.reshape(-1, 2) for r in (fine_ring(shape), fine_ring(way.outline(shape))))
+    points, moved = (r.cubics.reshape(-1, 2) for r in (shape.ring(FINE), way.outline(shape).ring(FINE)))
     gaps = np.hypot(*(way.points(points)[:, None] - moved).transpose(2, 0, 1))
     assert gaps.min(axis=1).max() < 1e-9
 

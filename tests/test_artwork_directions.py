@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.finish.settle import LONGEST
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.grid import directed, has_diagonal
-from cubicsplat_cli.artwork.regularities.ties import null_basis, tied_ring
+from cubicsplat_cli.artwork.regularities.ties import null_basis, on_steps, tied_ring
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
@@ -91,7 +91,7 @@ def test_directed_lines_stay_so_however_the_ring_moves(steps):
 def test_a_directed_ring_on_steps_is_as_regular(across, down):
     ring = RigidTransform((1.0, 1.0), (across, down)).outline(house(0.3))
     found = directed(tied_ring(parametrised(ring, Constraints(64, 64))), SLOPES)
-    placed = found.on_steps(0.01).outline()
+    placed = on_steps(found, 0.01).outline()
     assert np.abs(100.0 * placed.anchors - np.rint(100.0 * placed.anchors)).max() < 1e-6
     assert np.abs(placed.anchors - found.outline().anchors).max() < 0.02
     assert has_diagonal(placed)

@@ -7,8 +7,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
 from cubicsplat_cli.artwork.finish.settle import NOTICED, settle
 from cubicsplat_cli.artwork.finish.state import begin, drawn, goal_of
-from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -22,7 +21,7 @@ def finish(drawing, target):
 
 
 def covered(outline, height, width):
-    ring = fine_ring(outline) if not hasattr(outline, "anchors") else outline
+    ring = outline.ring(FINE) if not hasattr(outline, "anchors") else outline
     return coverage(ring.cubics, ring.lines, 0, 0, height, width)
 
 
@@ -51,11 +50,11 @@ def test_coverage_beyond_the_canvas_is_cut_off():
 def test_coverage_sums_to_the_area(outline):
     area = np.pi * (outline.r**2 if isinstance(outline, Circle) else outline.rx * outline.ry)
     assert covered(outline, 40, 40).sum() == pytest.approx(area, rel=3e-4)
-    assert signed_area(fine_ring(outline)) == pytest.approx(area, rel=1e-5)
+    assert signed_area(outline.ring(FINE)) == pytest.approx(area, rel=1e-5)
 
 
 def test_a_fine_rounded_rectangle_has_round_corners():
-    ring = fine_ring(Rectangle(2.0, 3.0, 10.0, 6.0, 2.0, 0.3))
+    ring = Rectangle(2.0, 3.0, 10.0, 6.0, 2.0, 0.3).ring(FINE)
     assert signed_area(ring) == pytest.approx(60.0 - (4.0 - np.pi) * 4.0, rel=1e-5)
 
 

@@ -9,10 +9,9 @@ import resvg_py
 from PIL import Image
 
 from cubicsplat_cli.artwork.finish.merges import Merge, merged, with_merges
-from cubicsplat_cli.artwork.finish.moves import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.finish.state import State, begin, drawn, goal_of
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, points_at, polygon, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, divided, points_at, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.cubics import found_merges

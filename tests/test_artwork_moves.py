@@ -5,8 +5,7 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.finish.moves import as_path, cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.finish.polish import as_path, cornered, curved, polish, rounded
 from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
@@ -14,6 +13,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
     Ring,
+    divided,
     flattened,
     polygon,
     signed_area,

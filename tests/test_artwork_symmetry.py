@@ -9,9 +9,9 @@ from red_rings import assert_jacobian, red_outline, red_picture
 
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
-from cubicsplat_cli.artwork.regularities.alike import Track, symmetry_of
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_parameters, mirrored_rings
-from cubicsplat_cli.artwork.regularities.ties import tie_matrix
+from cubicsplat_cli.artwork.regularities.alike import Track
+from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_parameters, mirrored_rings, symmetry_of
+from cubicsplat_cli.artwork.regularities.ties import null_basis
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.svg.drawing_reader import read_drawing
@@ -58,7 +58,7 @@ def test_a_ring_that_is_exactly_symmetric_is_found_so():
     points = flattened(heart(), 0.5)
     track = Track(points, PointTree(points), points, True)
     found = symmetry_of(track, 0)
-    assert found.axis.at == pytest.approx(20.0, abs=1e-9) and found.most < 1e-6
+    assert found.axis.at == pytest.approx(20.0, abs=1e-9) and found.mean < 1e-6
     assert symmetry_of(track, 1) is None
 
 
@@ -119,6 +119,6 @@ def test_a_ring_that_crosses_its_axis_four_times_has_no_halves():
 
 
 def test_what_is_tied_to_something_fixed_or_to_its_own_opposite_is_fixed():
-    matrix = tie_matrix(6, [(0, 1, -1.0), (1, 2, 1.0), (3, -1, 1.0), (4, 4, -1.0)]).toarray()
+    matrix = null_basis(6, [{0: 1.0, 1: 1.0}, {1: 1.0, 2: -1.0}, {3: 1.0}, {4: 2.0}]).toarray()
     assert matrix[3:5].tolist() == [[0.0, 0.0], [0.0, 0.0]]
     assert (matrix[0] == -matrix[1]).all() and (matrix[1] == matrix[2]).all() and matrix[5].tolist() == [0.0, 1.0]

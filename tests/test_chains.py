@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, derivatives, points_at
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, derivatives, points_at
 from cubicsplat_cli.raster.cubics import Joints, newton_steps, refined
 from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, nearest_primitive, parabolas
 
@@ -96,7 +95,7 @@ def test_the_cheapest_primitive_through_points_is_theirs_though_one_is_astray(ki
     shape = Circle(x, y, a) if kind == CIRCLE else Ellipse(x, y, a, b, angle)
     if kind == BOX:
         shape = Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
-    ring = fine_ring(shape)
+    ring = shape.ring(FINE)
     points = points_at(ring.cubics, np.tile((np.arange(20) + 0.5) / 20, (ring.pieces, 1))).reshape(-1, 2)
     weights, parameters = np.full(len(points), 400.0), shape.parameters
     off = 0.0

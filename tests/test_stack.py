@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Rectangle
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.outlines import coverage
@@ -22,7 +21,7 @@ FILLS = np.array([[1.0, 0.0, 0.0, 1.0], [0.0, 0.2, 0.6, 0.6], [0.1, 0.3, 0.0, 0.
 
 
 def stack_of(outlines=OUTLINES):
-    rings = [fine_ring(outline) for outline in outlines]
+    rings = [outline.ring(FINE) for outline in outlines]
     return StackPieces(
         np.cumsum([ring.pieces for ring in rings]).astype(np.int32),
         np.concatenate([ring.cubics for ring in rings]),
@@ -43,14 +42,16 @@ def image_of(stack, goal):
 def test_the_picture_is_composed_of_exact_coverages():
     expected = np.zeros((HEIGHT, WIDTH, 4))
     for outline, fill in zip(OUTLINES, FILLS, strict=True):
-        ring = fine_ring(outline)
+        ring = outline.ring(FINE)
         share = coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH)[..., None]
         expected = expected * (1.0 - fill[3] * share) + share * fill
     assert np.abs(image_of(stack_of(), goal_of()) - expected).max() < 1e-6
 
 
 def test_the_uppermost_layer_of_a_pixel_is_the_last_that_covers_enough():
-    shares = [coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH) for ring in map(fine_ring, OUTLINES)]
+    shares = [
+        coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH) for ring in (outline.ring(FINE) for outline in OUTLINES)
+    ]
     rows, columns = slice(3, 36), slice(5, 47)
     for least in (0.1, 0.5):
         expected = np.full((HEIGHT, WIDTH), -1)
@@ -71,7 +72,7 @@ def test_a_step_of_very_many_variables_is_that_of_few():
         count = len(shift)
 
         def stack_at(box):
-            cubics = (fine_ring(box).cubics + shift).reshape(-1, 4, 2)
+            cubics = (box.ring(FINE).cubics + shift).reshape(-1, 4, 2)
             ends = 4 * np.arange(1, count + 1, dtype=np.int32)
             fills = np.tile(FILLS[:1], (count, 1))
             return StackPieces(ends, cubics, np.ones(4 * count, dtype=bool), np.ones(4 * count), fills)
@@ -255,7 +256,7 @@ def test_the_growth_is_that_of_the_pixels_that_pieces_cross(spread):
 def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only():
     count, side = 80, 800
     sizes = ((1.3, side - 2.6), (2.0, side - 4.0))
-    frame = [fine_ring(Rectangle(start, start, size, size)) for start, size in sizes]
+    frame = [Rectangle(start, start, size, size).ring(FINE) for start, size in sizes]
     cubics, lines = (np.concatenate([part] * count) for part in _joined(frame))
     stack = StackPieces(
         (np.arange(1, count + 1) * 8).astype(np.int32), cubics, lines, np.tile(np.repeat([1.0, -1.0], 4), count),

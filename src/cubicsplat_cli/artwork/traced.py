@@ -13,9 +13,8 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.finish.polish import MOST
-from cubicsplat_cli.artwork.finish.state import State, begin
+from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS, State, begin
 from cubicsplat_cli.artwork.geometry.fitting import few_lines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, pieces_of_rings, polygon
 from cubicsplat_cli.artwork.gradients.flattening import Flattened

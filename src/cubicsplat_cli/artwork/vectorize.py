@@ -30,10 +30,9 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.added import with_added
 from cubicsplat_cli.artwork.finish.colours import ROUNDED, recoloured
-from cubicsplat_cli.artwork.finish.moves import PRICE
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.finish.simpler import simpler
-from cubicsplat_cli.artwork.finish.state import goal_of
+from cubicsplat_cli.artwork.finish.state import PRICE, goal_of
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import FILL_PARAMETERS, PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.finish.proposals import (
     MARGIN,
@@ -22,9 +21,20 @@ from cubicsplat_cli.artwork.finish.proposals import (
     areas,
     proposals,
 )
-from cubicsplat_cli.artwork.finish.settle import settle
+from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
-from cubicsplat_cli.artwork.finish.state import WHITE, Layer, State, layer_of, layers_of, premultiplied
+from cubicsplat_cli.artwork.finish.state import (
+    FILL_PARAMETERS,
+    PRICE,
+    SHAPE_PARAMETERS,
+    UNSEEN,
+    WHITE,
+    Layer,
+    State,
+    layer_of,
+    layers_of,
+    premultiplied,
+)
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -34,8 +44,7 @@ from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
 
-ROUNDS = 10
-PASSES, CROWDED = 3, 2000  # one pass where there are more shapes, of which each takes five seconds and more
+CROWDED = 2000  # one pass where there are more shapes, of which each takes five seconds and more
 MOST_TRIED = 4000  # areas
 SEEN = 60  # px of an area that is worth a note
 LEFT = 0.5  # share of the squared error that shapes may leave which explain it in no fewer areas than before
@@ -182,10 +191,7 @@ class _Trials:
             free = replace(self.drawing, shapes=tuple(each.shape for each in new))
             layers = layers_of(free, self.goal)
         after = settle(self.before.beside(layers, [each.beneath for each in new]), rounds)
-        new = [
-            replace(each, shape=replace(each.shape, outlines=tuple(o.outline() for o in layer.outlines)))
-            for each, layer in zip(new, after.layers, strict=True)
-        ]
+        new = [replace(placed, shape=layer.drawn()) for placed, layer in zip(new, after.layers, strict=True)]
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
         changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]
         return new, [self._change(each.shape, falls, *where) for each, where in zip(new, changed, strict=True)], falls
@@ -246,7 +252,7 @@ def _floor(changes: list[_Change]) -> float:
 
 
 def _floor_of(ways: list[_Explanation]) -> float:
-    """That by which ways are compared."""
+    """Return the misfit by chance of a pixel by which ways to explain an area are compared."""
     return max((_floor(way.changes) for way in ways), default=UNSEEN)
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import FILL_PARAMETERS, PRICE
+from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS, PRICE
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.palette import UNLIKE
@@ -62,8 +62,8 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None) -> 
 
 
 def _leak(change: np.ndarray, flat: Flattened, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """What of a change (3,) of a fill takes out the share of a placeholder, of the one that explains most of it, at
-    columns and rows (n,)."""
+    """Return the part of a change (3,) of a fill that takes out the share of a placeholder, of the one that explains
+    most of the change, at columns and rows (n,)."""
     best = np.zeros(3)
     for fill, gradient in zip(flat.fills, flat.gradients, strict=True):
         whole = 255.0 * painted(gradient, x + 0.5, y + 0.5)[:, :3].mean(axis=0) - fill[:3]

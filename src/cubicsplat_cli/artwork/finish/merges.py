@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
-from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
-from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle, trimmed
-from cubicsplat_cli.artwork.finish.state import WHITE, State
+from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, judged, settle, trimmed
+from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, polygon_lengths
 from cubicsplat_cli.artwork.geometry.variables import feet_of
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
@@ -64,11 +63,7 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
         fewer = trial.taken_back(_with(state, paying, constraints), differ)
         trial = settle(fewer, TRIAL_ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
-    trial = trimmed(trial, changed)
-    refused = shorter(state, trial, changed, detail) | (trial.clockwise != state.clockwise)
-    if refused.any():
-        trial = settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused)
-    return trial
+    return judged(state, trimmed(trial, changed), changed, detail)
 
 
 def merged(ring: Ring, plan: list[Merge]) -> Ring:
@@ -78,7 +73,7 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
     for merge in plan:
         gone[(merge.first + np.arange(1, merge.count)) % ring.pieces] = True
         controls[merge.first], lines[merge.first] = merge.cubic[1:3], merge.line
-    return Ring(ring.anchors[~gone], controls[~gone], lines[~gone], ring.smooth[~gone])
+    return Ring(ring.anchors, controls, lines, ring.smooth).chosen(~gone)
 
 
 @record
@@ -100,18 +95,20 @@ class Visibility:
         seen = summed((c.slope[own] * WHITE) ** 2) * SEEN_SIGMA**2 > UNSEEN
         return cls(piece[order], t[order], seen[order], state.goal.share_error)
 
+    def shows(self, weights: np.ndarray) -> np.ndarray:
+        """Return (n,) bool, which weights of `weights` are those of points that show."""
+        return weights > 0.5 * self.sigma**-2
+
     def weights(self, piece: np.ndarray | int, t: np.ndarray) -> np.ndarray:
-        """(n,) 1/px^2 of points of pieces (n,), or of one, at parameters (n,)."""
-        first, last = np.searchsorted(self.piece, piece), np.searchsorted(self.piece, piece, "right") - 1
-        places = 2.0 * self.piece + self.t  # which grow
-        after = np.clip(np.searchsorted(places, 2.0 * piece + t), first, np.maximum(last, first))
-        crossed = first <= last
-        after = np.where(crossed, after, 0)
-        before = np.where(crossed, np.maximum(after - 1, first), 0)
-        if not len(places):
+        """Return (n,) 1/px^2 of points of pieces (n,), or of one, at parameters (n,): as of the nearest crossing there."""
+        if not len(self.piece):
             return np.full(len(t), HIDDEN_SIGMA**-2)
-        near = np.where(np.abs(self.t[before] - t) < np.abs(self.t[after] - t), before, after)
-        return np.where(crossed & self.seen[near], self.sigma**-2, HIDDEN_SIGMA**-2)
+        # Crossings of other pieces are farther away than those of the same one.
+        places, at = 2.0 * self.piece + self.t, 2.0 * piece + t
+        after = np.minimum(np.searchsorted(places, at), len(places) - 1)
+        before = np.maximum(after - 1, 0)
+        near = np.where(np.abs(places[before] - at) < np.abs(places[after] - at), before, after)
+        return np.where((self.piece[near] == piece) & self.seen[near], self.sigma**-2, HIDDEN_SIGMA**-2)
 
 
 def samples_along(
@@ -139,17 +136,17 @@ def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: 
         (PRICE / detail, HOPEFUL, MOST_TURN),
         (LONGEST_RUN, LONGEST_HIDDEN, FEWEST_PIECES),
     )
-    found = [
+    merges = [
         Merge(first, count, cubic, bool(line), saved, net)
         for (first, count, line, saved), cubic, net in zip(numbers.tolist(), cubics, nets.tolist(), strict=True)
     ]
     taken = np.zeros(ring.pieces, dtype=bool)
     chosen: list[Merge] = []
     left = ring.pieces
-    for merge in sorted(found, key=lambda merge: -merge.net):
-        own = (merge.first + np.arange(merge.count)) % ring.pieces
-        if not taken[own].any() and left - merge.count + 1 >= FEWEST_PIECES:
-            taken[own] = True
+    for merge in sorted(merges, key=lambda merge: -merge.net):
+        run = (merge.first + np.arange(merge.count)) % ring.pieces
+        if not taken[run].any() and left - merge.count + 1 >= FEWEST_PIECES:
+            taken[run] = True
             left -= merge.count - 1
             chosen.append(merge)
     return chosen
@@ -179,7 +176,7 @@ def _paying(before: State, after: State, plans: list[list[Merge]], detail: float
 
     def pays(merge: Merge, k: int) -> bool:
         number = judged.get(id(merge))
-        lost = 0.0 if number is None else 0.5 * float(grown[number]) / floor_of(before, k)
+        lost = 0.0 if number is None else 0.5 * float(grown[number]) / before.floor(k)
         return lost * detail < PRICE * merge.saved
 
     return [[merge for merge in plan if pays(merge, k)] for k, plan in enumerate(plans)]

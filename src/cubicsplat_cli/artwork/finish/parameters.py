@@ -8,8 +8,16 @@ from typing import Protocol
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, polygon_lengths
+from cubicsplat_cli.artwork.geometry.outlines import (
+    FINE,
+    Circle,
+    Ellipse,
+    Outline,
+    Rectangle,
+    Ring,
+    polygon_lengths,
+    turn_matrix,
+)
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.raster.cubics import held_ring
@@ -19,7 +27,7 @@ from cubicsplat_cli.record import record
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
 ON_BORDER = 0.06
 LEAST_SIZE = 0.05  # px, of a primitive
-FINEST_TURN = 1e-9
+LEAST = 1e-9  # px, and coefficients: less is of the arithmetic
 SPECK, SMOOTH_SPECK = 0.3, 1.5  # px, ascending
 
 
@@ -47,8 +55,8 @@ class Pins:
     lengths: tuple[float, ...] = ()
 
     def hold(self, axis: int, value: float) -> bool:
-        """Whether a number is pinned; axis: 0 for x, 1 for y, 2 for lengths."""
-        return any(abs(value - pin) < FINEST_TURN for pin in (self.x, self.y, self.lengths)[axis])
+        """Return whether a number is pinned; axis: 0 for x, 1 for y, 2 for lengths."""
+        return any(abs(value - pin) < LEAST for pin in (self.x, self.y, self.lengths)[axis])
 
 
 NO_PINS = Pins()
@@ -68,12 +76,12 @@ def parametrised(outline: Outline, constraints: Constraints) -> Parameters:
     if isinstance(outline, Ring):
         return RingParameters(ring_pieces(without_specks(outline), constraints), constraints)
     if isinstance(outline, Rectangle) and _on_border(outline, constraints):
-        return RingParameters(ring_pieces(outline.ring(), constraints), constraints, outline)
+        return RingParameters(ring_pieces(outline.ring(), constraints), is_box=True)
     return PrimitiveParameters(outline, _pinned(outline, constraints.pins))
 
 
 def _on_border(box: Rectangle, constraints: Constraints) -> bool:
-    """Whether a rectangle with sharp corners has a side that stays where it is."""
+    """Return whether a rectangle with sharp corners has a side that stays where it is."""
     x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
     ends = np.array([x[0], y[0], x[1] - constraints.width, y[1] - constraints.height])
     pinned = any(constraints.pins.hold(0, v) for v in x) or any(constraints.pins.hold(1, v) for v in y)
@@ -88,8 +96,8 @@ def _pinned(shape: Circle | Ellipse | Rectangle, pins: Pins) -> np.ndarray:
         ends = [pins.hold(axis, values[axis] + values[axis + 2]) for axis in (0, 1)]
         sides = [start and end for start, end in zip(starts, ends, strict=True)]
         return np.array([*starts, *sides, pins.hold(2, shape.radius), False])
-    constraints = [pins.hold(axis, value) for axis, value in zip((0, 1, 2, 2), values, strict=False)]
-    return np.array(constraints[: len(values)] + [False] * (len(values) - len(constraints)))
+    held = [pins.hold(axis, value) for axis, value in zip((0, 1, 2, 2), values, strict=False)]
+    return np.array([*held, False][: len(values)])
 
 
 def without_specks(ring: Ring) -> Ring:
@@ -108,8 +116,7 @@ def without_specks(ring: Ring) -> Ring:
         controls[j, 0] -= shift
         anchors[j] -= shift
         smooth[j] &= smooth[i]
-        rest = np.arange(ring.pieces) != i
-        ring = Ring(anchors[rest], controls[rest], ring.lines[rest], smooth[rest])
+        ring = Ring(anchors, controls, ring.lines, smooth).chosen(np.arange(ring.pieces) != i)
     return ring
 
 
@@ -120,33 +127,45 @@ def _speck_lengths(cubics: np.ndarray, smooth: np.ndarray) -> np.ndarray:
 
 
 class RingParameters:
-    """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
+    """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners.
 
-    def __init__(self, pieces: Pieces, constraints: Constraints, origin: Rectangle | None = None) -> None:
-        self.pieces, self.constraints, self.origin = pieces, constraints, origin
+    constraints: what holds the ring when pieces too short to matter are left out, None where all pieces stay. is_box:
+    whether the ring is a level rectangle. ties: (variables, free) how the variables of the pieces follow from those
+    that are free, None where all are.
+    """
+
+    def __init__(
+        self,
+        pieces: Pieces,
+        constraints: Constraints | None = None,
+        ties: SparseRows | None = None,
+        *,
+        is_box: bool = False,
+    ) -> None:
+        self.pieces, self.constraints, self.ties, self.is_box = pieces, constraints, ties, is_box
         self.cubics, self.lines = pieces.cubics, pieces.lines
 
-    @property
+    @cached_property
     def jacobian(self) -> SparseRows:
-        return self.pieces.jacobian
+        return self.pieces.jacobian if self.ties is None else self.pieces.jacobian.after(self.ties)
 
     def moved(self, step: np.ndarray) -> RingParameters:
-        return RingParameters(self.pieces.moved(step), self.constraints, self.origin)
+        pieces = self.pieces.moved(step if self.ties is None else self.ties.times(step))
+        return RingParameters(pieces, self.constraints, self.ties, is_box=self.is_box)
 
     def trimmed(self) -> RingParameters:
-        """The ring without pieces that have become too short to matter, itself where there are none."""
-        if (_speck_lengths(self.cubics, self.pieces.smooth) >= 1.0).all():
+        """Return the ring without pieces that have become too short to matter, itself where there are none."""
+        if self.constraints is None or (_speck_lengths(self.cubics, self.pieces.smooth) >= 1.0).all():
             return self
         ring = self.pieces.ring()
-        shorter = ring if self.origin is not None else without_specks(ring)
+        shorter = without_specks(ring)
         return self if shorter is ring else RingParameters(ring_pieces(shorter, self.constraints), self.constraints)
 
     def outline(self) -> Outline:
-        p = self.pieces
-        if self.origin is not None:
-            low, high = p.anchors.min(axis=0), p.anchors.max(axis=0)
+        if self.is_box:
+            low, high = self.pieces.anchors.min(axis=0), self.pieces.anchors.max(axis=0)
             return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
-        return p.ring()
+        return self.pieces.ring()
 
 
 def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
@@ -161,12 +180,12 @@ class Still:
 
     def __init__(self, outline: Outline) -> None:
         self._outline = outline
-        ring = fine_ring(outline)
+        ring = outline.ring(FINE)
         self.cubics, self.lines = ring.cubics, ring.lines
         self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 
     def moved(self, _step: np.ndarray) -> Still:
-        """Itself."""
+        """Return the outline itself."""
         return self
 
     def outline(self) -> Outline:
@@ -186,7 +205,7 @@ class PrimitiveParameters:
         if not isinstance(shape, Circle):
             self.free[-1] = shape.angle != 0.0
         self.free &= ~pinned
-        ring = fine_ring(shape)
+        ring = shape.ring(FINE)
         self.cubics, self.lines = ring.cubics, ring.lines
 
     @cached_property
@@ -196,16 +215,11 @@ class PrimitiveParameters:
     def moved(self, step: np.ndarray) -> PrimitiveParameters:
         values = self.values.copy()
         values[self.free] += np.clip(step, -2.0, 2.0)
-        return PrimitiveParameters(self._at(values), self.pinned)
-
-    def _at(self, values: np.ndarray) -> Circle | Ellipse | Rectangle:
-        v = values.tolist()
-        if isinstance(self.shape, Circle):
-            return Circle(v[0], v[1], max(v[2], LEAST_SIZE))
-        across, down = max(v[2], LEAST_SIZE), max(v[3], LEAST_SIZE)
-        if isinstance(self.shape, Ellipse):
-            return Ellipse(v[0], v[1], across, down, v[4])
-        return Rectangle(v[0], v[1], across, down, min(max(v[4], 0.0), 0.5 * min(across, down)), v[5])
+        sides = slice(2, 3 if isinstance(self.shape, Circle) else 4)
+        values[sides] = np.maximum(values[sides], LEAST_SIZE)
+        if isinstance(self.shape, Rectangle):
+            values[4] = np.clip(values[4], 0.0, 0.5 * values[sides].min())
+        return PrimitiveParameters(type(self.shape)(*values.tolist()), self.pinned)
 
     def outline(self) -> Outline:
         return self.shape
@@ -228,10 +242,20 @@ def _alike(shape: Circle | Ellipse | Rectangle) -> Circle | Ellipse | Rectangle:
 
 @lru_cache(maxsize=64)
 def _changes(shape: Circle | Ellipse | Rectangle, free: bytes) -> SparseRows:
-    """The Jacobian by the numbers that are free, each a bool."""
-    values = np.stack([change.ravel() for change in changes(shape)], axis=1)[:, np.frombuffer(free, dtype=bool)]
-    rows, count = values.shape
-    return SparseRows(np.arange(rows + 1) * count, np.tile(np.arange(count), rows), values.ravel(), count)
+    """Return the Jacobian of a primitive's ring by those of its numbers that are free, each a bool."""
+    cubics = shape.ring(FINE).cubics
+    columns = []
+    for number in np.flatnonzero(np.frombuffer(free, dtype=bool)).tolist():
+        if shape.__match_args__[number] == "angle":
+            change = (cubics - cubics[:, 0].mean(axis=0)) @ turn_matrix(0.5 * np.pi)
+        else:  # points are linear in all other numbers
+            numbers = _numbers(shape)
+            numbers[number] += 1.0
+            change = type(shape)(*numbers).ring(FINE).cubics - cubics
+        columns.append(change.ravel())
+    rows, count = cubics.size, len(columns)
+    values = np.array(columns).T.ravel()
+    return SparseRows(np.arange(rows + 1) * count, np.tile(np.arange(count), rows), values, count)
 
 
 class CopyParameters:
@@ -246,11 +270,8 @@ class CopyParameters:
 
     @cached_property
     def jacobian(self) -> SparseRows:
-        """Over the variables of the model."""
+        """The Jacobian by the variables of the model."""
         own, matrix = self.model.jacobian, self.way.matrix
-        if not matrix[0, 1]:  # x and y stay apart
-            signs = np.tile(np.diag(matrix), 4 * len(self.lines))
-            return SparseRows(own.starts, own.columns, own.values * np.repeat(signs, np.diff(own.starts)), own.count)
         pairs = 2 * np.arange(4 * len(self.lines))[:, None, None]
         places = np.broadcast_arrays(pairs + np.arange(2)[:, None], pairs + np.arange(2), matrix.T)
         rows, columns, values = (part.ravel() for part in places)

@@ -1,27 +1,48 @@
-"""The whole finish of a drawing: its pieces settled against the pixels, pieces added where those ask, settled again."""
+"""The whole finish of a drawing: its pieces settled against the pixels; pieces added where those ask for more than an
+outline can do, and a primitive made a ring; runs of pieces merged; settled again.
+
+Every move is tried with a short finish, and kept only where the description of the picture becomes shorter: half of
+chi^2 over the pixels that the outline crosses, plus a price for every parameter.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import with_merges
-from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
-from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
-from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, ROUNDS, TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import State, begin, drawn
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
+from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
+from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Circle,
+    Ellipse,
+    Rectangle,
+    Ring,
+    cubic_parts,
+    divided,
+    polygon_lengths,
+)
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import log, nothing, work
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.record import record
 
-PASSES = 3  # of moves, and of merges, at most
 # Pieces beyond which there are fewer rounds; merges only after the moves, and one pass of each; neither of the two,
-# which take some ms a piece; fewer rounds still; and nothing is fitted, for its memory.
-CROWDED, FULL, CHANGED, MANY, MOST = 400, 4000, 16_000, 40_000, 100_000
-FEWEST_ROUNDS = 3
+# which take some ms a piece; and nothing is fitted, for its memory.
+CROWDED, FULL, CHANGED, MOST = 400, 4000, 16_000, 100_000
+# Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
+WORTH, MOST_CHI = 3.0 * PRICE, 60.0
+NEAR = 2.5  # px: misfit within this of a joint is the joint's
+CONCENTRATED = 0.5  # share of a piece's misfit that is a joint's, which then is what moves
+ROUNDED = 2.0  # px before and after a corner between which it is rounded
+LEAST_LENGTH = 3.0  # px of a piece that may be cut
+# Half of the excess of chi^2 that a primitive's pixels must have on average: twice as much as by chance. Over the many
+# pixels of a large circle even what one of its neighbours spoils is worth a ring's parameters.
+CLEARLY = 0.5
 
 
 def polish(
@@ -51,7 +72,7 @@ def polish(
     at("fitting to the pixels", 0.5)
     state = state or begin(drawing, goal)
     with work().stoppable():
-        state = settle(state, ROUNDS if pieces <= CROWDED else _trial_rounds(pieces))
+        state = settle(state, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
         on_settled(drawn(drawing, state))
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
@@ -59,17 +80,15 @@ def polish(
             state = _repeated(merged, state, PASSES if goal.reach else 1)
         at("fitting to the pixels", 0.7)
         state = _repeated(moved, state, PASSES if pieces <= FULL else 1 if pieces <= CHANGED else 0)
-        state = _tried(state, _otherwise(drawing, constraints), detail)
-        if pieces <= MANY:
-            state = settle(state, TRIAL_ROUNDS)
+        rings = [
+            outline.otherwise if isinstance(outline, Ring) else None for s in drawing.shapes for outline in s.outlines
+        ]
+        state = _tried(state, {k: parametrised(o, constraints) for k, o in enumerate(rings) if o is not None}, detail)
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:
+            state = settle(state, TRIAL_ROUNDS)
             state = _repeated(merged, state, PASSES if pieces <= FULL else 1)
     return drawn(drawing, state)
-
-
-def _trial_rounds(pieces: int) -> int:
-    return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
 
 
 def _repeated(change: Callable[[State], State], state: State, passes: int) -> State:
@@ -81,19 +100,116 @@ def _repeated(change: Callable[[State], State], state: State, passes: int) -> St
     return state
 
 
-def _otherwise(drawing: Drawing, constraints: Constraints) -> dict[int, Parameters]:
-    """The closer rings of a drawing's outlines, by the number of the outline."""
-    rings = [outline.otherwise if isinstance(outline, Ring) else None for s in drawing.shapes for outline in s.outlines]
-    return {k: parametrised(ring, constraints) for k, ring in enumerate(rings) if ring is not None}
-
-
 def _tried(state: State, others: Mapping[int, Parameters], detail: float) -> State:
-    """The state with those of other outlines, by number, that pay once they are settled."""
+    """Return the state with those of other outlines, by number, that pay once they are settled."""
     if not others:
         return state
     changed = np.isin(np.arange(len(state.outlines)), [*others])
-    trial = settle(state.with_outlines(others), _trial_rounds(int(state.pieces[-1])), changed=changed)
-    refused = shorter(state, trial, changed, detail)
-    if refused.any():
-        trial = settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused)
-    return trial if not refused[changed].all() else state
+    return judged(state, settle(state.with_outlines(others), TRIAL_ROUNDS, changed=changed), changed, detail)
+
+
+@record
+class Complaints:
+    """The misfit of the pixels of all pieces of a drawing, (pieces,) each. chi: half of the excess of chi^2, where
+    there is any; t: the parameter in its middle; start, end: its shares near the ends of a piece.
+    """
+
+    chi: np.ndarray
+    t: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+    @classmethod
+    def of(cls, state: State) -> Complaints:
+        """Return the complaints against the pieces of a drawing, numbered through all its outlines."""
+        c, floor = state.crossings, np.maximum(state.chance(slice(None)), UNSEEN)
+        chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / floor, MOST_CHI) - 1.0, 0.0)
+        lengths = polygon_lengths(state.drawn.cubics)
+        along, weight = c.t * lengths[c.piece], np.maximum(chi, 0.0)
+        parts = chi, weight, weight * c.t, weight * (along < NEAR), weight * (along > lengths[c.piece] - NEAR)
+        excess, total, *sums = (np.bincount(c.piece, part, len(lengths)) for part in parts)
+        return cls(np.maximum(0.5 * excess, 0.0), *(part / np.maximum(total, LEAST) for part in sums))
+
+
+def with_moves(state: State, constraints: Constraints, detail: float) -> dict[int, Parameters]:
+    """Return the outlines that have a piece more, by number, wherever the pixels ask for one."""
+    complaints, better = Complaints.of(state), {}
+    for k, parameters in enumerate(state.outlines):
+        first, outline = int(state.pieces[k]), parameters.outline()
+        chi = detail * complaints.chi[first : state.pieces[k + 1]]
+        edited = outline
+        if isinstance(outline, Ring):
+            joints: set[int] = set()
+            for i in np.flatnonzero(chi > WORTH)[::-1].tolist():
+                edited = _moved(edited.ring(), i, complaints, first + i, joints)
+        else:
+            edited = as_path(outline, float(chi.sum()), int(state.marks[k + 1] - state.marks[k])) or outline
+        if edited is not outline:
+            better[k] = parametrised(edited, constraints)
+    return better
+
+
+def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ring | None:
+    """The ring to try in a primitive's place; None where all that its pixels hold against it, half of the excess of
+    chi^2, is worth less than the ring's further parameters, or is little for the pixels crossed.
+
+    Rectangles that stand level stay: drawing programs with few samples a pixel know their sides to a quarter of one,
+    and sides that slant would fit that better than they fit the drawing.
+    """
+    if isinstance(shape, Rectangle) and shape.angle == 0.0:
+        return None
+    ring = shape.ring()
+    return ring if chi > max(PRICE * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
+
+
+def _moved(ring: Ring, i: int, complaints: Complaints, number: int, joints: set[int]) -> Ring:
+    """Return the ring with the move that the complaint of a number against its piece i suggests, of joints that have
+    not moved."""
+    start, end = float(complaints.start[number]), float(complaints.end[number])
+    length = float(polygon_lengths(ring.cubics[[i]])[0])
+    if max(start, end) > CONCENTRATED and length > 2.0 * NEAR:
+        anchor = i if start >= end else (i + 1) % ring.pieces
+        if anchor in joints or anchor == 0:
+            return ring
+        joints.add(anchor)
+        return cornered(ring, anchor) if ring.smooth[anchor] else rounded(ring, anchor, ROUNDED)
+    if length < LEAST_LENGTH:
+        return ring
+    if ring.lines[i]:
+        return curved(ring, i)
+    return divided(ring, i, float(np.clip(complaints.t[number], 0.25, 0.75)))
+
+
+def curved(ring: Ring, piece: int) -> Ring:
+    """The ring with a line made a cubic, straight to begin with, that turns at its ends as it likes."""
+    return replace(ring, lines=ring.lines & (np.arange(ring.pieces) != piece))
+
+
+def cornered(ring: Ring, anchor: int) -> Ring:
+    """The ring with a smooth joint made a corner."""
+    return replace(ring, smooth=ring.smooth & (np.arange(ring.pieces) != anchor))
+
+
+def rounded(ring: Ring, anchor: int, reach: float) -> Ring:
+    """The ring with a corner replaced by a cubic between points `reach` px before and after it, joined smoothly."""
+    before, after = (anchor - 1) % ring.pieces, anchor
+    cubics = ring.cubics
+    first, _ = cubic_parts(cubics[before], 1.0 - _parameter(cubics[before][::-1], reach))
+    _, second = cubic_parts(cubics[after], _parameter(cubics[after], reach))
+    corner = ring.anchors[anchor]
+    anchors, controls = ring.anchors.copy(), ring.controls.copy()
+    controls[before] = first[1:3]
+    controls[after] = second[1:3]
+    anchors[anchor] = second[0]
+    bend = np.stack([first[3] + (corner - first[3]) * 0.55, second[0] + (corner - second[0]) * 0.55])
+    anchors = np.insert(anchors, anchor, first[3], axis=0)
+    controls = np.insert(controls, anchor, bend, axis=0)
+    smooth = ring.smooth.copy()
+    smooth[anchor] = True
+    return Ring(anchors, controls, np.insert(ring.lines, anchor, False), np.insert(smooth, anchor, True))
+
+
+def _parameter(cubic: np.ndarray, reach: float) -> float:
+    """The parameter at which a cubic is about `reach` px from its start, at most two fifths."""
+    length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
+    return min(reach / max(length, 1e-9), 0.4)

@@ -75,7 +75,7 @@ class ErrorModel:
 
     @property
     def clean(self) -> bool:
-        """Whether every difference is one of the drawing."""
+        """Return whether every difference is one of the drawing."""
         return self.seam > 0.0
 
     @classmethod
@@ -113,14 +113,14 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
         return []
     reach = MARGIN + math.ceil(2.0 * model.blur)
     parts, _ = ndimage.label(ndimage.binary_dilation(where, ndimage.SQUARE), ndimage.SQUARE)
-    found = []
+    unlike = []
     for number, box in enumerate(ndimage.find_objects(parts), start=1):
         rows, columns = widened(box, reach, gap.shape)
-        own = where[rows, columns] & (parts[rows, columns] == number)
-        off = gap[rows, columns][own]
+        pixels = where[rows, columns] & (parts[rows, columns] == number)
+        off = gap[rows, columns][pixels]
         if off.sum() >= model.least:
-            found.append(Area(rows, columns, own, float((off**2).sum())))
-    return sorted(found, key=lambda area: -area.weight)
+            unlike.append(Area(rows, columns, pixels, float((off**2).sum())))
+    return sorted(unlike, key=lambda area: -area.weight)
 
 
 @record

@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import SMOOTH_SPECK, CopyParameters, Parameters, RingParameters
-from cubicsplat_cli.artwork.finish.state import State
+from cubicsplat_cli.artwork.finish.state import PRICE, State
 from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Unknowns
 
 ROUNDS = 14
+PASSES = 3  # of moves, of merges and of further shapes, at most
 TRIAL_ROUNDS, AFTER_REFUSALS = 6, 2  # of what is tried in a settled drawing, and of what is left where some is refused
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
 PIXEL_SIGMA, FREE = 0.02, 0.5
@@ -78,6 +79,20 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
         return state, moving
     noticed = trial.stack.changed(state.stack, families[trial.owners], len(families), NOTICED)[families]
     return trial, moving | noticed
+
+
+def judged(state: State, trial: State, changed: np.ndarray, detail: float) -> State:
+    """Return a trial, a state in which some outlines (outlines,) bool have changed and are settled, without the changes
+    that make the whole description longer or turn an outline over; the state itself where that leaves none.
+    """
+    refused = changed & (trial.clockwise != state.clockwise)
+    gains = state.gains(trial, changed)
+    for k in np.flatnonzero(changed):
+        cost = PRICE * (trial.outlines[k].outline().parameters - state.outlines[k].outline().parameters)
+        refused[k] |= gains[k] * detail < cost
+    if refused[changed].all():
+        return state
+    return settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused) if refused.any() else trial
 
 
 def trimmed(state: State, moved: np.ndarray) -> State:

@@ -13,9 +13,8 @@ from itertools import compress
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import with_merges
-from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
-from cubicsplat_cli.artwork.finish.state import WHITE, State, begin, drawn
+from cubicsplat_cli.artwork.finish.state import PRICE, SHAPE_PARAMETERS, WHITE, State, begin, drawn
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
@@ -25,7 +24,6 @@ from cubicsplat_cli.raster.stack import Goal
 STEP, LEAST_STEP, MOST_LOST = 1.5, 1.05, 0.15
 DEAREST = 1e7
 WORTHY = 3.0  # times its price: a shape that explains so much is not looked at again until its price is as high
-_ENDS = (np.minimum, slice(0, 2)), (np.maximum, slice(2, 4))  # of boxes: of two boxes, that around both
 
 
 def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Iterator[Drawing]:
@@ -66,9 +64,9 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
     for number, (old, new) in enumerate(zip(state.outlines, after.outlines, strict=True)):
         saved = PRICE * (old.outline().parameters - new.outline().parameters)
         if saved > 0.0:
-            box = np.concatenate([f(boxes[number, own], others[number, own]) for f, own in _ENDS])
+            box = _around(boxes[number], others[number])
             grown = _squares(after, box) - _squares(state, box)
-            refused[number] = 0.5 * detail * grown > saved * floor_of(state, number)
+            refused[number] = 0.5 * detail * grown > saved * state.floor(number)
     return after.taken_back(state, refused)
 
 
@@ -86,10 +84,10 @@ def without_shapes(state: State, detail: float, worth: dict[int, float]) -> Stat
     """
     layers = state.layers
     firsts = np.cumsum([0, *(len(layer.outlines) for layer in layers)])[:-1]
-    boxes = np.concatenate([f.reduceat(_boxes(state)[:, own], firsts) for f, own in _ENDS], axis=1)
+    boxes = np.array([_around(*own) for own in np.split(_boxes(state), firsts[1:])])
     there = np.ones(len(layers), dtype=bool)
     prices = [PRICE * (SHAPE_PARAMETERS + sum(o.outline().parameters for o in each.outlines)) for each in layers]
-    floors = [floor_of(state, first) for first in firsts.tolist()]
+    floors = [state.floor(first) for first in firsts.tolist()]
     in_question = [n for n, each in enumerate(layers) if worth.get(id(each.shape), 0.0) * detail < WORTHY]
     for group in apart(boxes, in_question):
         work().at()
@@ -121,6 +119,12 @@ def _boxes(state: State) -> np.ndarray:
     points = [outline.cubics.reshape(-1, 2) for outline in state.outlines]
     corners = [[*(np.floor(p.min(axis=0)) - reach), *(np.ceil(p.max(axis=0)) + reach)] for p in points]
     return np.clip(np.array(corners).reshape(-1, 4), 0, [width, height, width, height]).astype(int)
+
+
+def _around(*boxes: np.ndarray) -> np.ndarray:
+    """Return the box (4,) around boxes (4,)."""
+    corners = np.array(boxes)
+    return np.concatenate([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)])
 
 
 def apart(boxes: np.ndarray, numbers: Sequence[int]) -> list[list[int]]:

@@ -10,6 +10,7 @@ from itertools import chain
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import areas_beside
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
@@ -24,6 +25,10 @@ HUBER, ERRORS = 0.15, 3.0
 # Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
+PRICE = 4.0  # nats a parameter
+FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # of a new fill, and of a shape besides its outlines'
+UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
+FAINT = 0.01  # change of a picture with a pixel's coverage: fainter edges than that count as this
 
 
 @dataclass(eq=False)
@@ -35,6 +40,10 @@ class Layer:
     fill: np.ndarray
     outlines: list[Parameters]
     signs: list[float]
+
+    def drawn(self) -> Shape:
+        """Return the shape with its outlines as they stand."""
+        return replace(self.shape, outlines=tuple(outline.outline() for outline in self.outlines))
 
 
 @record
@@ -58,7 +67,7 @@ class State:
         previous: State | None = None,
         over: tuple[DrawnStack, np.ndarray] | None = None,
     ) -> State:
-        """That of some layers. previous: one of the same goal, of which what lies the same is not drawn again."""
+        """Return the state of some layers. previous: one of the same goal, whose unchanged parts are not drawn again."""
         pieces = _pieces_of(layers)
         return cls(layers, goal, pieces, DrawnStack(pieces, goal, previous.stack if previous else None, over), over)
 
@@ -110,7 +119,7 @@ class State:
 
     @cached_property
     def outlines(self) -> list[Parameters]:
-        """Those of all layers."""
+        """The outlines of all layers."""
         return [o for layer in self.layers for o in layer.outlines]
 
     @cached_property
@@ -130,7 +139,7 @@ class State:
 
     @property
     def crossings(self) -> CoverageJacobian:
-        """Of the pieces, numbered through all outlines."""
+        """The crossings of the pieces, numbered through all outlines."""
         return self.stack.crossings
 
     @cached_property
@@ -168,11 +177,30 @@ class State:
         """Px by which the goal's blur carries most of a pixel's change, 0 without one."""
         return -(-self.goal.reach // 2)
 
-    def growth(self, after: State, wanted: np.ndarray, *, leaks: bool = False) -> np.ndarray:
-        """(outlines,) by how much the misfit, and with `leaks` the value, grows on the pixels that some outlines
+    def growth(self, after: State, which: np.ndarray, *, leaks: bool = False) -> np.ndarray:
+        """Return (outlines,) by how much the misfit, and with `leaks` the value, grows on the pixels that some outlines
         (outlines,) bool cross before or after, and those around that a blur adds; 0 for the others."""
-        before, later = (np.where(wanted[each], each, -1) for each in (self.owners, after.owners))
-        return self.stack.growth(after.stack, before, later, len(wanted), self.spread, leaks)
+        before, later = (np.where(which[owners], owners, -1) for owners in (self.owners, after.owners))
+        return self.stack.growth(after.stack, before, later, len(which), self.spread, leaks)
+
+    def chance(self, crossed: slice) -> np.ndarray:
+        """Return (m,) the misfit that the pixels of some crossings have by chance."""
+        slopes = summed((self.crossings.slope[crossed] * WHITE) ** 2)
+        return self.goal.share_error**2 * self.sharing * slopes + self.goal.error**2
+
+    def floor(self, number: int) -> float:
+        """Return the misfit that a pixel which an outline crosses has by chance."""
+        chance = self.chance(slice(self.marks[number], self.marks[number + 1]))
+        least = self.goal.share_error**2 * self.sharing * FAINT**2
+        return max(float(np.median(chance)) if len(chance) else 0.0, least)
+
+    def gains(self, after: State, which: np.ndarray) -> np.ndarray:
+        """Return (outlines,) by how much half of chi^2 falls on the pixels that some outlines (outlines,) bool cross
+        before or after; 0 for the others."""
+        gains = -0.5 * self.growth(after, which)
+        for k in np.flatnonzero(which).tolist():
+            gains[k] /= self.floor(k)
+        return gains
 
 
 def _pieces_of(layers: list[Layer]) -> StackPieces:
@@ -223,8 +251,7 @@ def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]
 
 def drawn(drawing: Drawing, state: State) -> Drawing:
     """The drawing with the outlines of a state."""
-    shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in state.layers]
-    return replace(drawing, shapes=tuple(shapes))
+    return replace(drawing, shapes=tuple(layer.drawn() for layer in state.layers))
 
 
 def premultiplied(fill: Rgba) -> np.ndarray:

@@ -8,19 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
 
-# Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
-QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
-# (4, 4, 2) the quarters of a unit circle, from the rightmost point on, in the direction of growing angles.
-_QUARTER = np.array([[1.0, 0.0], [1.0, QUARTER_HANDLE], [QUARTER_HANDLE, 1.0], [0.0, 1.0]])
-_UNIT_CIRCLE = np.stack(
-    [_QUARTER @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), turns) for turns in range(4)]
-)
+FINE = 16  # cubics of a whole turn, true to 1e-7 of its radius
+_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a box, clockwise as seen
 # Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
 _GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0
 
@@ -57,21 +52,26 @@ class Ring:
     @property
     def coordinates(self) -> int:
         """Numbers in its path data: 2 to start, 6 a cubic, 2 a line (1 along an axis, 0 for the closing)."""
-        steps = following(self.anchors) - self.anchors
-        axis = (np.abs(steps) < 1e-9).any(axis=1)
-        numbers = np.where(self.lines, np.where(axis, 1, 2), 6)
-        if self.lines[-1]:
-            numbers[-1] = 0
-        return 2 + int(numbers.sum())
+        numbers = path_numbers(following(self.anchors) - self.anchors, self.lines)
+        return 2 + int(numbers[: -1 if self.lines[-1] else None].sum())
 
     @property
     def parameters(self) -> int:
         """Degrees of freedom: 2 an anchor, 4 a cubic, less 1 for every smooth joint."""
         return 2 * self.pieces + 4 * int((~self.lines).sum()) - int(self.smooth.sum())
 
-    def ring(self) -> Ring:
-        """The ring itself."""
+    def ring(self, _arcs: int = 4) -> Ring:
+        """Return the ring itself."""
         return self
+
+    def chosen(self, which: np.ndarray) -> Ring:
+        """Return the ring of some pieces, by their numbers or as (A,) bool, each from the anchor at its start on."""
+        return Ring(self.anchors[which], self.controls[which], self.lines[which], self.smooth[which])
+
+
+def path_numbers(steps: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Return (S,) how many numbers of path data pieces have between ends that lie apart by steps (S, 2); lines: bool."""
+    return np.where(lines, np.where((np.abs(steps) < 1e-9).any(axis=1), 1, 2), 6)
 
 
 def pieces_of_rings(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
@@ -121,9 +121,9 @@ class Circle:
     coordinates = 3
     parameters = 3
 
-    def ring(self) -> Ring:
-        """Four cubics, from the rightmost point on, in the direction of growing angles."""
-        return Ellipse(self.cx, self.cy, self.r, self.r).ring()
+    def ring(self, arcs: int = 4) -> Ring:
+        """Return a ring of so many cubics, from the rightmost point on, in the direction of growing angles."""
+        return Ellipse(self.cx, self.cy, self.r, self.r).ring(arcs)
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,10 @@ class Ellipse:
 
     parameters = coordinates
 
-    def ring(self) -> Ring:
-        """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
-        return ring_of_cubics(_placed(_UNIT_CIRCLE * [self.rx, self.ry], self.angle, (self.cx, self.cy)))
+    def ring(self, arcs: int = 4) -> Ring:
+        """Return a ring of so many cubics, from the end of the first half-axis on, in the direction of growing angles."""
+        unit = arc(0.0, 2.0 * math.pi, arcs)
+        return ring_of_cubics(unit * [self.rx, self.ry] @ turn_matrix(self.angle) + [self.cx, self.cy])
 
 
 @dataclass(frozen=True)
@@ -176,28 +177,21 @@ class Rectangle:
 
     parameters = coordinates
 
-    def ring(self) -> Ring:
-        """Four lines, or with a radius eight pieces, from the left end of the top side on, clockwise as seen."""
+    def ring(self, arcs: int = 4) -> Ring:
+        """Return a ring from the left end of the top side on, clockwise as seen: four lines, and where the corners are
+        round a whole turn in so many cubics, a quarter of them at each corner.
+        """
         half = np.array([self.width / 2.0, self.height / 2.0])
-        signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-        middle = (self.x + half[0], self.y + half[1])
-        corners = signs * half
+        middle, turn = half + np.array([self.x, self.y]), turn_matrix(self.angle)
         if self.radius <= 0.0:
-            return polygon(_placed(corners, self.angle, middle))
-        return self._rounded(corners, middle)
-
-    def _rounded(self, corners: np.ndarray, middle: tuple[float, float]) -> Ring:
-        sides = np.roll(corners, -1, axis=0) - corners
-        along = sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-12)
-        starts = corners + self.radius * along
-        ends = np.roll(corners, -1, axis=0) - self.radius * along
-        anchors = _placed(np.stack([starts, ends], axis=1).reshape(8, 2), self.angle, middle)
-        after = np.roll(anchors, -1, axis=0)
-        controls = thirds(anchors, after)
-        turned = _placed(np.roll(corners, -1, axis=0), self.angle, middle)
-        controls[1::2, 0] = anchors[1::2] + QUARTER_HANDLE * (turned - anchors[1::2])
-        controls[1::2, 1] = after[1::2] + QUARTER_HANDLE * (turned - after[1::2])
-        return Ring(anchors, controls, np.arange(8) % 2 == 0, np.ones(8, dtype=bool))
+            return polygon(_CORNERS * half @ turn + middle)
+        # The bend at the end of each side.
+        bends = self.radius * arc(-0.5 * math.pi, 1.5 * math.pi, arcs).reshape(4, -1, 4, 2)
+        bends = bends + following(_CORNERS * (half - self.radius))[:, None, None]
+        starts, ends = np.roll(bends[:, -1, 3:], 1, axis=0), bends[:, 0, :1]
+        sides = np.concatenate([starts, thirds(starts[:, 0], ends[:, 0]), ends], axis=1)
+        cubics = np.concatenate([sides[:, None], bends], axis=1).reshape(-1, 4, 2) @ turn + middle
+        return replace(ring_of_cubics(cubics), lines=np.arange(len(cubics)) % (len(cubics) // 4) == 0)
 
 
 def polygon(anchors: np.ndarray) -> Ring:
@@ -211,9 +205,18 @@ def thirds(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     return starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[:, None] / 3.0
 
 
-def _placed(points: np.ndarray, angle: float, middle: tuple[float, float]) -> np.ndarray:
+def turn_matrix(angle: float) -> np.ndarray:
+    """Return the matrix (2, 2) that turns rows of x and y by an angle when they are multiplied by it."""
     cos, sin = math.cos(angle), math.sin(angle)
-    return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(middle)
+    return np.array([[cos, sin], [-sin, cos]])
+
+
+def arc(start: float, stop: float, count: int) -> np.ndarray:
+    """Return cubics (count, 4, 2) of the unit circle from one angle to another, radians."""
+    at = np.linspace(start, stop, count + 1)
+    unit = np.stack([np.cos(at), np.sin(at)], axis=1)
+    reach = 4.0 / 3.0 * np.tan((stop - start) / count / 4.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    return np.stack([unit[:-1], (unit + reach)[:-1], (unit - reach)[1:], unit[1:]], axis=1)
 
 
 def following(points: np.ndarray) -> np.ndarray:
@@ -253,7 +256,7 @@ def dense(corners: np.ndarray, step: float) -> np.ndarray:
 
 
 def places_within(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the elements (m,) of rows of so many each, counts (n,): the row of each, and its number there, from 0 on."""
+    """Return for the elements (m,) of rows of so many each, counts (n,), the row and the number there, from 0 on."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
@@ -274,6 +277,24 @@ def reversed_ring(ring: Ring) -> Ring:
     order = (-np.arange(ring.pieces)) % ring.pieces
     pieces = (order - 1) % ring.pieces
     return Ring(ring.anchors[order], ring.controls[pieces][:, ::-1], ring.lines[pieces], ring.smooth[order])
+
+
+def divided(ring: Ring, piece: int, t: float) -> Ring:
+    """Return the same curve with a piece cut in two at a parameter, joined smoothly; of a line, both parts are lines."""
+    a, b = cubic_parts(ring.cubics[piece], t)
+    anchors = np.insert(ring.anchors, piece + 1, a[3], axis=0)
+    controls = np.insert(ring.controls, piece + 1, b[1:3], axis=0)
+    controls[piece] = a[1:3]
+    lines = np.insert(ring.lines, piece + 1, ring.lines[piece])
+    return Ring(anchors, controls, lines, np.insert(ring.smooth, piece + 1, not ring.lines[piece]))
+
+
+def cubic_parts(cubic: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the parts of a cubic (4, 2) before and after t, by de Casteljau's construction."""
+    rows = [cubic]
+    while len(rows[-1]) > 1:
+        rows.append(rows[-1][:-1] * (1.0 - t) + rows[-1][1:] * t)
+    return np.stack([row[0] for row in rows]), np.stack([row[-1] for row in rows[::-1]])
 
 
 def bernstein(u: np.ndarray) -> np.ndarray:

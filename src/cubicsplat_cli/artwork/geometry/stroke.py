@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fine import arc
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Outline,
     Rectangle,
     Ring,
+    arc,
+    path_numbers,
     polygon_lengths,
     signed_area,
     thirds,
@@ -50,8 +51,7 @@ class Chain:
     @property
     def coordinates(self) -> int:
         """Numbers in its path data: 2 to start, 6 a cubic, 2 a line (1 along an axis)."""
-        axis = (np.abs(np.diff(self.anchors, axis=0)) < 1e-9).any(axis=1)
-        return 2 + int(np.where(self.lines, np.where(axis, 1, 2), 6).sum())
+        return 2 + int(path_numbers(np.diff(self.anchors, axis=0), self.lines).sum())
 
 
 Path = Chain | Ring | Circle | Ellipse | Rectangle
@@ -69,7 +69,7 @@ class Stroke:
 
     @property
     def closed(self) -> bool:
-        """Whether it returns to its start."""
+        """Return whether it returns to its start."""
         return not isinstance(self.path, Chain)
 
     @property
@@ -148,5 +148,5 @@ def _dot(at: np.ndarray, half: float, cap: str) -> Ring:
     """A stroke of no length: a disc or, with square caps, a square."""
     if cap == ROUND:
         return _ring(at + half * arc(0.0, 2.0 * np.pi, 8), np.zeros(8, dtype=bool))
-    corners = at + half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
-    return _ring(line_chain(corners).cubics, np.ones(4, dtype=bool))
+    x, y = (at - half).tolist()
+    return Rectangle(x, y, 2.0 * half, 2.0 * half).ring()

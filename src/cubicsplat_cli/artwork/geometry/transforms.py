@@ -64,5 +64,5 @@ class RigidTransform:
 
 
 def is_quarter(angle: float) -> bool:
-    """Whether an angle is a whole multiple of 90 degrees but for the arithmetic."""
+    """Return whether an angle is a whole multiple of 90 degrees but for the arithmetic."""
     return abs(math.remainder(angle, 0.5 * math.pi)) < 1e-12

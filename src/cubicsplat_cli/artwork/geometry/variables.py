@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring, places_within
+from cubicsplat_cli.artwork.geometry.stroke import Chain
 from cubicsplat_cli.raster.cubics import (
     Joints,
     moved_outline,
@@ -18,6 +19,7 @@ from cubicsplat_cli.raster.cubics import (
     outline_directions,
     outline_jacobian,
     refined,
+    tied_coordinates,
 )
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
@@ -41,16 +43,6 @@ class Pieces:
     smooth: np.ndarray
     level: np.ndarray
     tied: np.ndarray
-
-    @property
-    def closed(self) -> bool:
-        """Whether the last piece returns to the first anchor."""
-        return len(self.lines) == len(self.anchors)
-
-    @property
-    def ends(self) -> np.ndarray:
-        """(S,) the anchor at which each piece ends."""
-        return (np.arange(len(self.lines)) + 1) % len(self.anchors)
 
     @cached_property
     def joints(self) -> Joints:
@@ -80,9 +72,23 @@ class Pieces:
         values, columns, starts = outline_jacobian(self.joints, self.outline)
         return SparseRows(starts, columns, values, self.joints.variables)
 
+    @classmethod
+    def of_chain(cls, chain: Chain) -> Pieces:
+        """Return the pieces of a chain; lines that are exactly level or upright stay so."""
+        nothing = np.zeros((1, 2))
+        outgoing = np.concatenate([chain.controls[:, 0] - chain.anchors[:-1], nothing])
+        incoming = np.concatenate([nothing, chain.controls[:, 1] - chain.anchors[1:]])
+        tied, level = tied_coordinates(chain.anchors, chain.lines), np.zeros(len(chain.anchors), dtype=bool)
+        pieces = cls(chain.anchors, incoming, outgoing, chain.lines, chain.smooth, level, tied)
+        return pieces.moved(np.zeros(pieces.joints.variables))
+
     def ring(self) -> Ring:
-        """A closed outline as it stands."""
+        """Return a closed outline as it stands."""
         return Ring(self.anchors, self.cubics[:, 1:3].copy(), self.lines.copy(), self.smooth.copy())
+
+    def chain(self) -> Chain:
+        """Return an open outline as it stands."""
+        return Chain(self.anchors, self.cubics[:, 1:3].copy(), self.lines.copy(), self.smooth.copy())
 
     def moved(self, step: np.ndarray) -> Pieces:
         """The pieces after a step of their variables."""

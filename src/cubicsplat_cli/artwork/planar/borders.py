@@ -11,6 +11,9 @@ from itertools import combinations
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
+from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
+from cubicsplat_cli.artwork.geometry.stroke import line_chain
+from cubicsplat_cli.artwork.geometry.variables import ROUNDS
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
 from cubicsplat_cli.raster.cubics import newton_steps
@@ -20,7 +23,6 @@ _JUMP = 0.5  # of the parameter: where a ring of one piece begins again
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter
 ASTRAY = 0.25  # px that a node may lie off the vertex of the map
-_ROUNDS = 8
 
 
 @dataclass(eq=False)
@@ -67,43 +69,22 @@ def _ends(run: Run, faces: Faces) -> tuple[int, int]:
     return int(start), int(faces.head[last] if onward else faces.tail[last])
 
 
-def _chains(faces: Faces, kept: np.ndarray) -> list[tuple[list[tuple[int, bool]], bool]]:
-    """The edges in rows from node to node, and those in closed rows without nodes (True)."""
-    at: dict[int, list[int]] = {}
-    for e in np.flatnonzero(kept).tolist():
-        at.setdefault(int(faces.tail[e]), []).append(e)
-        at.setdefault(int(faces.head[e]), []).append(e)
-    left = set(np.flatnonzero(kept).tolist())
-    chains = []
-    nodes = [v for v, edges in at.items() if len(edges) != 2]
-    for v in nodes:
-        for e in at[v]:
-            if e in left:
-                chains.append((_walked(e, v, at, faces, left), False))
-    for e in np.flatnonzero(kept).tolist():
-        if e in left:
-            chains.append((_walked(e, int(faces.tail[e]), at, faces, left), True))
-    return chains
+def _chains(faces: Faces, kept: np.ndarray) -> list[tuple[list[Link], bool]]:
+    """Return the kept edges in rows from node to node, and in closed rows without nodes (True)."""
+    edges = np.flatnonzero(kept).tolist()
+    meetings: dict[int, list[Link]] = defaultdict(list)
+    for e in edges:
+        meetings[int(faces.tail[e])].append((e, 0))
+        meetings[int(faces.head[e])].append((e, 1))
+    return rows_of(edges, pairs_of(meetings.values()))
 
 
-def _walked(e: int, v: int, at: dict[int, list[int]], faces: Faces, left: set[int]) -> list[tuple[int, bool]]:
-    chain = []
-    while e in left:
-        left.discard(e)
-        ahead = int(faces.tail[e]) == v
-        chain.append((e, ahead))
-        v = int(faces.head[e]) if ahead else int(faces.tail[e])
-        if len(at[v]) != 2:
-            break
-        e = at[v][0] if at[v][1] == e else at[v][1]
-    return chain
-
-
-def _along_pieces(chain: list[tuple[int, bool]], faces: Faces, sources: Sources, closed: bool) -> list[Run]:
+def _along_pieces(chain: list[Link], faces: Faces, sources: Sources, closed: bool) -> list[Run]:
     """The runs of a chain: it keeps to a piece as long as that goes on, then takes the one that follows it."""
     runs: list[Run] = []
     after = sources.after
-    for e, ahead in chain:
+    for e, entered in chain:
+        ahead = entered == 0
         found = [(p, (a, b) if ahead else (b, a)) for p, a, b in faces.runs[e]]
         last = runs[-1] if runs else None
         same = next((t for p, t in found if last and p == last.piece and _goes_on(last.t, t)), None)
@@ -228,13 +209,14 @@ def _place(node: int, ends: list[tuple[int, int]], borders: Borders, faces: Face
 
 
 def _if_near(place: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+    """Return a place, or the vertex where that is too far away."""
     return place if np.hypot(*(place - vertex)) <= ASTRAY else vertex
 
 
 def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
     """The parameter of a piece nearest to a place."""
     u = np.array([[t]])
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         u = np.clip(newton_steps(sources.cubics[[piece]], place[None, None], u), 0.0, 1.0)
     return float(u[0, 0])
 
@@ -242,7 +224,7 @@ def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
 def _crossing(cubics: np.ndarray, t: np.ndarray) -> np.ndarray | None:
     """The crossing of two cubics (2, 4, 2) near the parameters (2,), by Newton's method; None where they run
     abreast."""
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         place, (way, _) = points_at(cubics, t[:, None])[:, 0], derivatives(cubics, t[:, None])
         (ax, ay), (bx, by) = way[:, 0]
         turn = ax * by - ay * bx
@@ -261,7 +243,7 @@ def _between(
     cubic = sources.cubics[piece]
     t0, t1 = (_foot(sources, piece, u, place) for u, place in zip(t, (a, b), strict=True))
     if sources.lines[piece] or abs(t1 - t0) < AT_END:
-        return a + (b - a) * (np.arange(4) / 3.0)[:, None], True
+        return line_chain(np.stack([a, b])).cubics[0], True
     part = _part(cubic, t0, t1)
     part[1] += a - part[0]
     part[2] += b - part[3]

@@ -71,10 +71,10 @@ def outlines_of_regions(
 
 
 def _fills(drawing: Drawing) -> np.ndarray:
-    """(shapes,) a number for each way to be painted."""
-    known: dict[Shape, int] = {}
+    """Return (shapes,) a number for each way to be painted."""
+    numbers: dict[Shape, int] = {}
     alike = [replace(shape, outlines=(), name="", stroke=None) for shape in drawing.shapes]
-    return np.array([known.setdefault(shape, len(known)) for shape in alike])
+    return np.array([numbers.setdefault(shape, len(numbers)) for shape in alike])
 
 
 def _whole_outlines(borders: Borders, sources: Sources) -> dict[int, Outline]:
@@ -120,11 +120,10 @@ def _on_grid(edges: Edges, precision: int) -> Edges:
     points = to_steps(edges.cubics, precision)
     for pair in edges.smooth:
         vectors = [_handle(points, edges.lines, number, end) for number, end in pair]
-        lengths = [int((vector**2).sum()) for vector in vectors]
         movable = [k for k in (0, 1) if not edges.lines[pair[k][0]]]
-        if len(movable) == 0 or int(vectors[0] @ vectors[1]) >= 0:
+        if not movable or int(vectors[0] @ vectors[1]) >= 0:
             continue
-        k = min(movable, key=lambda k: lengths[k])
+        k = min(movable, key=lambda k: int((vectors[k] ** 2).sum()))
         number, end = pair[k]
         points[number, 2 if end else 1] = points[number, 3 * end] + aligned(vectors[k][None], vectors[1 - k][None])[0]
     still = (points[:, 1:] == points[:, :1]).all(axis=(1, 2))

@@ -90,7 +90,7 @@ def _following(vertices: np.ndarray, tail: np.ndarray, head: np.ndarray) -> np.n
     """(2 E,) the half-edge that follows each along the face on its left: the last one before its way back."""
     origin = np.stack([tail, head], axis=1).ravel()
     way = (vertices[head] - vertices[tail]).astype(float)
-    angle = np.stack([np.arctan2(way[:, 1], way[:, 0]), np.arctan2(-way[:, 1], -way[:, 0])], axis=1).ravel()
+    angle = np.arctan2(*np.stack([way, -way], axis=1).reshape(-1, 2).T[::-1])
     order = np.lexsort((angle, origin))
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))

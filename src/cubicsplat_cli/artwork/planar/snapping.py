@@ -11,15 +11,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.finish.parameters import LEAST
 from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
+    Rectangle,
     Ring,
     oriented,
     pieces_of_rings,
     places_within,
     points_at,
-    polygon,
     polygon_lengths,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -27,14 +27,13 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
-EIGHTHS = 8  # of a circle, one cubic each, which are true to 5e-6 of a radius
+EIGHTHS = 8  # cubics of a whole turn, which are true to 5e-6 of its radius
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
 MOST_CHORDS = 4096  # of a piece
 MOST_ROUNDS = 200
 # A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
 _NEAR = (9, 16)
-_SAME_SHARE = 1e-9
 
 
 @record
@@ -68,12 +67,12 @@ def sources_of(drawing: Drawing) -> Sources:
 
 def rings_of(shape: Shape) -> list[Ring]:
     """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
-    return list(oriented([fine_ring(outline, EIGHTHS) for outline in shape.outlines]))
+    return list(oriented([outline.ring(EIGHTHS) for outline in shape.outlines]))
 
 
 def canvas_ring(drawing: Drawing) -> Ring:
     """The edge of a drawing's canvas."""
-    return polygon(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [drawing.width, drawing.height])
+    return Rectangle(0.0, 0.0, drawing.width, drawing.height).ring()
 
 
 def sources_from(
@@ -195,7 +194,7 @@ def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarr
     order = np.lexsort((*points.T, at, which))
     # A segment goes to one of two points that face each other across it: between these it would be cut again, for ever.
     which, points, at = which[order], points[order], at[order]
-    apart = np.append(True, (which[1:] != which[:-1]) | (np.diff(at) > _SAME_SHARE))
+    apart = np.append(True, (which[1:] != which[:-1]) | (np.diff(at) > LEAST))
     which, points, at = which[apart], points[apart], at[apart]
     kept = np.ones(len(segments.piece), dtype=bool)
     kept[which] = False

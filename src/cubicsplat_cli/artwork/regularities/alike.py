@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples_along
+from cubicsplat_cli.artwork.finish.merges import Visibility, samples_along
+from cubicsplat_cli.artwork.finish.parameters import LEAST
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
-from cubicsplat_cli.artwork.regularities.mirrored import Axis
-from cubicsplat_cli.artwork.regularities.ties import LEAST
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
@@ -18,15 +18,17 @@ STEP = 0.5  # px between the points of an outline
 MOST = 400  # points of a piece
 TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
-FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean
-SYSTEMATIC = 0.02  # px, the error of an axis or a shift besides that by chance
+FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean,
+# to which middles and radii are known too
+SYSTEMATIC = 0.02  # px, the error of an axis, a shift or the end of a line besides that by chance
 SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
+EASED = 1e-6  # of the squares of a transform's numbers, which keeps those that nothing tells where they are
 
 
 @record
 class Track:
-    """A closed outline as a polyline, and what of it shows. points: (n, 2) px; tree: of them; seen: (m, 2) points that
+    """A closed outline as a polyline, and its visible parts. points: (n, 2) px; tree: of them; seen: (m, 2) points that
     show; whole: whether all of it does."""
 
     points: np.ndarray
@@ -38,7 +40,7 @@ class Track:
     def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
         samples, weights, _, _ = samples_along(ring, visibility, MOST)
-        shown = weights > 0.5 * visibility.sigma**-2
+        shown = visibility.shows(weights)
         return cls(points, PointTree(points), samples[shown], bool(shown.all()))
 
     @cached_property
@@ -47,32 +49,43 @@ class Track:
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
     def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
+        """Return (n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
         return self.tree.off_line(points, LEAST)
 
 
 @record
-class Symmetry:
-    """That an outline is about its own mirror image. error: standard error of where the axis is, px; most, mean: px by
-    which points that show are off, the farthest and in the root mean square."""
+class Nearest:
+    """Numbers (k,) of a transform that lays an outline on another. off: (n,) px by which points that show are off then;
+    rows: (n, k) its derivatives.
+    """
 
-    axis: Axis
-    error: float
-    most: float
-    mean: float
+    numbers: np.ndarray
+    off: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def gram(self) -> np.ndarray:
+        """(k, k) what the points tell of the numbers, 1/px^2 if each is known to a px."""
+        return self.rows.T @ self.rows + EASED * np.eye(len(self.numbers))
+
+    @property
+    def mean(self) -> float:
+        """The root mean square of the distances, px."""
+        return float(np.sqrt((self.off**2).mean()))
 
 
-def symmetry_of(track: Track, across: int) -> Symmetry | None:
-    """The symmetry of an outline about an axis across a coordinate; None where hardly anything of it tells."""
-    if len(track.seen) < FEWEST:
-        return None
-    low, high = track.points[:, across].min(), track.points[:, across].max()
-    axis = Axis(across, 0.5 * float(low + high))
-    for _ in range(TRIES):
-        size, ways = track.off(axis.mirrored(track.seen))
-        tells = float((ways[:, across] ** 2).sum())
-        if size.max() > LARGEST or tells < 1.0:
+def nearest(
+    numbers: np.ndarray, distances: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], mean: float = MEAN
+) -> Nearest | None:
+    """Return the numbers (k,) of a transform that lay an outline nearest to another by Gauss-Newton's method; None
+    where points lie too far off it, on the way or, at most `mean` px in the mean, at last.
+
+    distances: of some numbers, as in `Nearest`.
+    """
+    for left in reversed(range(TRIES + 1)):
+        fit = Nearest(numbers, *distances(numbers))
+        if fit.off.max() > LARGEST:
             return None
-        axis = Axis(across, axis.at - 0.5 * float((ways[:, across] * size).sum()) / tells)
-    size, _ = track.off(axis.mirrored(track.seen))
-    return Symmetry(axis, SEEN_SIGMA / np.sqrt(2.0 * tells), float(size.max()), float(np.sqrt((size**2).mean())))
+        if left:
+            numbers = numbers - np.linalg.solve(fit.gram, fit.rows.T @ fit.off)
+    return fit if fit.off.max() <= FARTHEST and fit.mean <= mean else None

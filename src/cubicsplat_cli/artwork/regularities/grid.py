@@ -9,109 +9,74 @@ are likewise compared with 45 degrees, and with 30 and 60.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
-from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
+from cubicsplat_cli.artwork.finish.parameters import LEAST, ON_BORDER, Pins, RingParameters
 from cubicsplat_cli.artwork.finish.state import State
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, SIGMAS
-from cubicsplat_cli.artwork.regularities.ties import EXACT, LEAST, TiedRing, null_basis
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, following, with_thirds
+from cubicsplat_cli.artwork.geometry.variables import Pieces
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN, SIGMAS, SYSTEMATIC
+from cubicsplat_cli.artwork.regularities.ties import EXACT, constrained
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.record import record
 
-# Cells that a canvas is commonly divided into.
-CELLS = (
-    *(2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 15, 16, 18, 20, 24, 25, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72),
-    *(80, 90, 96, 100, 108, 112, 120, 128, 144, 150, 160, 180, 192, 200, 240, 256, 288, 300, 320, 360, 384, 400, 512),
-)
+# Cells that a canvas is commonly divided into: once or thrice by 3, 5 or 7, and often by 2.
+MOST_CELLS, DIVISIONS = 512, (225, 7)
+CELLS = [n for n in range(2, MOST_CELLS + 1) if any(MOST_CELLS * odd % n == 0 for odd in DIVISIONS)]
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
 EDGE = 0.03  # px, the error of coordinates where edges show their true areas
-ROUND = 0.06  # px, that of middles and radii
 CORNER = 0.25  # px, that of the radius of a rectangle's corners
 SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, and pixels, from which an edge is seen
 # Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.
 FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
 SHORTEST = 4.0  # px of a line that tells its direction
 SHOWN = 0.8  # share of a line that must show
-SYSTEMATIC = 0.01  # px that one end of a line is off in its direction besides what its points tell
 POINT = 0.5 * SEEN_SIGMA  # px, the standard error of a point of a straight line
 OFTEN = 0.1  # share of a drawing's sloping lines that have the directions of a family, where the artist used it
 
+Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y, 2 for a length; value; error, px
 Slope = tuple[int, float]  # the number of a line of a ring, and its direction, radians
 
 
-@record
-class Mark:
-    """A number of a drawing. axis: 0 for x, 1 for y, 2 for a length; value and error in px."""
-
-    axis: int
-    value: float
-    error: float
-
-
 def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing, Pins]:
-    """The drawing with the coordinates on the artist's grid, and which these are; the same and none without a grid.
+    """Return the drawing with the coordinates on the artist's grid, and which these are; the same and none without a
+    grid.
 
     state: the drawing against its picture. cell: px between the places of level edges that the picture can tell apart,
     0 if it tells them exactly.
     """
-    edge = 0.5 * cell + EDGE
-    size = (float(drawing.width), float(drawing.height))
-    outlines = [_on_border(outline, size) for shape in drawing.shapes for outline in shape.outlines]
-    seen = _seen_edges(state)
-    marks = [mark for k, outline in enumerate(outlines) for mark in _marks(outline, edge, seen[k])]
-    marks = [m for m in marks if m.axis == 2 or min(abs(m.value), abs(m.value - size[m.axis])) > m.error]
-    grids = _grids(marks, size)
-    snap = _Snap(grids, edge)
-    snapped = iter([snap.outline(outline) for outline in outlines])
-    shapes = tuple(replace(s, outlines=tuple(next(snapped) for _ in s.outlines)) for s in drawing.shapes)
+    edge, size = 0.5 * cell + EDGE, (float(drawing.width), float(drawing.height))
+    marks = _seen_edges(state, edge)
+    marks = [(axis, v, error) for axis, v, error in marks if min(abs(v), abs(v - size[axis])) > error]
+    for outline in (outline for shape in drawing.shapes for outline in shape.outlines):
+        marks += [(axis, value, MEAN) for axis, value in _middle_and_radii(outline)]
+    snap = _Snap(_grids(marks, size), edge, size)
+    shapes = tuple(replace(s, outlines=tuple(map(snap.outline, s.outlines))) for s in drawing.shapes)
     return replace(drawing, shapes=shapes), Pins(*(tuple(sorted(pins)) for pins in snap.pins))
 
 
-def _on_border(outline: Outline, size: tuple[float, float]) -> Outline:
-    """A level rectangle with the sides on the canvas's border that are nearly there."""
-    if not isinstance(outline, Rectangle) or outline.angle != 0.0:
-        return outline
-    ends = np.array([[outline.x, outline.x + outline.width], [outline.y, outline.y + outline.height]])
-    borders = np.array([[0.0, size[0]], [0.0, size[1]]])
-    (left, right), (top, bottom) = np.where(np.abs(ends - borders) < ON_BORDER, borders, ends).tolist()
-    return Rectangle(left, top, right - left, bottom - top, outline.radius)
-
-
-def _seen_edges(state: State) -> list[list[np.ndarray]]:
-    """Of each outline the x of its upright lines and the y of its level ones that show in the picture."""
+def _seen_edges(state: State, error: float) -> list[Mark]:
+    """Return the x of the upright lines and the y of the level ones that show in the picture."""
     crossings, shown = state.crossings, np.zeros(int(state.pieces[-1]))
     np.add.at(shown, crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWS)
-    found = []
-    for outline, first in zip(state.outlines, state.pieces, strict=False):
-        good = outline.lines & (shown[first : first + len(outline.lines)] >= FEWEST_SEEN)
-        level = np.ptp(outline.cubics, axis=1) < EXACT
-        found.append([outline.cubics[good & level[:, axis], 0, axis] for axis in (0, 1)])
-    return found
+    good = state.drawn.lines & (shown >= FEWEST_SEEN)
+    level = np.ptp(state.drawn.cubics, axis=1) < EXACT
+    edges = [state.drawn.cubics[good & level[:, axis], 0, axis].tolist() for axis in (0, 1)]
+    return [(axis, value, error) for axis in (0, 1) for value in edges[axis]]
 
 
-def _marks(outline: Outline, edge: float, seen: list[np.ndarray]) -> Iterator[Mark]:
-    """The numbers of an outline that the picture tells; seen: the x and the y of its edges that show."""
-    for axis, values in enumerate(seen):
-        yield from (Mark(axis, float(value), edge) for value in values)
-    if isinstance(outline, Circle | Ellipse):
-        yield from (Mark(0, outline.cx, ROUND), Mark(1, outline.cy, ROUND))
-    if isinstance(outline, Circle):
-        yield Mark(2, outline.r, ROUND)
-    elif isinstance(outline, Ellipse) and outline.angle == 0.0:
-        yield from (Mark(2, outline.rx, ROUND), Mark(2, outline.ry, ROUND))
-
-
-def _level(ring: Ring, axis: int) -> list[float]:
-    """The coordinates of a ring's lines across an axis: y of the level ones for axis 1, x of the upright for 0."""
-    values = ring.anchors[:, axis]
-    along = ring.lines & (np.abs(np.roll(values, -1) - values) < EXACT)
-    return np.unique(values[along]).tolist()
+def _middle_and_radii(outline: Outline) -> list[tuple[int, float]]:
+    """Return the axes and values of what the picture tells of a circle, or of an ellipse that is level or else of its
+    middle; nothing of others.
+    """
+    if not isinstance(outline, Circle | Ellipse):
+        return []
+    radii = [outline.r] if isinstance(outline, Circle) else [] if outline.angle else [outline.rx, outline.ry]
+    return [(0, outline.cx), (1, outline.cy), *((2, radius) for radius in radii)]
 
 
 def _grids(marks: list[Mark], size: tuple[float, float]) -> dict[int, float]:
@@ -127,58 +92,64 @@ def _grids(marks: list[Mark], size: tuple[float, float]) -> dict[int, float]:
 
 def _distinct(marks: list[Mark], axis: int) -> np.ndarray:
     """(k, 2) values and errors along an axis, those alike once."""
-    found: list[tuple[float, float]] = []
-    for mark in sorted((m for m in marks if m.axis == axis), key=lambda m: (m.value, m.error)):
-        if not found or mark.value - found[-1][0] > mark.error:
-            found.append((mark.value, mark.error))
-    return np.array(found).reshape(-1, 2)
+    distinct: list[tuple[float, float]] = []
+    for value, error in sorted((value, error) for one, value, error in marks if one == axis):
+        if not distinct or value - distinct[-1][0] > error:
+            distinct.append((value, error))
+    return np.array(distinct).reshape(-1, 2)
 
 
 def _score(distinct: list[np.ndarray], axes: tuple[int, ...], unit: float, cells: int) -> float:
-    """By how many nats a grid explains the values better than chance, less what it takes to name the grid."""
-    total = -math.log(cells)
-    for axis in axes:
-        value, error = distinct[axis].T
-        if not len(value):
-            continue
-        chance = np.minimum(2.0 * error / unit, 1.0)
-        hit = np.abs(value - unit * np.rint(value / unit)) <= error
-        total += float(np.log(np.where(hit, ON_GRID / chance, 0.0) + (1.0 - ON_GRID)).sum())
-    return total
+    """Return by how many nats a grid explains the values better than chance, less what it takes to name the grid."""
+    value, error = np.concatenate([distinct[axis] for axis in axes]).T
+    hit = np.abs(value - unit * np.rint(value / unit)) <= error
+    chances = np.where(hit, ON_GRID / np.minimum(2.0 * error / unit, 1.0), 0.0)
+    return float(np.log(chances + (1.0 - ON_GRID)).sum()) - math.log(cells)
 
 
 class _Snap:
-    """Brings outlines onto grids. pins: for x, y and lengths the lines that were hit."""
+    """Brings outlines onto grids, px of the cells of an axis, and the border of a canvas of a size. edge: px, the error
+    of level edges. pins: for x, y and lengths the lines that were hit.
+    """
 
-    def __init__(self, grids: dict[int, float], edge: float) -> None:
-        self.grids, self.edge = grids, edge
+    def __init__(self, grids: dict[int, float], edge: float, size: tuple[float, float]) -> None:
+        self.grids, self.edge, self.size = grids, edge, size
         self.pins: tuple[set[float], set[float], set[float]] = (set(), set(), set())
 
     def outline(self, outline: Outline) -> Outline:
-        """An outline with what lies near the grids on them."""
-        if isinstance(outline, Circle):
-            x, y = self._on(0, outline.cx, ROUND), self._on(1, outline.cy, ROUND)
-            return Circle(x, y, self._on(2, outline.r, ROUND))
-        if isinstance(outline, Ellipse):
-            x, y = self._on(0, outline.cx, ROUND), self._on(1, outline.cy, ROUND)
-            across, down = (self._on(2, r, ROUND) if outline.angle == 0.0 else r for r in (outline.rx, outline.ry))
-            if across == down:
-                return Circle(x, y, across)
-            return Ellipse(x, y, across, down, outline.angle)
+        """Return an outline with what lies near the grids on them."""
+        if isinstance(outline, Ring):
+            return self._lines(self._lines(outline, 0), 1)
         if isinstance(outline, Rectangle):
-            return self._box(outline)
-        for axis in (0, 1):
-            for value in _level(outline, axis):
-                outline = _moved(outline, axis, value, self._on(axis, value, self.edge))
-        return outline
+            return self._box(outline) if outline.angle == 0.0 else outline
+        x, y, *radii = (self._on(axis, value, MEAN) for axis, value in _middle_and_radii(outline))
+        if not radii:
+            return replace(outline, cx=x, cy=y)
+        return Circle(x, y, radii[0]) if radii[0] == radii[-1] else Ellipse(x, y, *radii)
 
     def _box(self, box: Rectangle) -> Rectangle:
-        if box.angle != 0.0:
-            return box
-        left, right = self._on(0, box.x, self.edge), self._on(0, box.x + box.width, self.edge)
-        top, bottom = self._on(1, box.y, self.edge), self._on(1, box.y + box.height, self.edge)
+        x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
+        (left, right), (top, bottom) = ([self._side(axis, v) for v in ends] for axis, ends in enumerate((x, y)))
         radius = self._on(2, box.radius, CORNER) if box.radius > 0.0 else 0.0
         return Rectangle(left, top, right - left, bottom - top, min(radius, 0.5 * min(right - left, bottom - top)))
+
+    def _side(self, axis: int, value: float) -> float:
+        border = min(0.0, self.size[axis], key=lambda border: abs(value - border))
+        return self._on(axis, border if abs(value - border) < ON_BORDER else value, self.edge)
+
+    def _lines(self, ring: Ring, axis: int) -> Ring:
+        """Return a ring with its lines across an axis on the grid; the handles at their ends go with them."""
+        values, shift = ring.anchors[:, axis], np.zeros(ring.pieces)
+        for i in np.flatnonzero(ring.lines & (np.abs(following(values) - values) < EXACT)).tolist():
+            value = float(values[i])
+            shift[[i, (i + 1) % ring.pieces]] = self._on(axis, value, self.edge) - value
+        if not shift.any():
+            return ring
+        anchors, controls = ring.anchors.copy(), ring.controls.copy()
+        anchors[:, axis] += shift
+        controls[:, 0, axis] += shift
+        controls[:, 1, axis] += following(shift)
+        return with_thirds(Ring(anchors, controls, ring.lines, ring.smooth))
 
     def _on(self, axis: int, value: float, error: float) -> float:
         """The line of a grid, or halfway between two, within the error of a value; the value where there is none."""
@@ -193,25 +164,11 @@ class _Snap:
         return value
 
 
-def _moved(ring: Ring, axis: int, value: float, to: float) -> Ring:
-    """The ring with its level lines at one coordinate at another one; the handles at their ends go with them."""
-    if to == value:
-        return ring
-    values = ring.anchors[:, axis]
-    along = ring.lines & (np.abs(np.roll(values, -1) - values) < EXACT) & (np.abs(values - value) < EXACT)
-    moving = along | np.roll(along, 1)
-    anchors, controls = ring.anchors.copy(), ring.controls.copy()
-    anchors[moving, axis] += to - value
-    controls[moving, 0, axis] += to - value
-    controls[np.roll(moving, -1), 1, axis] += to - value
-    return with_thirds(Ring(anchors, controls, ring.lines, ring.smooth))
-
-
 def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list[Slope]]:
     """The lines of rings by number that are in the directions of a family, where the drawing has clearly more of these
     than chance would put there."""
     lines = [(k, *line) for k, (ring, visibility) in rings.items() for line in _sloping(ring, visibility)]
-    found: dict[int, list[Slope]] = {}
+    slopes: dict[int, list[Slope]] = {}
     for family in FAMILIES:
         score, hits = 0.0, []
         for k, piece, length, angle in lines:
@@ -223,8 +180,8 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list
             hits += [(k, (piece, math.radians(nearest)))] if hit else []
         if score > CLEAR:
             for k, slope in hits:
-                found.setdefault(k, []).append(slope)
-    return found
+                slopes.setdefault(k, []).append(slope)
+    return slopes
 
 
 def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, float]]:
@@ -234,7 +191,7 @@ def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, f
         length = float(np.hypot(*ways[i]))
         if length >= SHORTEST:
             weights = visibility.weights(i, (np.arange(math.ceil(length)) + 0.5) / math.ceil(length))
-            if (weights > 0.5 * visibility.sigma**-2).mean() >= SHOWN:
+            if visibility.shows(weights).mean() >= SHOWN:
                 yield i, length, math.atan2(ways[i, 1], ways[i, 0])
 
 
@@ -244,41 +201,31 @@ def _between(one: float, other: float) -> float:
     return min(off, math.pi - off)
 
 
-def directed(ring: TiedRing, slopes: Iterable[Slope]) -> TiedRing | None:
-    """A ring with some lines brought into their directions and kept there; None where other ties do not let them."""
-    p = ring.pieces
-    rows = []
-    for i, angle in slopes:
-        j, across = (i + 1) % len(p.anchors), _across(angle)
-        row = np.zeros(p.joints.variables + 1)
-        # The last entry stands for all that is fixed.
-        for c in (0, 1):
-            row[p.tied[j, c]] += across[c]
-            row[p.tied[i, c]] -= across[c]
-        rows.append(row[:-1])
-    matrix = np.array(rows) @ ring.ties.toarray()
-    off = _off(p.anchors, slopes)
-    step = np.linalg.lstsq(matrix, -off, rcond=None)[0]
-    brought = ring.moved(step)
-    if np.abs(_off(brought.pieces.anchors, slopes)).max() > LEAST:
-        return None
-    equations = [{int(k): float(row[k]) for k in np.flatnonzero(row)} for row in matrix]
-    return TiedRing(brought.pieces, ring.ties.after(null_basis(ring.ties.shape[1], equations)))
+def directed(ring: RingParameters, slopes: Sequence[Slope]) -> RingParameters | None:
+    """Return a ring with ties with some lines brought into their directions and kept there; None where other ties do
+    not let them.
+    """
+    starts = np.array([i for i, _ in slopes])
+    ends, across = (starts + 1) % len(ring.pieces.anchors), np.array([_across(angle) for _, angle in slopes])
+    rows = np.zeros((len(slopes), ring.pieces.joints.variables + 1))
+    # The last entry stands for all that is fixed.
+    places = np.arange(len(slopes))[:, None]
+    np.add.at(rows, (places, ring.pieces.tied[ends]), across)
+    np.subtract.at(rows, (places, ring.pieces.tied[starts]), across)
+
+    def missed(pieces: Pieces, _others: np.ndarray) -> np.ndarray:
+        return ((pieces.anchors[ends] - pieces.anchors[starts]) * across).sum(axis=1)
+
+    return constrained(ring, rows[:, :-1], missed, np.zeros(0))
 
 
 def _across(angle: float) -> tuple[float, float]:
-    """(2,) square to a direction, in whole numbers for 45 degrees."""
+    """Return (2,) square to a direction, in whole numbers for 45 degrees."""
     x, y = -math.sin(angle), math.cos(angle)
     return (x, y) if abs(abs(x) - abs(y)) > LEAST else (math.copysign(1.0, x), math.copysign(1.0, y))
 
 
-def _off(anchors: np.ndarray, slopes: Iterable[Slope]) -> np.ndarray:
-    """(lines,) by how much, about px, lines between anchors (A, 2) miss their directions."""
-    ways = np.roll(anchors, -1, axis=0) - anchors
-    return np.array([ways[i] @ _across(angle) for i, angle in slopes])
-
-
 def has_diagonal(ring: Ring) -> bool:
-    """Whether a line of a ring runs at 45 degrees exactly."""
+    """Return whether a line of a ring runs at 45 degrees exactly."""
     ways = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
     return bool((ring.lines & (np.abs(ways[:, 0] - ways[:, 1]) < LEAST) & (ways[:, 0] > EXACT)).any())

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import divided
-from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
-from cubicsplat_cli.artwork.geometry.outlines import Ring, points_at, thirds, with_thirds
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
+from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters, ring_pieces
+from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
+from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.geometry.variables import Pieces
-from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
+from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, SYSTEMATIC, Track, nearest
+from cubicsplat_cli.artwork.regularities.ties import null_basis
 from cubicsplat_cli.record import record
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it
 SQUARE = 0.15  # tangent of the angle off square to the axis below which a smooth joint there is square
-ONE_PIECE = 0.05  # px that one piece across the axis may be off the two that it stands for
-_WITHIN = np.linspace(0.0, 1.0, 11)[1:-1]
+SAMPLES = 64  # of a cubic, between which nothing happens
 
 
 @record
@@ -26,10 +30,72 @@ class Axis:
     at: float
 
     def mirrored(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 2) on the other side."""
+        """Return points (..., 2) on the other side."""
         out = np.array(points, dtype=float)
         out[..., self.across] = 2.0 * self.at - out[..., self.across]
         return out
+
+
+@record
+class Symmetry:
+    """The axis about which an outline is nearly its own mirror image. error: standard error of where the axis is, px;
+    mean: px by which points that show are off, in the root mean square.
+    """
+
+    axis: Axis
+    error: float
+    mean: float
+
+    def near(self, at: float) -> bool:
+        """Return whether a place is within the errors of the axis."""
+        return abs(self.axis.at - at) <= SIGMAS * float(np.hypot(self.error, SYSTEMATIC))
+
+
+def symmetry_of(track: Track, across: int) -> Symmetry | None:
+    """Return the symmetry of an outline about an axis across a coordinate; None where it has none, and where hardly
+    anything of it tells.
+    """
+    if len(track.seen) < FEWEST:
+        return None
+
+    def distances(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        off, ways = track.off(Axis(across, float(at[0])).mirrored(track.seen))
+        return off, 2.0 * ways[:, across, None]
+
+    fit = nearest(track.extent[:, across].mean(keepdims=True), distances)
+    tells = 0.0 if fit is None else float((fit.rows**2).sum()) / 4.0
+    if fit is None or tells < 1.0:
+        return None
+    return Symmetry(Axis(across, float(fit.numbers[0])), SEEN_SIGMA / np.sqrt(2.0 * tells), fit.mean)
+
+
+def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axis]:
+    """Return the axes of the outlines, by number, that are their own mirror images: on half steps of the file's grid;
+    size: px of the canvas.
+    """
+    symmetries: dict[int, Symmetry] = {}
+    for k, track in tracks.items():
+        both = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
+        if both:
+            symmetries[k] = min(both, key=lambda s: s.mean)
+    half_step = 0.5 * 10.0 ** -suggested_precision(*size)
+    axes: dict[int, Axis] = {}
+    for across in (0, 1):
+        alike = {k: s for k, s in symmetries.items() if s.axis.across == across}
+        places = _shared(alike, 0.5 * size[across])
+        axes |= {k: Axis(across, half_step * round(at / half_step)) for k, at in places.items()}
+    return axes
+
+
+def _shared(symmetries: dict[int, Symmetry], middle: float) -> dict[int, float]:
+    """Return the places of axes: the middle of the canvas, or the mean of those that are one, the surest first."""
+    rest = sorted(symmetries, key=lambda k: (symmetries[k].error, k))
+    places = {k: middle for k in rest if symmetries[k].near(middle)}
+    while rest := [k for k in rest if k not in places]:
+        group = [k for k in rest if symmetries[k].near(symmetries[rest[0]].axis.at)]
+        weights = [symmetries[k].error ** -2 for k in group]
+        places |= dict.fromkeys(group, float(np.average([symmetries[k].axis.at for k in group], weights=weights)))
+    return places
 
 
 @record
@@ -42,12 +108,16 @@ class MirroredRing:
 
 
 def mirrored_rings(ring: Ring, axis: Axis) -> list[MirroredRing]:
-    """The rings that either side of a ring and its mirror image make; none unless the axis is crossed just twice."""
+    """Return the rings that either side of a ring and its mirror image make; none unless the axis is crossed just
+    twice.
+    """
     return [_whole(half, axis) for half in _opened(ring, axis)]
 
 
 def _opened(ring: Ring, axis: Axis) -> list[Ring]:
-    """The two sides of a ring, each with its first and last anchor on the axis; the piece that closes them is void."""
+    """Return the two sides of a ring, each with its first and last anchor on the axis; the piece that closes them is
+    void.
+    """
     side = ring.anchors[:, axis.across] - axis.at
     near = np.abs(side) < ON_AXIS
     near &= ~(np.roll(near, 1) | np.roll(near, -1))
@@ -64,48 +134,36 @@ def _opened(ring: Ring, axis: Axis) -> list[Ring]:
         return []
     a, b = sorted(on)
     count = ring.pieces
-    sides = [_turned(ring, np.arange(a, b + 1)), _turned(ring, np.arange(b, a + count + 1) % count)]
+    sides = [ring.chosen(np.arange(a, b + 1)), ring.chosen(np.arange(b, a + count + 1) % count)]
     beyond = [float(half.controls[:-1, :, axis.across].mean()) > axis.at for half in sides]
     return [_ended(half, axis) for half in sides] if beyond[0] != beyond[1] else []
 
 
 def _touches(ring: Ring, axis: Axis, side: np.ndarray, near: np.ndarray) -> bool:
-    """Whether a piece crosses the axis more often than its ends tell, or a line runs along it."""
+    """Return whether a piece crosses the axis more often than its ends tell, or a line runs along it."""
+    if (near & np.roll(near, -1)).any():
+        return True
+    along = points_at(ring.cubics, np.linspace(0.0, 1.0, SAMPLES + 1))[..., axis.across] - axis.at
     for i in range(ring.pieces):
         j = (i + 1) % ring.pieces
-        if near[i] and near[j]:
-            return True
-        ends = [k for k in (i, j) if not near[k]]
-        within = points_at(ring.cubics[i], _WITHIN)[:, axis.across] - axis.at
-        if len(ends) == 2 and (side[i] > 0.0) != (side[j] > 0.0):
-            beyond = np.concatenate([[side[i]], within, [side[j]]]) > 0.0
-            if int((beyond[1:] != beyond[:-1]).sum()) != 1:
+        if not near[i] and not near[j] and (side[i] > 0.0) != (side[j] > 0.0):
+            if np.count_nonzero(np.diff(along[i] > 0.0)) != 1:
                 return True
-        elif (within * np.sign(side[ends[0]]) < -ON_AXIS).any():
+        elif (along[i] * np.sign(side[j if near[i] else i]) < -ON_AXIS).any():
             return True
     return False
 
 
 def _crossing(values: np.ndarray) -> float:
-    """The parameter at which a cubic with control values (4,) of which the ends differ in sign is zero."""
-    low, high = 0.0, 1.0
-    points = values[:, None]
-    rising = values[3] > 0.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if (points_at(points, np.array([middle]))[0, 0] > 0.0) == rising:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)
-
-
-def _turned(ring: Ring, order: np.ndarray) -> Ring:
-    return Ring(ring.anchors[order], ring.controls[order], ring.lines[order], ring.smooth[order])
+    """Return the parameter at which a cubic with control values (4,), of which the ends differ in sign, is zero."""
+    a, b, c, d = values
+    roots = np.roots([d - 3.0 * c + 3.0 * b - a, 3.0 * (a - 2.0 * b + c), 3.0 * (b - a), a])
+    inside = np.clip(roots.real, 0.0, 1.0)
+    return float(inside[np.abs(roots - inside).argmin()])
 
 
 def _ended(half: Ring, axis: Axis) -> Ring:
-    """A side with its ends brought onto the axis, and square to it where it is smooth there."""
+    """Return a side with its ends brought onto the axis, and square to it where it is smooth there."""
     anchors, controls, smooth = half.anchors.copy(), half.controls.copy(), half.smooth.copy()
     along = 1 - axis.across
     for anchor, piece, k in ((0, 0, 0), (-1, -2, 1)):
@@ -120,9 +178,9 @@ def _ended(half: Ring, axis: Axis) -> Ring:
 
 
 def _whole(half: Ring, axis: Axis) -> MirroredRing:
-    """A side, of which the first and the last anchor lie on the axis, and its mirror image."""
+    """Return the ring of a side, of which the first and the last anchor lie on the axis, and its mirror image."""
     m = half.pieces - 1
-    other = _turned(half, np.arange(m, -1, -1))
+    other = half.chosen(np.arange(m, -1, -1))
     anchors = np.concatenate([half.anchors, axis.mirrored(other.anchors[1:m])])
     controls = np.concatenate([half.controls[:m], axis.mirrored(half.controls[:m][::-1, ::-1])])
     lines = np.concatenate([half.lines[:m], half.lines[:m][::-1]])
@@ -132,7 +190,7 @@ def _whole(half: Ring, axis: Axis) -> MirroredRing:
 
 
 def _joined(found: MirroredRing) -> MirroredRing:
-    """The ring without the anchors on its axis that one level line or one cubic across it does without."""
+    """Return the ring without the anchors on its axis that one level line or one cubic across it does without."""
     for i in sorted(np.flatnonzero(found.partner == np.arange(found.ring.pieces)).tolist(), reverse=True):
         ring, along = found.ring, 1 - found.axis.across
         before = (i - 1) % ring.pieces
@@ -140,7 +198,7 @@ def _joined(found: MirroredRing) -> MirroredRing:
         if ring.pieces <= 3 or ring.lines[before] != ring.lines[i]:
             continue
         if ring.lines[i]:
-            if abs(ring.anchors[i, along] - start[along]) > ONE_PIECE:
+            if abs(ring.anchors[i, along] - start[along]) > MEAN:
                 continue
             (handles,) = thirds(start[None], end[None])
         else:
@@ -153,8 +211,9 @@ def _joined(found: MirroredRing) -> MirroredRing:
 
 
 def _across(cubic: np.ndarray, axis: Axis) -> np.ndarray | None:
-    """(2,) the first handle of the cubic that runs on across the axis to the mirror image of its start; None where none
-    is as near. cubic: (4, 2) up to the axis."""
+    """Return (2,) the first handle of the cubic that runs on across the axis to the mirror image of its start; None
+    where none is as near. cubic: (4, 2) up to the axis.
+    """
     along = 1 - axis.across
     start, way = cubic[0], cubic[1] - cubic[0]
     rise = 4.0 / 3.0 * (cubic[3, along] - start[along])
@@ -162,37 +221,37 @@ def _across(cubic: np.ndarray, axis: Axis) -> np.ndarray | None:
         return None
     handle = start + way * (rise / way[along])
     whole = np.stack([start, handle, axis.mirrored(handle), axis.mirrored(start)])
-    fine = points_at(cubic, np.linspace(0.0, 1.0, 65))
-    off = points_at(whole, np.linspace(0.0, 0.5, 9))[:, None] - fine
-    return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < ONE_PIECE else None
+    fine = points_at(cubic, np.linspace(0.0, 1.0, SAMPLES + 1))
+    off = points_at(whole, np.linspace(0.0, 0.5, SAMPLES // 8 + 1))[:, None] - fine
+    return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < MEAN else None
 
 
 def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
-    """The ring without an anchor on the axis; handles: (2, 2) of the piece that stands for both beside it."""
-    ring, before = found.ring, (i - 1) % found.ring.pieces
-    controls = ring.controls.copy()
-    controls[before] = handles
-    rest = np.arange(ring.pieces) != i
+    """Return the ring without an anchor on the axis; handles: (2, 2) of the piece that stands for both beside it."""
+    controls = found.ring.controls.copy()
+    controls[i - 1] = handles
+    rest = np.arange(found.ring.pieces) != i
     number = np.cumsum(rest) - 1
-    shorter = Ring(ring.anchors[rest], controls[rest], ring.lines[rest], ring.smooth[rest])
-    return MirroredRing(shorter, found.axis, number[found.partner[rest]])
+    return MirroredRing(replace(found.ring, controls=controls).chosen(rest), found.axis, number[found.partner[rest]])
 
 
-def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> TiedRing:
-    """A ring that is its own mirror image and stays so: the parametrisation of one half; the axis stays where it is."""
+def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> RingParameters:
+    """Return the parameters of a ring that stays its own mirror image: those of one half; its axis stays where it is."""
     pieces = ring_pieces(found.ring, constraints)
-    return TiedRing(pieces, tie_matrix(pieces.joints.variables, _ties(pieces, found)))
+    return RingParameters(pieces, ties=null_basis(pieces.joints.variables, _equations(pieces, found)))
 
 
-def _ties(pieces: Pieces, found: MirroredRing) -> list[Tie]:
-    """Pairs of a ring's numbers that are equal or opposite on both sides of its axis; a number fixed on one side is on
-    both."""
-    across, ties, tied, v = found.axis.across, [], pieces.tied, pieces.joints.numbers
-    signs = np.where(np.arange(2) == across, -1.0, 1.0)
+def _equations(pieces: Pieces, found: MirroredRing) -> Iterator[dict[int, float]]:
+    """Yield the equations of a ring's numbers on both sides of its axis; a number fixed on one side is on both."""
+    tied, v = pieces.tied, pieces.joints.numbers
+    signs = np.where(np.arange(2) == found.axis.across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):
-        ties += [(int(tied[i, c]), int(tied[j, c]), float(signs[c])) for c in (0, 1)]
-        ties.append((int(v.angle[i]), int(v.angle[j]), -1.0))
-        ties.append((int(v.length_out[i]), int(v.length_in[j]), 1.0))
+        pairs = [(tied[i, c], tied[j, c], signs[c]) for c in (0, 1)]
+        pairs += [(v.angle[i], v.angle[j], -1.0), (v.length_out[i], v.length_in[j], 1.0)]
         if v.vector_out[i] >= 0 and v.vector_in[j] >= 0:
-            ties += [(int(v.vector_out[i]) + c, int(v.vector_in[j]) + c, float(signs[c])) for c in (0, 1)]
-    return ties
+            pairs += [(v.vector_out[i] + c, v.vector_in[j] + c, signs[c]) for c in (0, 1)]
+        for one, other, sign in pairs:
+            equation = {int(one): 1.0}
+            equation[int(other)] = equation.get(int(other), 0.0) - sign
+            equation.pop(-1, None)
+            yield equation

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import Visibility
-from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gains
 from cubicsplat_cli.artwork.finish.parameters import (
+    LEAST,
     NO_PINS,
     ON_BORDER,
     Constraints,
@@ -27,22 +27,26 @@ from cubicsplat_cli.artwork.finish.parameters import (
     ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import State, begin, drawn, layer_of
-from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
+from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn, layer_of
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, MEAN, SIGMAS, SYSTEMATIC, Symmetry, Track, symmetry_of
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
 from cubicsplat_cli.artwork.regularities.grid import directed, found_slopes, has_diagonal, on_grid
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_parameters, mirrored_rings
+from cubicsplat_cli.artwork.regularities.mirrored import (
+    Axis,
+    MirroredRing,
+    axes_of,
+    mirrored_parameters,
+    mirrored_rings,
+)
 from cubicsplat_cli.artwork.regularities.rotational import rotated
-from cubicsplat_cli.artwork.regularities.ties import EXACT, LEAST, TiedRing, tied_ring
+from cubicsplat_cli.artwork.regularities.ties import EXACT, on_steps, tied_ring
 from cubicsplat_cli.artwork.regularities.turned import found_copies
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
-TINY = 1e-12
 MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
 
 
@@ -79,38 +83,40 @@ def with_circles(state: State, constraints: Constraints, detail: float) -> State
 
 
 def with_symmetries(state: State, constraints: Constraints, detail: float) -> State:
-    """The state with the rings that are their own mirror images made and kept such; the same without any."""
-    outlines = state.outlines
-    rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
-    shown = {k: (ring, Visibility.of(state, k)) for k, ring in rings.items()}
-    axes = _found_axes(shown, (constraints.width, constraints.height))
+    """Return the state with the rings that are their own mirror images made and kept such; the same without any."""
+    rings = {
+        k: ring
+        for k, o in enumerate(state.outlines)
+        if isinstance(ring := o.outline(), Ring) and not level_box(ring, LEAST)
+    }
+    tracks = {k: Track.of(ring, Visibility.of(state, k)) for k, ring in rings.items()}
+    axes = axes_of(tracks, (constraints.width, constraints.height))
     mirrored = {k: _mirrored(rings[k], axis, constraints) for k, axis in axes.items()}
-    tied = {k: parameters for k, parameters in mirrored.items() if parameters is not None}
-    return _tied(state, tied, detail)
+    return _tied(state, {k: parameters for k, parameters in mirrored.items() if parameters is not None}, detail)
 
 
-def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> TiedRing | None:
-    """The parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot be one,
-    or only with clearly more coordinates."""
-    found = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis) if _fits(one, constraints)]
-    found = [one for one in found if one.outline().ring().coordinates <= ring.coordinates + MORE_NUMBERS]
-    return min(found, key=lambda parameters: parameters.jacobian.shape[1], default=None)
+def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameters | None:
+    """Return the parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot
+    be one, or only with clearly more coordinates.
+    """
+    sides = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis) if _fits(one, constraints)]
+    sides = [one for one in sides if one.outline().coordinates <= ring.coordinates + MORE_NUMBERS]
+    return min(sides, key=_variables, default=None)
 
 
 def _fits(found: MirroredRing, constraints: Constraints) -> bool:
-    """Whether a ring is still its own mirror image with what is held where it must be, such as the canvas's border."""
+    """Return whether a ring is still its own mirror image with what is held where it must be, such as the canvas's
+    border.
+    """
     anchors = ring_pieces(found.ring, constraints).anchors
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 
 
 def with_directions(state: State, detail: float) -> State:
-    """The state with the lines at 45 degrees, or at 30 and 60, made and kept such; the same without any."""
-    outlines = state.outlines
-    free = {k: one for k, o in enumerate(outlines) if (one := tied_ring(o)) is not None}
-    rings = {k: ring for k in free if isinstance(ring := free[k].outline(), Ring)}
-    slopes = found_slopes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()})
-    tied = {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}
-    return _tied(state, tied, detail)
+    """Return the state with the lines at 45 degrees, or at 30 and 60, made and kept such; the same without any."""
+    free = {k: one for k, o in enumerate(state.outlines) if (one := tied_ring(o)) is not None}
+    slopes = found_slopes({k: (one.pieces.ring(), Visibility.of(state, k)) for k, one in free.items()})
+    return _tied(state, {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}, detail)
 
 
 def with_copies(state: State, constraints: Constraints, detail: float) -> State:
@@ -118,16 +124,15 @@ def with_copies(state: State, constraints: Constraints, detail: float) -> State:
     outlines, size = state.outlines, (constraints.width, constraints.height)
     tracks = {}
     for k, parameters in enumerate(outlines):
-        shape = parameters.outline()
-        if not parameters.jacobian.shape[1]:
+        if not parameters.jacobian.count:
             continue
-        track = Track.of(fine_ring(shape), Visibility.of(state, k))
+        track = Track.of(parameters.outline().ring(FINE), Visibility.of(state, k))
         inside = (track.extent[0] > ON_BORDER).all() and (track.extent[1] < np.array(size) - ON_BORDER).all()
         # What is held on the border would not stay there; primitives are held by their numbers alone.
         if inside or isinstance(parameters, PrimitiveParameters):
             tracks[k] = track
-    order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
-    numbers = {k: outlines[k].jacobian.shape[1] for k in order}
+    numbers = {k: outlines[k].jacobian.count for k in tracks}
+    order = sorted(tracks, key=lambda k: (numbers[k], k))
     copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
     tied = {k: CopyParameters(outlines[model], transform, model) for k, (model, transform) in copies.items()}
     return _tied(state, tied, detail)
@@ -139,9 +144,9 @@ def with_rotations(state: State, detail: float) -> State:
     tied: dict[int, Parameters] = {}
     for k, parameters in enumerate(outlines):
         ring = parameters.outline()
-        if isinstance(parameters, RingParameters | TiedRing) and isinstance(ring, Ring) and not _is_box(ring):
-            found = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
-            tied |= {k: found} if found is not None else {}
+        if isinstance(parameters, RingParameters) and isinstance(ring, Ring) and not level_box(ring, LEAST):
+            rotational = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
+            tied |= {k: rotational} if rotational is not None else {}
     tied |= _followers(outlines, tied)
     return _tied(state, tied, detail)
 
@@ -175,7 +180,7 @@ def _tied(state: State, tied: Mapping[int, Parameters], detail: float) -> State:
 
 
 def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of each outline the number of the model that it follows, or its own, and the nats that it saves by its ties.
+    """Return for each outline the number of the model that it follows, or its own, and the nats that its ties save.
 
     Outlines are off by SYSTEMATIC px besides by chance, alike along their length; what a tie moves them so far is free.
     """
@@ -186,10 +191,10 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
             families[k] = parameters.source
     wanted = np.zeros(len(outlines), dtype=bool)
     wanted[[*tied, *families[list(tied)].tolist()]] = True
-    gained = gains(state, trial, wanted)
+    gained = state.gains(trial, wanted)
     for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
-        known = 1.0 - state.goal.error**2 / max(floor_of(state, k), state.goal.error**2, TINY)
+        known = 1.0 - state.goal.error**2 / max(state.floor(k), state.goal.error**2, UNSEEN)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / state.goal.share_error) ** 2
         saved[k] = (gained[k] + allowed) * detail
     for k, parameters in tied.items():
@@ -199,17 +204,14 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
 
 def _variables(parameters: Parameters) -> int:
     """The number of an outline's own variables."""
-    return 0 if isinstance(parameters, CopyParameters) else parameters.jacobian.shape[1]
+    return 0 if isinstance(parameters, CopyParameters) else parameters.jacobian.count
 
 
 def _on_steps(state: State, step: float) -> State:
-    """The state with rings of lines at 45 degrees, and their copies, on whole steps of the file's grid, px."""
-    outlines = state.outlines
-    moved: dict[int, Parameters] = {}
-    for k, outline in enumerate(outlines):
-        if isinstance(outline, TiedRing) and isinstance(ring := outline.outline(), Ring) and has_diagonal(ring):
-            moved[k] = outline.on_steps(step)
-    moved |= _followers(outlines, moved)
+    """Return the state with rings of lines at 45 degrees, and their copies, on whole steps of the file's grid, px."""
+    rings = [(k, o) for k, o in enumerate(state.outlines) if isinstance(o, RingParameters) and o.ties is not None]
+    moved: dict[int, Parameters] = {k: on_steps(o, step) for k, o in rings if has_diagonal(o.pieces.ring())}
+    moved |= _followers(state.outlines, moved)
     return _with(state, moved) if moved else state
 
 
@@ -219,50 +221,3 @@ def _with(state: State, tied: Mapping[int, Parameters]) -> State:
     for n in {state.places[k][0] for k in tied}:
         layers[n] = layer_of(layers[n].shape, state.goal, layers[n].outlines)
     return state.with_layers(layers)
-
-
-def _found_axes(rings: dict[int, tuple[Ring, Visibility]], size: tuple[int, int]) -> dict[int, Axis]:
-    """Of rings by number the axes of those that are their own mirror images, on half steps of the file's grid; size:
-    px of the canvas."""
-    found: dict[int, Symmetry] = {}
-    for k, (ring, visibility) in rings.items():
-        if _is_box(ring):
-            continue
-        track = Track.of(ring, visibility)
-        symmetries = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
-        good = [s for s in symmetries if s.most < FARTHEST and s.mean < MEAN]
-        if good:
-            found[k] = min(good, key=lambda s: s.mean)
-    half_step = 0.5 * 10.0 ** -suggested_precision(*size)
-    axes: dict[int, Axis] = {}
-    for across in (0, 1):
-        own = {k: s for k, s in found.items() if s.axis.across == across}
-        axes |= {
-            k: Axis(across, half_step * round(at / half_step)) for k, at in _shared(own, 0.5 * size[across]).items()
-        }
-    return axes
-
-
-def _is_box(ring: Ring) -> bool:
-    """Whether a ring has nothing but level and upright lines that a box has too, which are mirror images anyway."""
-    steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
-    return ring.pieces <= 4 and bool(ring.lines.all() and (steps < LEAST).any(axis=1).all())
-
-
-def _shared(found: dict[int, Symmetry], middle: float) -> dict[int, float]:
-    """Places of the axes: the middle of the canvas, or the mean of those that are one, the surest first."""
-    places: dict[int, float] = {}
-    rest = sorted(found, key=lambda k: (found[k].error, k))
-    places |= {k: middle for k in rest if _within(found[k], middle)}
-    rest = [k for k in rest if k not in places]
-    while rest:
-        first = found[rest[0]].axis.at
-        own = [k for k in rest if _within(found[k], first)]
-        weights = [found[k].error ** -2 for k in own]
-        places |= dict.fromkeys(own, float(np.average([found[k].axis.at for k in own], weights=weights)))
-        rest = [k for k in rest if k not in places]
-    return places
-
-
-def _within(symmetry: Symmetry, at: float) -> bool:
-    return abs(symmetry.axis.at - at) <= SIGMAS * float(np.hypot(symmetry.error, SYSTEMATIC))

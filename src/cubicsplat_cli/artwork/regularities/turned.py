@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
+from cubicsplat_cli.artwork.finish.parameters import LEAST
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import (
     CLEAR,
@@ -27,16 +28,18 @@ from cubicsplat_cli.artwork.regularities.alike import (
     SYSTEMATIC,
     TRIES,
     Track,
+    nearest,
 )
-from cubicsplat_cli.artwork.regularities.ties import LEAST
 from cubicsplat_cli.raster.point_tree import ClosedLines
 from cubicsplat_cli.record import record
 
 STEPS = 128  # round an outline
-LENGTH_OFF, NEAR = 0.8, 0.4  # px by which lengths of outlines that are alike differ, and their steps in the mean
+LENGTH_OFF, NEAR = (
+    0.8,
+    0.4,
+)  # px by which lengths of outlines that are alike differ, and their steps in the mean and extents
 ALIKE = 0.1  # px by which turns that fit as well differ in that
 FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
-SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
 # other, and px^2 for every px of the length by which areas differ, beyond the least.
 ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
@@ -55,6 +58,17 @@ class Walk:
     steps: np.ndarray
     length: float
 
+    @classmethod
+    def of(cls, track: Track) -> Walk:
+        points = track.points @ np.array([1.0, 1.0j])
+        if (np.conj(points) * np.roll(points, -1)).imag.sum() < 0.0:
+            points = points[::-1]
+        closed = np.append(points, points[0])
+        along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(closed)))])
+        steps = np.interp(np.arange(STEPS) / STEPS * along[-1], along, closed)
+        middle = complex(steps.mean())
+        return cls(middle, steps - middle, float(along[-1]))
+
     @cached_property
     def waves(self) -> np.ndarray:
         """(STEPS,) the Fourier coefficients of the steps."""
@@ -66,21 +80,9 @@ class Walk:
         return np.fft.fft(np.conj(self.steps)[::-1])
 
     @cached_property
-    def power(self) -> float:
-        """The mean square of the steps, px^2."""
-        return float((np.abs(self.steps) ** 2).mean())
-
-    @classmethod
-    def of(cls, track: Track) -> Walk:
-        points = track.points @ np.array([1.0, 1.0j])
-        if (points.real * np.roll(points.imag, -1) - points.imag * np.roll(points.real, -1)).sum() < 0.0:
-            points = points[::-1]
-        closed = np.append(points, points[0])
-        along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(closed)))])
-        places = np.arange(STEPS) / STEPS * along[-1]
-        steps = np.interp(places, along, closed.real) + 1.0j * np.interp(places, along, closed.imag)
-        middle = complex(steps.mean())
-        return cls(middle, steps - middle, float(along[-1]))
+    def radius(self) -> float:
+        """The root mean square of the steps, px."""
+        return float(np.sqrt((np.abs(self.steps) ** 2).mean()))
 
     @cached_property
     def area(self) -> float:
@@ -88,11 +90,12 @@ class Walk:
         return 0.5 * float((np.conj(self.steps) * np.roll(self.steps, -1)).imag.sum())
 
     def is_certain(self, numbers: int, pairs: float) -> bool:
-        """Whether an outline of so many variables is unlikely to be like another in one of so many pairs by chance: a
-        turn and a shift say three of them, each other is right by chance for the farthest it may be off over the size.
+        """Return whether an outline of so many variables is unlikely to be like another in one of so many pairs by
+        chance: a turn and a shift say three of them, each other is right by chance for the farthest it may be off over
+        the size.
         """
-        size = math.sqrt(float((np.abs(self.steps) ** 2).mean()))
-        return size > 2.0 * FARTHEST and (numbers - 3) * math.log(size / (2.0 * FARTHEST)) > math.log(pairs) + CLEAR
+        sizes = self.radius / (2.0 * FARTHEST)
+        return sizes > 1.0 and (numbers - 3) * math.log(sizes) > math.log(pairs) + CLEAR
 
 
 @record
@@ -113,7 +116,7 @@ class Turn:
         return RigidTransform(self.signs, (x, y), self.angle)
 
     def near(self, angle: float) -> bool:
-        """Whether an angle is within the errors of this one."""
+        """Return whether an angle is within the errors of this one."""
         return abs(math.remainder(self.angle - angle, 2.0 * math.pi)) <= SIGMAS * self.errors[0]
 
 
@@ -124,7 +127,7 @@ def turned_onto(model: Track, own: Walk, track: Track, walk: Walk) -> Turn | Non
         return None
     for mirrored in (False, True):
         match = np.fft.ifft(walk.waves * np.conj(own.mirrored_waves if mirrored else own.waves))
-        off = own.power + walk.power - 2.0 * np.abs(match) / STEPS
+        off = own.radius**2 + walk.radius**2 - 2.0 * np.abs(match) / STEPS
         if off.min() > NEAR**2:
             continue
         # Of the turns that a star or a cross leaves the choice between, the smallest.
@@ -139,30 +142,26 @@ def turned_onto(model: Track, own: Walk, track: Track, walk: Walk) -> Turn | Non
 def _fitted(
     model: Track, middle: complex, track: Track, signs: tuple[float, float], angle: float, onto: complex
 ) -> Turn | None:
-    """The turn with which the model lies nearest to an outline; None where it lies not near enough. onto: where the
-    middle of the model begins to lie."""
-    pivot, at = np.array([middle.real, middle.imag]), np.array([onto.real, onto.imag])
-    for left in reversed(range(TRIES + 1)):
-        matrix = RigidTransform(signs, (0.0, 0.0), angle).matrix
+    """Return the turn with which the model lies nearest to an outline; None where it lies not near enough. onto: where
+    the middle of the model begins to lie."""
+    pivot = np.array([middle.real, middle.imag])
+
+    def distances(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far both lie off each other, and the derivatives by the x and y of the middle and the angle."""
+        at, matrix = numbers[:2], RigidTransform(signs, (0.0, 0.0), float(numbers[2])).matrix
         spokes = (model.seen - pivot) @ matrix
         forth, ahead = track.off(spokes + at)
-        if forth.max() > LARGEST:
-            return None
         back, behind = model.off((track.seen - at) @ matrix.T + pivot)
-        behind = -behind @ matrix
-        size = np.concatenate([forth, back])
-        if size.max() > LARGEST:
-            return None
-        ways = np.concatenate([ahead, behind])
-        levers = np.concatenate([spokes, track.seen - at])
+        ways, levers = np.concatenate([ahead, -behind @ matrix]), np.concatenate([spokes, track.seen - at])
         rows = np.column_stack([ways, levers[:, 0] * ways[:, 1] - levers[:, 1] * ways[:, 0]])
-        gram = rows.T @ rows + 1e-6 * np.eye(3)
-        if left:
-            step = -np.linalg.solve(gram, rows.T @ size)
-            at, angle = at + step[:2], angle + float(step[2])
-    if size.max() > FARTHEST or np.sqrt((size**2).mean()) > MEAN:
+        return np.concatenate([forth, back]), rows
+
+    fit = nearest(np.array([onto.real, onto.imag, angle]), distances)
+    if fit is None:
         return None
-    chance = 2.0 * SEEN_SIGMA * np.sqrt(np.diag(np.linalg.inv(gram)))
+    at, angle = fit.numbers[:2], float(fit.numbers[2])
+    chance = 2.0 * SEEN_SIGMA * np.sqrt(np.diag(np.linalg.inv(fit.gram)))
+    levers = np.concatenate([model.seen - pivot, track.seen - at])
     reach = math.sqrt(float((levers**2).sum(axis=1).mean()))
     errors = math.hypot(float(chance[2]), SYSTEMATIC / reach), math.hypot(float(chance[:2].max()), SYSTEMATIC)
     return Turn(signs, math.remainder(angle, 2.0 * math.pi), pivot, at, errors)
@@ -173,10 +172,10 @@ def evenly(turns: Sequence[Turn], step: float) -> list[RigidTransform]:
     are so within their errors; by whole quarters of a turn otherwise where they are that. step: of the file's grid, px.
     """
     transforms = [_level(turn, step) for turn in turns]
-    own = [i for i, turn in enumerate(turns) if turn.signs[0] == turn.signs[1]]
-    found = _around([turns[i] for i in own], step) if len(own) >= FEWEST_AROUND else None
-    for i, transform in zip(own, found or [], strict=False):
-        transforms[i] = transform
+    plain = [i for i, turn in enumerate(turns) if turn.signs[0] == turn.signs[1]]
+    if len(plain) >= FEWEST_AROUND and (around := _around([turns[i] for i in plain], step)) is not None:
+        for i, transform in zip(plain, around, strict=True):
+            transforms[i] = transform
     return transforms
 
 
@@ -206,11 +205,7 @@ def _around(turns: Sequence[Turn], step: float) -> list[RigidTransform] | None:
     middle = np.rint(middle / (0.5 * step)) * (0.5 * step)
     if (np.abs(middles - middle).max(axis=1) > SIGMAS * errors).any():
         return None
-    transforms = []
-    for turn in exact:
-        x, y = (middle - middle @ turn.transform.matrix).tolist()
-        transforms.append(RigidTransform(turn.signs, (x, y), turn.angle))
-    return transforms
+    return [replace(turn, pivot=middle, at=middle).transform for turn in exact]
 
 
 def found_copies(
@@ -223,25 +218,20 @@ def found_copies(
     the canvas are, across which pairs lie that are nearly there.
     """
     walks = {k: Walk.of(track) for k, track in tracks.items()}
-    pairs = 0.5 * len(tracks) ** 2
+    names, pairs = list(tracks), 0.5 * len(tracks) ** 2
     # Most pairs are of other sizes.
-    names = list(tracks)
-    areas = np.array([walk.area for walk in walks.values()])
-    lengths = np.array([walk.length for walk in walks.values()])
-    # Root mean squares of their points from the middle: no farther apart than the points.
-    steps = np.array([walk.steps for walk in walks.values()]).reshape(-1, STEPS)
-    radii = np.sqrt((steps.real**2 + steps.imag**2).mean(axis=1))
+    areas, lengths, radii = np.array([(w.area, w.length, w.radius) for w in walks.values()]).reshape(-1, 3).T
     whole = np.array([track.whole for track in tracks.values()], dtype=bool)
     tells = np.array([len(track.seen) >= FEWEST for track in tracks.values()], dtype=bool)
     boxes = np.array([track.extent for track in tracks.values()]).reshape(-1, 2, 2)
-    wide, high = np.ascontiguousarray((boxes[:, 1] - boxes[:, 0]).T)
+    sizes = boxes[:, 1] - boxes[:, 0]
     lines = ClosedLines([t.tree for t in tracks.values()], [t.seen for t in tracks.values()], boxes)
     level: dict[int, tuple[int, RigidTransform]] = {}
     turns: dict[int, dict[int, Turn]] = {}  # by model
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
     first, models = (np.zeros(len(names), dtype=bool) for _ in range(2))
     for i, (k, track) in enumerate(tracks.items()):
-        sized = first & (np.abs(wide - wide[i]) <= SIZE_OFF) & (np.abs(high - high[i]) <= SIZE_OFF)
+        sized = first & (np.abs(sizes - sizes[i]) <= NEAR).all(axis=1)
         able = np.flatnonzero(sized if tells[i] else [])
         full = np.abs(areas[able] - areas[i]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
         able = able[full | ~(whole[able] & track.whole)][:MOST_MODELS]
@@ -249,19 +239,18 @@ def found_copies(
         astray = np.where(whole[able] & track.whole, ASTRAY, LARGEST)
         found = lines.first_on(i, able, astray, FLIPS, (LARGEST, FARTHEST, MEAN), (FIRST_LOOK, TRIES), LEAST)
         if found is not None:
-            model, flip, shift, told = found
-            level[k] = names[model], _transform(tuple(FLIPS[flip].tolist()), shift, told, step, mirrors)
+            on, flip, shift, told = found
+            level[k] = names[on], _transform(tuple(FLIPS[flip].tolist()), shift, told, step, mirrors)
             continue
         first[i] = tells[i]
         long = models & (np.abs(lengths - lengths[i]) <= LENGTH_OFF) & (np.abs(radii - radii[i]) <= NEAR)
-        like = [names[j] for j in np.flatnonzero(long)[:MOST_MODELS].tolist()]
-        is_told = walks[k].is_certain(numbers[k], pairs)
-        turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in (like if is_told else ()))
-        rotated = next(((m, turn) for m, turn in turned if turn is not None), None)
-        if rotated is None:
+        like = [names[j] for j in np.flatnonzero(long & walks[k].is_certain(numbers[k], pairs))[:MOST_MODELS].tolist()]
+        turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in like)
+        model, turn = next(((m, turn) for m, turn in turned if turn is not None), (k, None))
+        if turn is None:
             turns[k], models[i] = {}, True
         else:
-            turns[rotated[0]][k] = rotated[1]
+            turns[model][k] = turn
     copies: dict[int, tuple[int, RigidTransform]] = {}
     for model, own in turns.items():
         copies |= {k: (model, each) for k, each in zip(own, evenly(list(own.values()), step), strict=True)}

@@ -12,6 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fitting import fit_outline
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
+from cubicsplat_cli.artwork.geometry.rows import Link, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
 from cubicsplat_cli.artwork.strokes.centre_line import SIGMA, end_of, open_line, with_corners
 from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
@@ -24,7 +25,6 @@ THROUGH = math.radians(35.0)  # of bend up to which a stroke goes on through a j
 ALIKE = 0.15  # of the width, that two branches of one stroke may differ by
 REACH = 3.0  # widths along a branch from which its direction at a junction is taken
 
-Link = tuple[int, int]  # a branch and one of its ends
 # A round end is shorter by 0.143 widths at 0.35 widths to the side.
 BESIDE, ROUND_DROP = 0.35, 0.07
 SLIT = 1.6  # steps of the outline: half of how wide a look ahead is
@@ -67,7 +67,7 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
 
 
 def _shows_cap(row: list[Link], graph: Graph) -> bool:
-    """Whether a row of branches has a free end."""
+    """Return whether a row of branches has a free end."""
     return any(len(graph.at(_node(row, graph, end))) == 1 for end in (0, 1))
 
 
@@ -162,21 +162,8 @@ def chains_of(graph: Graph, centres: list[Centres], widths: np.ndarray) -> list[
     for node in range(len(graph.places)):
         links = [link for link in graph.at(node) if np.isfinite(widths[link[0]])]
         partner |= _partners(links, graph, centres, widths)
-    rows: list[tuple[list[Link], bool]] = []
-    left = {b for b in range(len(graph.branches)) if np.isfinite(widths[b])}
-    starts = [(b, k) for b in sorted(left) for k in (0, 1) if (b, k) not in partner]
-    for b, k in starts + [(b, 0) for b in sorted(left)]:
-        if b not in left:
-            continue
-        row, here = [], (b, k)
-        while here[0] in left:
-            left.discard(here[0])
-            row.append(here)
-            out = (here[0], 1 - here[1])
-            here = partner.get(out, out)
-        loop = graph.branches[b].nodes == (-1, -1)
-        rows.append((row, loop or (here == row[0] and partner.get((row[-1][0], 1 - row[-1][1])) == row[0])))
-    return rows
+    rows = rows_of([b for b in range(len(graph.branches)) if np.isfinite(widths[b])], partner)
+    return [(row, closed or graph.branches[row[0][0]].nodes == (-1, -1)) for row, closed in rows]
 
 
 def _partners(links: list[Link], graph: Graph, centres: list[Centres], widths: np.ndarray) -> dict[Link, Link]:

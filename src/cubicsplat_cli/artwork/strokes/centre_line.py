@@ -7,20 +7,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fitting import parameter_price
+from cubicsplat_cli.artwork.finish.parameters import LEAST
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION, parameter_price
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.artwork.geometry.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
-SIGMA = 0.05  # px, of a point of the centre line
+SIGMA = PRECISION  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
 FLANK = 8  # points on either side of a gap that tell its direction
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
-END_ERRORS = (SIGMA, 0.05)  # px and radians
+END_ERRORS = (SIGMA, SIGMA)  # px and radians
 FEWEST = 6  # points
-LEAST_LENGTH = 1e-6  # px, of a run of points that has a direction
 HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
 
 
@@ -50,13 +50,12 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     ends, tangents = points[[0, -1]], local[1][[0, -1]]
     division, _ = divided_run(local, weights, (ends, tangents, np.array([END_ERRORS, END_ERRORS])), price)
     pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division.sizes))
-    cubics = pieces.cubics
-    return Chain(pieces.anchors, cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.smooth.copy())
+    return pieces.chain()
 
 
 def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of points (n, 2) px, n >= 3, with weights (n,) 1/px^2: where the line is (n, 2), px, its unit tangents (n, 2) and
-    curvature (n,), 1/px, and standard errors (n, 2), px across it and radians.
+    """Return for points (n, 2) px, n >= 3, with weights (n,) 1/px^2 places of the line (n, 2), px, its unit tangents
+    (n, 2) and curvature (n,), 1/px, and standard errors (n, 2), px across it and radians.
 
     Each point gets a parabola in arc length over a window of its neighbours, which grows while the parabola still
     explains them: straight stretches average many points and tight bends few (Lepski's choice of a bandwidth).
@@ -131,7 +130,7 @@ def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: 
 def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(2,) the unit tangent at the last of a run of points, and (2,) how it bends there, 1/px; 0 where all are one."""
     s = arc_lengths(points)
-    if s[-1] < LEAST_LENGTH:
+    if s[-1] < LEAST:
         return np.zeros(2), np.zeros(2)
     degree = 2 if len(points) >= 6 and _bent(points) else 1
     x, y = (np.polyfit(s - s[-1], points[:, c], degree)[::-1] for c in (0, 1))
@@ -142,7 +141,7 @@ def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bent(points: np.ndarray) -> bool:
-    """Whether points are off their chord by more than chance."""
+    """Return whether points are off their chord by more than chance."""
     way = points[-1] - points[0]
     off = (points - points[0]) @ np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
     return bool(np.abs(off).max() > 2.0 * SIGMA)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
+from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,
@@ -57,10 +57,10 @@ def as_strokes(
     """
     slack, shapes = min(SLACK * error, MOST_SLACK), drawing.shapes
     hopeful = _hopeful(shapes, slack) if shorter else range(len(shapes))
-    found = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
-    width_of = _common([stroke for strokes in found.values() for stroke in strokes])
+    by_shape = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
+    width_of = _common([stroke for strokes in by_shape.values() for stroke in strokes])
     return [
-        tuple(_stroked(shape, stroke, width_of[stroke.width]) for stroke in found.get(n, ())) or (shape,)
+        tuple(_stroked(shape, stroke, width_of[stroke.width]) for stroke in by_shape.get(n, ())) or (shape,)
         for n, shape in enumerate(shapes)
     ]
 
@@ -74,7 +74,7 @@ def _hopeful(shapes: tuple[Shape, ...], slack: float) -> list[int]:
 
 
 def length_of(*shapes: Shape) -> float:
-    """Of the description of shapes, in numbers: what says how a stroke is drawn counts as a shape's fill does."""
+    """Return the length of the description of shapes, in numbers: how a stroke is drawn counts as a shape's fill does."""
     return sum(
         SHAPE_PARAMETERS + sum(outline.coordinates for outline in shape.outlines)
         if shape.stroke is None
@@ -126,8 +126,8 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
 
 
 def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
-    """Whether strokes cover what a shape does, to a few hundredths of a px along its outline, or as far as that is
-    known: its ends and corners are where it is off by more.
+    """Return whether strokes cover what a shape does, to a few hundredths of a px along its outline, or as far as that
+    is known: its ends and corners are where it is off by more.
     """
     rings = shape.oriented()
     low, high = _box([ring.cubics for ring in rings])

@@ -11,57 +11,22 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of
-from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
+from cubicsplat_cli.artwork.finish.parameters import LEAST_SIZE, Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
+from cubicsplat_cli.artwork.finish.state import PRICE, Layer, State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, outlines_of_stroke, pieces_of, plan_of
 from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import length_of
 from cubicsplat_cli.progress import log
-from cubicsplat_cli.raster.cubics import tied_coordinates
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.strokes import STEP
 
-LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
-FIRST_ROUNDS = 24
+FIRST_ROUNDS = 24  # of strokes, whose widths are free
+MOST_WIDER = 0.5  # px, of a stroke in a step
 MOST_PIECES = 6000  # of centre lines
-
-
-class ChainParameters:
-    """An open centre line: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
-
-    def __init__(self, pieces: Pieces) -> None:
-        self.pieces = pieces
-        self.cubics, self.lines = pieces.cubics, pieces.lines
-
-    @classmethod
-    def of(cls, chain: Chain) -> ChainParameters:
-        """That of a chain; lines that are exactly level or upright stay so."""
-        nothing = np.zeros((1, 2))
-        outgoing = np.concatenate([chain.controls[:, 0] - chain.anchors[:-1], nothing])
-        incoming = np.concatenate([nothing, chain.controls[:, 1] - chain.anchors[1:]])
-        tied = tied_coordinates(chain.anchors, chain.lines)
-        level = np.zeros(len(chain.anchors), dtype=bool)
-        pieces = Pieces(chain.anchors, incoming, outgoing, chain.lines, chain.smooth, level, tied)
-        return cls(pieces.moved(np.zeros(pieces.joints.variables)))
-
-    @property
-    def jacobian(self) -> SparseRows:
-        """(8 S, variables)."""
-        return self.pieces.jacobian
-
-    def moved(self, step: np.ndarray) -> ChainParameters:
-        """The line after a step."""
-        return ChainParameters(self.pieces.moved(step))
-
-    def chain(self) -> Chain:
-        """The line as it stands."""
-        p = self.pieces
-        return Chain(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
 
 
 class StrokeParameters:
@@ -71,7 +36,7 @@ class StrokeParameters:
     The last variable is its width, unless that is fixed.
     """
 
-    def __init__(self, stroke: Stroke, line: ChainParameters | Parameters, fixed: bool = False) -> None:
+    def __init__(self, stroke: Stroke, line: Pieces | Parameters, fixed: bool = False) -> None:
         self.line, self.fixed, self._stroke = line, fixed, stroke
         self.plan = plan_of(line.cubics, line.lines, stroke)
         found = self.plan.outline(line.cubics, 0.5 * stroke.width)
@@ -79,15 +44,15 @@ class StrokeParameters:
 
     @classmethod
     def of(cls, stroke: Stroke, constraints: Constraints, fixed: bool = False) -> StrokeParameters:
-        """That of a stroke; fixed: its width stays."""
+        """Return the parameters of a stroke; fixed: its width stays."""
         path = stroke.path
-        line = ChainParameters.of(path) if isinstance(path, Chain) else parametrised(path, constraints)
+        line = Pieces.of_chain(path) if isinstance(path, Chain) else parametrised(path, constraints)
         return cls(stroke, line, fixed)
 
     @property
     def stroke(self) -> Stroke:
         """The stroke as it stands."""
-        path = self.line.chain() if isinstance(self.line, ChainParameters) else self.line.outline()
+        path = self.line.chain() if isinstance(self.line, Pieces) else self.line.outline()
         return replace(self._stroke, path=path)
 
     @cached_property
@@ -108,7 +73,7 @@ class StrokeParameters:
         if not self.fixed:
             own = step[:-1]
             wider = float(np.clip(step[-1], -MOST_WIDER, MOST_WIDER))
-            stroke = replace(stroke, width=max(stroke.width + wider, LEAST_WIDTH))
+            stroke = replace(stroke, width=max(stroke.width + wider, LEAST_SIZE))
         return StrokeParameters(stroke, self.line.moved(own), self.fixed)
 
     def outline(self) -> Outline:
@@ -141,7 +106,7 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
     first = np.cumsum([0, *(len(shape.outlines) for shape in drawing.shapes)]).tolist()
     shapes: list[Shape] = []
     for n in range(len(parts)):
-        pays = tried[n] and 0.5 * detail * growth[n] < PRICE * saved[n] * floor_of(before, first[n])
+        pays = tried[n] and 0.5 * detail * growth[n] < PRICE * saved[n] * before.floor(first[n])
         own = [after.layers[k] for k in np.flatnonzero(owners == n)] if pays else [still[n]]
         shapes += map(_drawn, own)
     return replace(drawing, shapes=tuple(shapes))

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, points_at
+from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
-FINEST = 8  # pixels of the skeleton per px
-PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least
+FINEST = 8  # pixels of the skeleton per px at most, and across a stroke at least
 SPUR, BRIDGE = 0.75, 0.9  # of the width: shorter branches to an end, and between junctions, are none
-_AROUND = [(-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1)]
-STEP, STEPS_ACROSS = 0.05, 256.0  # px between the points of an outline at the least, and of these over its width
+STEPS_ACROSS = 256.0  # points of an outline over its width, at most, unless they are PRECISION px apart
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
 MOST_MOVED = 0.3  # widths, that such a point lies off the skeleton at the most
 _ROUNDS = 3
-_Pixel = tuple[int, int]  # y, x
 
 
 @dataclass(eq=False)
@@ -40,8 +40,8 @@ class Graph:
     branches: list[Branch]
     places: np.ndarray
 
-    def at(self, node: int) -> list[tuple[int, int]]:
-        """(branch, which end) of all that meet at a node."""
+    def at(self, node: int) -> list[Link]:
+        """Return (branch, which end) of all that meet at a node."""
         return [(b, k) for b, branch in enumerate(self.branches) for k in (0, 1) if branch.nodes[k] == node]
 
 
@@ -50,7 +50,7 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
 
     Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
     """
-    scale = int(np.clip(np.ceil(PIXELS_ACROSS / max(width, 1e-6)), 1, FINEST))
+    scale = int(np.clip(np.ceil(FINEST / max(width, 1e-6)), 1, FINEST))
     cubics, lines = pieces_of_rings(rings)
     low = np.floor(cubics.min(axis=(0, 1))) - 2.0
     size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
@@ -63,49 +63,45 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
 
 
 def _graph(skeleton: np.ndarray) -> Graph:
-    """The graph of a skeleton one pixel wide, in x, y of its pixels."""
-    pixels = {(int(y), int(x)) for y, x in np.argwhere(skeleton)}
-
-    def neighbours(pixel: _Pixel) -> list[_Pixel]:
-        y, x = pixel
-        near = [(y + dy, x + dx) for dy, dx in _AROUND if (y + dy, x + dx) in pixels]
-        # A diagonal step that two straight ones make as well is none.
-        return [(v, u) for v, u in near if v == y or u == x or ((v, x) not in pixels and (y, u) not in pixels)]
-
-    around = {pixel: neighbours(pixel) for pixel in pixels}
+    """Return the graph of a skeleton one pixel wide, in x, y of its pixels."""
+    places = np.argwhere(skeleton)
+    steps = _steps(skeleton)
     special = np.zeros(skeleton.shape, dtype=bool)
-    for pixel, beside in around.items():
-        special[pixel] = len(beside) != 2
+    special[skeleton] = np.bincount(steps.ravel(), minlength=len(places)) != 2
     labels, count = ndimage.label(special, ndimage.SQUARE)
-    places = np.array(ndimage.center_of_mass(special, labels, np.arange(1, count + 1))).reshape(-1, 2)[:, ::-1]
-    branches: list[Branch] = []
-    seen: set[_Pixel] = set()
-    for pixel in sorted(p for p in pixels if special[p]):
-        node = int(labels[pixel]) - 1
-        for step in around[pixel]:
-            if (special[step] and labels[step] == labels[pixel]) or step in seen:
-                continue
-            row = _walked(around, pixel, step, special)
-            seen.update(row[1:-1])
-            here = row[-1]
-            if len(row) == 2 and (int(labels[here]) - 1 < node):
-                continue  # two nodes side by side, met from the other one
-            branches.append(Branch(np.array(row)[:, ::-1].astype(float), (node, int(labels[here]) - 1)))
-    for pixel in sorted(pixels):
-        if special[pixel] or pixel in seen:
-            continue
-        row = _walked(around, pixel, around[pixel][0], special)[:-1]
-        seen.update(row)
-        branches.append(Branch(np.array(row)[:, ::-1].astype(float), (-1, -1)))
-    return Graph(branches, places)
+    node = labels[skeleton] - 1  # of each pixel, -1 for those within a branch
+    steps = steps[(node[steps] < 0).any(axis=1) | (node[steps[:, 0]] != node[steps[:, 1]])]
+    meetings: dict[int, list[Link]] = defaultdict(list)
+    for number, ends in enumerate(steps.tolist()):
+        for end, pixel in enumerate(ends):
+            meetings[pixel].append((number, end))
+    partner = pairs_of(meetings[pixel] for pixel in np.flatnonzero(node < 0).tolist())
+    branches = []
+    for row, closed in rows_of(range(len(steps)), partner):
+        pixels = np.array([steps[k, end] for k, end in row])
+        if not closed:
+            pixels = np.append(pixels, steps[row[-1][0], 1 - row[-1][1]])
+        branches.append(Branch(places[pixels, ::-1].astype(float), (int(node[pixels[0]]), int(node[pixels[-1]]))))
+    middles = ndimage.center_of_mass(special, labels, np.arange(1, count + 1))
+    return Graph(branches, np.array(middles).reshape(-1, 2)[:, ::-1])
 
 
-def _walked(around: dict[_Pixel, list[_Pixel]], start: _Pixel, step: _Pixel, special: np.ndarray) -> list[_Pixel]:
-    """The pixels from one on, by a neighbour of it, to the next special one, or round to itself."""
-    row = [start, step]
-    while not special[row[-1]] and row[-1] != start:
-        row.append(next(p for p in around[row[-1]] if p != row[-2]))
-    return row
+def _steps(skeleton: np.ndarray) -> np.ndarray:
+    """Return (n, 2) the numbers of pixels beside each other, ascending, in the order of `np.argwhere`."""
+    number = np.cumsum(skeleton).reshape(skeleton.shape) - 1
+    first, after = skeleton[:-1], skeleton[1:]
+    # A diagonal step that two straight ones make as well is none.
+    down = first[:, :-1] & after[:, 1:] & ~first[:, 1:] & ~after[:, :-1]
+    up = first[:, 1:] & after[:, :-1] & ~first[:, :-1] & ~after[:, 1:]
+    across = skeleton[:, :-1] & skeleton[:, 1:]
+    pairs = [
+        (number[:, :-1][across], number[:, 1:][across]),
+        (number[:-1][first & after], number[1:][first & after]),
+        (number[:-1, :-1][down], number[1:, 1:][down]),
+        (number[:-1, 1:][up], number[1:, :-1][up]),
+    ]
+    steps = np.concatenate([np.stack(pair, axis=1) for pair in pairs])
+    return steps[np.lexsort(steps.T[::-1])]
 
 
 def _length(branch: Branch) -> float:
@@ -134,24 +130,15 @@ def _tidied(graph: Graph, width: float) -> Graph:
 
 
 def _joined(branches: list[Branch], places: np.ndarray) -> list[Branch]:
-    """The branches, those in one where only two meet."""
-    joined = True
-    while joined:
-        joined = False
-        for node in range(len(places)):
-            met = [(branch, k) for branch in branches for k in (0, 1) if branch.nodes[k] == node]
-            if len(met) != 2:
-                continue
-            (first, i), (second, j) = met
-            if first is second:
-                first.nodes = (-1, -1)
-                continue
-            start = first.points if i == 1 else first.points[::-1]
-            rest = second.points if j == 0 else second.points[::-1]
-            new = Branch(np.concatenate([start, rest]), (first.nodes[1 - i], second.nodes[1 - j]))
-            branches = [branch for branch in branches if branch is not first and branch is not second] + [new]
-            joined = True
-    return branches
+    """Return the branches, those in one where only two meet."""
+    graph = Graph(branches, places)
+    joined = []
+    for row, closed in rows_of(range(len(branches)), pairs_of(map(graph.at, range(len(places))))):
+        points = np.concatenate([branches[b].points[:: -1 if end else 1] for b, end in row])
+        (first, start), (last, entered) = row[0], row[-1]
+        ends = branches[first].nodes[start], branches[last].nodes[1 - entered]
+        joined.append(Branch(points, (-1, -1) if closed else ends))
+    return joined
 
 
 @record
@@ -164,8 +151,8 @@ class Sides:
 
     @classmethod
     def of(cls, rings: tuple[Ring, ...], width: float) -> Sides:
-        """Those of the rings of a stroke about so wide."""
-        step = max(STEP, width / STEPS_ACROSS)
+        """Return the sides of the rings of a stroke about so wide."""
+        step = max(PRECISION, width / STEPS_ACROSS)
         found = []
         for cubic in pieces_of_rings(rings)[0]:
             count = max(1, int(np.ceil(float(np.hypot(*np.diff(cubic, axis=0).T).sum()) / step)))
