@@ -30,8 +30,8 @@ LEAST_PART = 12  # px of an even part of a shape that covers a shadow
 
 @record
 class Lifted:
-    """levels: (H, W, 4) the picture without its shadows. shadow: those of boxes, or None; shaded: (H, W) bool, the pixels
-    that showed them; areas: soft areas of any other form; fills: placeholders with the fills they stand for."""
+    """levels: (H, W, 4) the picture without its shadows. shadow: those of boxes, or None; shaded: (H, W) bool, the
+    pixels that showed them; areas: soft areas of any other form; fills: placeholders with the fills they stand for."""
 
     levels: np.ndarray
     shadow: Shadow | None = None

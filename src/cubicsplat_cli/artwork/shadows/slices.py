@@ -166,7 +166,7 @@ def _contoured(area: SoftArea) -> Iterator[Shape]:
 
 
 def _outlines(part: np.ndarray, error: float) -> Iterator[tuple[Outline, ...]]:
-    """Yield the outlines of a shape that covers these parts of the pixels (H, W), clipped to 0..1, to an error in levels."""
+    """Yield the outlines of a shape that covers these parts of the pixels (H, W), to an error in levels."""
     cover = part >= 0.5
     found = share_positions(np.clip(part, 0.0, 1.0), cover, error)
     if cover.any():
