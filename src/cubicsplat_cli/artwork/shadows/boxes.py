@@ -103,7 +103,7 @@ def _pixels_off(
 @dataclass(frozen=True)
 class BlurredBox:
     """A blurred copy of a box. dx, dy: its offset, px; grown: px by which it is larger on all sides; rounder: px by
-    which its corners' radius is larger; sigma: standard deviation of its blur, px; alpha: opacity of its middle, 0..1."""
+    which its corners' radius is larger; sigma: standard deviation of its blur, px; alpha: its opacity, 0..1."""
 
     dx: float
     dy: float
