@@ -34,7 +34,7 @@ MOST_HINTS = 3  # radial gradients found before, whose geometry is tried
 DEEPEST = 2  # divisions of a part into pieces
 SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and the share of the part it must explain
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
-CONTACT = 8  # px along which a gradient must go on
+CONTACT = 8  # px in which two areas must touch, for their relation to count
 MOST_UNIONS = 6  # gradients with which a common one is sought for an area, the likeliest first
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 

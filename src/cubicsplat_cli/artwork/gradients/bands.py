@@ -10,6 +10,7 @@ from itertools import groupby
 
 import numpy as np
 
+from cubicsplat_cli.artwork.gradients.areas import CONTACT
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.noisy import rough_areas
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea
@@ -19,7 +20,7 @@ from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.sparse import linked_groups
 
-BESIDE, FEWEST = 3, 8  # px on either side of a border that show a step, and places along it that must
+BESIDE = 3  # px on either side of a border that show a step
 STEP = 0.5  # share of the step between fills that bands have at most, and of their squared error that a gradient leaves
 RIM = 2  # px beside other fills, which blend with the bands
 
@@ -62,4 +63,4 @@ def _without_step(
         step, shown = (each[y + 2 * BESIDE - 1, x].astype(float) - each[y, x] for each in pictures)
         for out, weight in zip(sums, ((step * shown).sum(axis=1), (step * step).sum(axis=1), None), strict=True):
             out += np.bincount(pair, weight, count * count)
-    return np.divmod(np.flatnonzero((sums[2] >= FEWEST) & (sums[0] < STEP * sums[1])), count)
+    return np.divmod(np.flatnonzero((sums[2] >= CONTACT) & (sums[0] < STEP * sums[1])), count)

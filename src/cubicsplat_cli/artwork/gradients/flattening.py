@@ -24,7 +24,7 @@ from cubicsplat_cli.raster.unmix import REACH, SLOTS
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, painted
 
-WIDER = 5.0  # standard deviations of a blur within which the paints of a pixel are sought
+EDGE = 6.0  # width of a blurred edge in standard deviations of the blur
 # Levels by which a placeholder may differ from the mean of its gradient, the least first.
 SHIFTS = APART * np.array(sorted(range(5, -6, -1), key=abs))
 MOST_COLOURS = 4096  # of a picture, from which placeholders stay apart
@@ -104,7 +104,7 @@ def with_placeholders(
     inside = (paint >= 0) & (paint < len(colours))
     out = levels.copy()
     out[inside] = fills[paint[inside]]
-    reach = REACH + math.ceil(WIDER * blur)
+    reach = REACH + math.ceil(EDGE * blur)
     near = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=reach)
     y, x = np.nonzero(near & (paint < 0))
     if len(y) == 0:

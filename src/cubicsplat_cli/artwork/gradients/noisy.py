@@ -13,13 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, gradient_areas
-from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
+from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
 from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, MISFIT, seen_as
+from cubicsplat_cli.artwork.regions.fills import GRADIENT_RANGE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import STRANGE
 
@@ -28,18 +29,15 @@ WINDOW = 7  # px
 # edges; and levels besides.
 LEFT, JPEG_LEFT, LEFT_LEVELS = 1.6, 1.25, 0.7
 STEEPEST = 6.0  # levels per px, beyond which a ramp may be two fills
-# A ramp that does most of its change within so many px is an edge between two fills.
-SHORTEST, MOST_CHANGE = 12.0, 0.5
+SHORTEST = 12.0  # px, within which an edge between two fills does half of its change
 # Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
 # picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
-LEAST_RANGE = 12.0  # levels across a gradient
 GROWN = 5  # px by which windows stay away from edges, and within which a gradient may go on
 # Times the noise by which pixels there may differ, which in a JPEG is greater near edges; times the restored error.
 NEAR, JPEG_NEAR, RESTORED = 3.0, 6.0, 2.0
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
 FARTHEST = 40  # px that a gradient is followed if there is no noise
-EDGE = 6.0  # width of a blurred edge in standard deviations of the blur
 MORE = 1.5  # times the pixels in which windows must show gradients
 
 
@@ -83,7 +81,7 @@ def rough_areas(levels: np.ndarray, parts: np.ndarray, count: int, condition: Co
     return [
         area
         for area in areas
-        if np.ptp(area.shade.ramp.colours, axis=0).max() >= LEAST_RANGE and not is_step(area.shade)
+        if np.ptp(area.shade.ramp.colours, axis=0).max() >= GRADIENT_RANGE and not is_step(area.shade)
     ]
 
 
@@ -111,10 +109,10 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
 
 
 def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
-    """Return True if a ramp is an edge between two fills: most of its change happens within `shortest` px."""
+    """Return True if a ramp is an edge between two fills: half of its change happens within `shortest` px."""
     length = np.diff(shade.ramp.knots) / max(float(np.hypot(*shade.frame[0, :2])), 1e-9)
     change = np.abs(np.diff(shade.ramp.colours, axis=0)).max(axis=1)
-    return bool((change[length < shortest] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())
+    return bool((change[length < shortest] >= 0.5 * np.ptp(shade.ramp.colours, axis=0).max()).any())
 
 
 def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, even: np.ndarray) -> ShadedArea:

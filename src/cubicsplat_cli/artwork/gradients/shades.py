@@ -23,10 +23,10 @@ LONGEST, FARTHEST = 12.0, 8.0  # ratio of an ellipse's axes, and distance of its
 FEW_PIXELS, MOST_PIXELS = 1000, 4000  # pixels with which a geometry is chosen, and with which it is fitted
 MOST_STOPS = 8
 STEADY = 0.1  # share of the steepest slope, below which a block lies beyond the end of the ramp
-LEAST_LEAN, MOST_LEAN = 0.05, 0.9  # ratios of the focus' distance from the middle to the radius, to begin with
+MOST_LEAN = 0.9  # ratio of the focus' distance from the middle to the radius, to begin with
+SLIGHT = 0.05  # that ratio, or the tangent of a linear gradient's angle to an axis, which may be zero as well
 UNLIKELY = 4.0  # a geometry is tried if its scatter is at most so many times the least
 SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean square of pixels that are twice as far off as explained ones
-NEAR_AXIS = 0.05  # tangent of the angle between a gradient and an axis
 
 
 def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
@@ -109,7 +109,7 @@ def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
     """Return a linear shade exactly along an axis if that costs less than the angle."""
     slope = shade.frame[0, :2]
     axis = int(np.abs(slope).argmax())
-    if shade.radial or abs(slope[1 - axis]) > NEAR_AXIS * abs(slope[axis]):
+    if shade.radial or abs(slope[1 - axis]) > SLIGHT * abs(slope[axis]):
         return shade
     frame = np.zeros((2, 4))
     frame[0, axis] = slope[axis]
@@ -206,7 +206,7 @@ def _focal_frame(
     turn = (axes * np.sqrt(lengths)).T
     lean = np.linalg.solve(turn.T, np.array([a, b]))
     size = float(np.hypot(*lean))
-    if size < LEAST_LEAN:
+    if size < SLIGHT:
         return None
     return turn / math.sqrt(lengths[1]), focus, lean * min(1.0, MOST_LEAN / size)
 

@@ -15,7 +15,16 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
 from cubicsplat_cli.artwork.layers.extents import MOST_WRONG, Contour, Extent, Window, enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.ways import ALLOWED, SLACK, Completion, HiddenLoop, sides_meeting, simply, ways_on
+from cubicsplat_cli.artwork.layers.ways import (
+    ALLOWED,
+    DEPTHS,
+    SLACK,
+    Completion,
+    HiddenLoop,
+    sides_meeting,
+    simply,
+    ways_on,
+)
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.outlines import fewer_points
 
@@ -25,8 +34,6 @@ HIDDEN_SIGMA = 0.5  # px, standard error of points along the edge of a shape tha
 LEVEL = 1e-6  # px by which the ends of a level line may differ
 SIDE_SEEN = 1.5  # px within which points show a side of a rounded rectangle, and of points that show one of a box
 ON_SIDE = 0.25  # px by which a point may differ from the side of a box
-# Px that a hidden side may go on beneath the shape that hides it, of which the fit moves the edge.
-BENEATH = (8.0, 4.0, 2.0)
 DOT = 4  # px of a region, up to which it is a dot; visible points of a contour, below which it becomes a polygon
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
 
@@ -152,7 +159,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
 
 def _box(contour: Contour, window: Window) -> Rectangle | None:
     """The level box of which all that shows of a contour is sides, two at least, and whose others are hidden: at the
-    canvas's border if they all may be there, else BENEATH what hides them; None where there is none.
+    canvas's border if they all may be there, else DEPTHS what hides them; None where there is none.
     """
     seen = contour.points[np.isfinite(contour.sigma)]
     ends = np.stack([seen.min(axis=0), seen.max(axis=0)])  # left and top; right and bottom
@@ -169,7 +176,7 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
     if hidden.sum() > 2:
         return None
     border = np.array([[0.0, 0.0], window.canvas[::-1]])
-    for places in (border, *(ends + np.array([[-depth], [depth]]) for depth in BENEATH)):
+    for places in (border, *(ends + np.array([[-depth], [depth]]) for depth in DEPTHS)):
         (x, y), (right, bottom) = np.where(hidden, places, sides).tolist()
         box = Rectangle(x, y, right - x, bottom - y)
         if len(window.wrong(box)) <= ALLOWED and not _shows_beyond(box, ends, window.extent):

@@ -11,15 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import OPAQUE
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, SAME
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.sampling import MOST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import SEAM_STEPS, seam_shares
 
-# Levels: a pixel is a seam if a blend of its two fills leaves more than ODD, and a seam of them at most CLOSE.
-ODD, CLOSE = 6.0, 4.0
+# Levels: a pixel is a seam if a blend of its two fills leaves more than ODD, and a seam of them at most SAME.
+ODD = 6.0
 RUN = 9  # px of a level or upright seam
-MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
 NEAR = 2  # px from a pixel to the regions of a junction
 MOST_GROUNDS = 8  # fills that may shine through besides nothing: the commonest
 
@@ -28,7 +28,7 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     """The picture (H, W, 4) in levels with the pixels of seams as they should have been; itself without any."""
     levels = _closed_junctions(levels, regions)
     y, x, other = _odd(levels, regions)
-    if not 0 < len(y) <= MOST_ODD:
+    if not 0 < len(y) <= MOST:
         return levels
     own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
     fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
@@ -37,7 +37,7 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     clear, filled = np.full((2, *regions.labels.shape), np.nan)
     for shares, grounds in ((clear, np.zeros((1, 4))), (filled, commonest)):
         share, rest = seam_shares(levels[y, x], own, beside, grounds, ODD)
-        shares[y, x] = np.where(rest <= CLOSE, share, np.nan)
+        shares[y, x] = np.where(rest <= SAME, share, np.nan)
     share = np.where(np.isnan(clear), _along_runs(filled), clear)[y, x]
     seam = ~np.isnan(share)
     healed = levels.copy()

@@ -36,9 +36,10 @@ LEAST_REACH = 1.0  # px that a side goes on until it meets another
 # went 0.25 to 0.87, 0.6 in the median. Beyond FARTHEST px the headings of the sides are too uncertain.
 PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
 RAY = np.geomspace(2.5, 35.0, 8)  # px along a tangent at which a corner is tried
+DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an outline, at which this is tried
 # Px beneath the run at which corners are tried, and places along it. The second try, at more places near the run,
 # serves runs that something narrow hides.
-WIDE, NARROW = ((0.0, 3.0, 8.0, 16.0), 28), ((0.0, -1.5, 1.5), 64)
+WIDE, NARROW = ((0.0, *DEPTHS), 28), ((0.0, -1.5, 1.5), 64)
 # Px from an end of the run within which lines may come nearer, and within which they may cross visible pixels.
 NEAR_END, AT_END = 6.0, 3.0
 SLACK = 1.0  # px by which lines along an edge may differ from it
@@ -147,8 +148,8 @@ Wrong = Callable[[np.ndarray], int]
 
 @record
 class HiddenLoop:
-    """A closed outline with hidden parts. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: counts the px that
-    an outline of points (n, 2) covers or leaves wrongly."""
+    """A closed outline with hidden parts. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: counts the px
+    that an outline of points (n, 2) covers or leaves wrongly."""
 
     points: np.ndarray
     sigma: np.ndarray

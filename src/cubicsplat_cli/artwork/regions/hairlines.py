@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, SEEN
+from cubicsplat_cli.artwork.regions.hidden_fills import MOST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import (
     REACH,
@@ -27,7 +28,7 @@ WINDOW = 7  # px around a pixel in which a line keeps its fill
 # A pixel belongs to a line that covers half of it, or a share of LESS if its neighbours on either side have less.
 # Where two shapes share a pixel, up to a quarter of their ground shows through, which is no line.
 LESS = 0.3
-LEAST_PIXELS, MOST_NEW = 24, 8  # pixels that show a fill without any flat pixel, and the most such fills
+LEAST_PIXELS = 24  # that show a fill without any flat pixel
 MOST_RESIDUAL = 40.0  # levels of a pixel's residual that count against a fill at most; of a pixel that no fill explains
 LATER = 0.1  # levels by which each fill must explain a line better than commoner ones
 LENGTH = 8  # px along which the labels must leave connected pixels unexplained, for a line to be there
@@ -46,7 +47,7 @@ def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
     the others are blends with the fills beside them (n, 4)."""
     found: list[np.ndarray] = []
     left = np.ones(len(values), dtype=bool)
-    while len(found) < MOST_NEW and left.sum() >= LEAST_PIXELS:
+    while len(found) < MOST and left.sum() >= LEAST_PIXELS:
         colours, index, counts = np.unique(np.rint(values[left]), axis=0, return_inverse=True, return_counts=True)
         far = np.zeros(len(colours))
         np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))

@@ -26,8 +26,8 @@ NEAR = 0.12  # of a sample
 FEWEST, MOST = 40, 20_000  # blends, or steps, that tell, and that are examined
 SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
 # An edge of EDGE levels between two colours has blends, pixels that are between them by a share of BETWEEN, or steps,
-# by which it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps as
-# blends, and FEWEST steps at least, in rows and columns of LOOKED_AT px.
+# by which it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
+# as blends, and FEWEST steps at least, in rows and columns of LOOKED_AT px.
 EDGE, BETWEEN, MORE_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 262_144
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other

@@ -32,7 +32,7 @@ from cubicsplat_cli.record import record
 LEAST_RANGE = 5.0  # levels that a shaded ground spans
 MOST_GROUNDS = 6  # the largest
 ON_LINE = 0.98  # share of a ground's pixels that must lie on the line of its colours
-LEAST_CASTER, MOST_CASTERS = 16, 60  # px of a silhouette, and silhouettes beyond which none is examined
+LEAST_CASTER, MOST_CASTERS = 16, 60  # px of what covers a shadow, and silhouettes beyond which none is examined
 MOST_COVERED = 0.9  # share of a picture that a ground covers at most to cast a shadow itself
 LEAST_EVEN = 0.4  # share of a silhouette that its even part must have to replace it
 

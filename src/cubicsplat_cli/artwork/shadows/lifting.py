@@ -15,17 +15,15 @@ from cubicsplat_cli.artwork.gradients.flattening import placeholders, with_place
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import ALIKE, EVEN, ROUNDED, SAME, eight_bit
-from cubicsplat_cli.artwork.shadows.casters import Ground
+from cubicsplat_cli.artwork.shadows.casters import LEAST_CASTER, Ground
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Shadow, falls_on, shadow_of
-from cubicsplat_cli.artwork.shadows.soft import SoftArea, soft_areas
+from cubicsplat_cli.artwork.shadows.soft import REACH, SoftArea, soft_areas
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
-BESIDE = 6  # px around a ground in which other pixels may belong to it
-LEAST_PART = 12  # px of an even part of a shape that covers a shadow
 
 
 @record
@@ -97,7 +95,7 @@ def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
             if falls_on(cast.mask, ground.mask):
                 casters |= cast.mask
         off = np.abs(ground.fill + share[..., None] * (colour - ground.fill) - levels).max(axis=2)
-        near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=BESIDE) & (off <= EVEN)
+        near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=REACH) & (off <= EVEN)
         owner[(ground.mask & (off <= CLOSE + ALIKE)) | (near & ~casters & (owner < 0))] = k
     grounds = enumerate(zip(shadow.shaded.grounds, shares, strict=True))
     return [SoftArea(Ground(ground.fill, owner == k), colour, share) for k, (ground, share) in grounds]
@@ -110,7 +108,7 @@ def _like_ground(levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftAr
     out: dict[tuple[float, ...], np.ndarray] = {}
     numbers, sizes = np.unique(parts[above & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)
-    for number in numbers[sizes >= LEAST_PART]:
+    for number in numbers[sizes >= LEAST_CASTER]:
         box = boxes[number - 1]
         inside = parts[box] == number
         values = levels[box][inside]

@@ -10,6 +10,8 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
+from cubicsplat_cli.artwork.regions.fills import EVEN
+from cubicsplat_cli.artwork.regions.sampling import ROUNDING
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import (
     LEAST_RANGE,
@@ -23,9 +25,8 @@ from cubicsplat_cli.raster.shadows import ShadedPixels
 from cubicsplat_cli.record import record
 
 HALFWAY = 0.6  # share of the shaded pixels that layers must explain to be continued
-FAINT = 1.0  # levels of shade that are counted
-ROUGH = 0.75  # levels, root mean square, beyond which another layer is tried
-MOST_LAYERS, MOST_SHARED = 3, 2  # of one caster, and of layers that all casters share
+FAINT = EVEN  # levels of shade that are counted
+MOST_LAYERS = 3  # of one caster
 DARK, LIGHT, CHECKED = 2400, 800, 20_000  # shaded and unshaded pixels for a fit, and pixels that check it
 BLURS = (3.0, 7.0, 16.0)  # px of the first blurs
 FEW = 6  # first fits use one pixel of so many
@@ -139,7 +140,7 @@ class _ShadowSearch:
             return None
         shared = self._layers(whole, (), MOST_LAYERS if len(everyone) == 1 else 1, [])
         if shared is not None and self._explained([shared] * len(everyone)).mean() >= EXPLAINED:
-            shared = _more(whole, shared, MOST_SHARED)
+            shared = _more(whole, shared, MOST_LAYERS)
             return [shared] * len(everyone) if self._faint([shared] * len(everyone)) else None
         if len(everyone) == 1:
             return None
@@ -212,7 +213,7 @@ class _ShadowSearch:
 def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
     """Return the layers with further ones, `most` in all, as long as these bring them nearer to the samples."""
     while len(best) < most and _explained(samples, best) >= HALFWAY:
-        if _explained(samples, best) >= EXPLAINED and _rough(samples, best) <= ROUGH:
+        if _explained(samples, best) >= EXPLAINED and _rough(samples, best) <= ROUNDING:
             break
         last = best[-1]
         weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]

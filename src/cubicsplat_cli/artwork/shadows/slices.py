@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
+from cubicsplat_cli.artwork.gradients.areas import CONTACT
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
@@ -35,7 +36,6 @@ from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
 
 NAME = "shadow"
 CORNER = 1.75  # sigmas from a side, besides the radius, at which its corner ends
-LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
 # Levels of each even step, of which half is the largest error of a shadow. Renderers round after each translucent
 # shape, so that more of them come no nearer. Steps that are more than APART px apart are visible unless they are small.
 STEPS, APART = (2, 6), 2.0
@@ -219,9 +219,9 @@ def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) 
     outer = ndimage.binary_erosion(~shaded, ndimage.SQUARE, border_value=1) & dark
     below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
     above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
-    lies_below = (below >= LEAST_SEEN) & (below > above)
+    lies_below = (below >= CONTACT) & (below > above)
     place = int(np.flatnonzero(lies_below).max()) + 1 if lies_below.any() else 0
-    wrong = above[:place] >= LEAST_SEEN
+    wrong = above[:place] >= CONTACT
     return None if (wrong & ~lies_below[:place]).any() else place
 
 

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, widened
-from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
+from cubicsplat_cli.artwork.gradients.areas import CONTACT, EXPLAINED
 from cubicsplat_cli.artwork.gradients.parts import (
     LARGE_AREA,
     LEAST_PLATEAU,
@@ -32,8 +32,8 @@ from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
 from cubicsplat_cli.record import record
 
 MOST_TRIED = 40  # grounds, the largest
-LEAST_AREA, LEAST_CUT = 200, 8  # px of an area, and px of nothing beside it that cut it off
-REACH = 6  # px beneath a cover in which an area continues as it changes beside the cover
+LEAST_AREA = 200  # px of an area
+REACH = 6  # px from the visible pixels of an area, or of its ground, in which it goes on as it changes there
 BESIDE = 32  # px around the visible pixels of an area, beyond which it ends
 ROUNDS_SEEN = 2  # in which more pixels are found to show an area
 ROUNDS = 60  # of smoothing within the error of rounding
@@ -101,7 +101,7 @@ def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple
 def _is_cut(clear: np.ndarray, piece: Part) -> bool:
     """Return True if a piece is cut off by clear pixels, (H, W) bool, so that it cannot go on there."""
     near = piece.patch.grown(REACH, clear.shape)
-    return int((near.mask & clear[near.window]).sum()) >= LEAST_CUT
+    return int((near.mask & clear[near.window]).sum()) >= CONTACT
 
 
 def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
