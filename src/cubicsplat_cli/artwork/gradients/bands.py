@@ -6,18 +6,20 @@ bands of it there. All pixels of the bands together still show the gradient, sin
 
 from __future__ import annotations
 
-from itertools import groupby
-
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import CONTACT
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.gradients.noisy import rough_areas
-from cubicsplat_cli.artwork.gradients.shade import ShadedArea
+from cubicsplat_cli.artwork.gradients.noisy import is_step, roughness
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Patch, patches_of
+from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
+from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import SAME
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.raster.sparse import linked_groups
 
 BESIDE = 3  # px on either side of a border that show a step
@@ -31,19 +33,63 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
     """
     palette, labels = even.palette, even.labels
     assert palette is not None and labels is not None  # as every restored picture has
-    drawn, space = flat.painted(palette, labels), seen_as(condition)
+    drawn, areas = flat.painted(palette, labels), list[ShadedArea]()
     groups, group_of = linked_groups(len(palette), *_without_step(levels, drawn, labels, len(palette)))
-    banded = np.where(np.bincount(group_of, minlength=groups) > 1, np.arange(1, groups + 1), 0)[group_of][labels]
-    parts, count = ndimage.label((banded > 0) & ndimage.alike(banded, 2 * RIM + 1))
-    out = list[ShadedArea]()
-    for _, sharing in groupby(rough_areas(levels, parts, count, condition), key=lambda area: id(area.shade)):
-        areas, left, error = list(sharing), 0.0, 0.0
-        for area in areas:
-            pixels = area.patch.pixels(levels)
-            left += float(((area.shade.extended().residuals(pixels) @ space) ** 2).sum())
-            error += float((((drawn[area.patch.places()] - pixels.values) @ space) ** 2).sum())
-        out += areas if left <= STEP * error else []
-    return out
+    for group in np.flatnonzero(np.bincount(group_of, minlength=groups) > 1):
+        parts, _ = ndimage.label(
+            ndimage.binary_erosion((group_of == group)[labels], ndimage.SQUARE, RIM, border_value=1)
+        )
+        patches = sorted(patches_of(parts), key=lambda patch: -patch.size)
+        left = [_Bands(levels, drawn, patch, condition) for patch in patches if patch.size >= LEAST_AREA]
+        for seed in [left, *([bands] for bands in left)]:  # all together, then each that no gradient has yet
+            if left and all(bands in left for bands in seed):
+                shade, members = _shared(seed, left, roughness(condition))
+                areas += [ShadedArea(shade, bands.patch) for bands in members]
+                left = [bands for bands in left if bands not in members]
+    return areas
+
+
+class _Bands:
+    """Connected pixels of fills that may be bands of a gradient. patch: these pixels, away from other fills."""
+
+    def __init__(self, levels: np.ndarray, drawn: np.ndarray, patch: Patch, condition: Condition) -> None:
+        self.patch, self._space, rough = patch, seen_as(condition), roughness(condition)
+        x, y, values = patch.pixels(levels)
+        self.pixels = Pixels(x, y, values / rough)
+        self.error = self._off(drawn[patch.places()] / rough)
+
+    def _off(self, colours: np.ndarray) -> float:
+        return float((((self.pixels.values - colours) @ self._space) ** 2).sum())
+
+    def left(self, shade: Shade) -> float:
+        """Return the squared error that a gradient leaves; `error` is that of the bands."""
+        return self._off(shade.extended().at(self.pixels.x, self.pixels.y))
+
+
+def _shared(seed: list[_Bands], left: list[_Bands], rough: float) -> tuple[Shade, list[_Bands]]:
+    """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these.
+
+    If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none.
+    """
+    first = shade_of(_joined(seed))
+    members, shade = left, first
+    while len(members) > len(seed):
+        shade = refitted(first, _joined(members))
+        better = [bands for bands in members if bands.left(shade) <= bands.error]
+        if len(better) == len(members):
+            break
+        members = better
+    for some, trial in ((members, shade), (seed, first)):
+        if some and sum(bands.left(trial) for bands in some) <= STEP * sum(bands.error for bands in some):
+            x, y, _ = _joined(some)
+            if rough * np.ptp(trial.at(x, y), axis=0).max() >= SAME and not is_step(trial):
+                return trial.times(rough), some
+    return first, []
+
+
+def _joined(bands: list[_Bands]) -> Pixels:
+    """Return the pixels of all bands."""
+    return Pixels(*(np.concatenate(arrays) for arrays in zip(*(each.pixels for each in bands), strict=True)))
 
 
 def _without_step(

@@ -66,22 +66,18 @@ def without_noisy_gradients(
 def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     """Return the gradients of a picture (H, W, 4), premultiplied levels, with the windows that show them."""
     means, smooth = _planes(levels.astype(np.float64), condition)
-    smooth = ndimage.binary_opening(smooth, ndimage.SQUARE)
-    areas = rough_areas(means, *ndimage.large_parts(smooth, LARGE_AREA), condition)
-    return [area for area in areas if area.patch.size >= LARGE_AREA]
-
-
-def rough_areas(levels: np.ndarray, parts: np.ndarray, count: int, condition: Condition) -> list[ShadedArea]:
-    """Return the gradients of some parts of a picture (H, W, 4), as of `smooth_parts`, in a condition. Noise hides the
-    end of a ramp that fades into its ground, so an area ends with its part."""
+    parts = ndimage.large_parts(ndimage.binary_opening(smooth, ndimage.SQUARE), LARGE_AREA)
     rough = roughness(condition)
-    found = gradient_areas(levels / np.float32(rough), parts, count)
+    found = gradient_areas(means / np.float32(rough), *parts)
     shades = {id(shade): shade.times(rough) for shade in (area.shade for area in found)}
+    # Noise hides the end of a ramp that fades into its ground, so an area ends with its windows.
     areas = [replace(area, shade=shades[id(area.shade)], ground=None) for area in found]
     return [
         area
         for area in areas
-        if np.ptp(area.shade.ramp.colours, axis=0).max() >= GRADIENT_RANGE and not is_step(area.shade)
+        if area.patch.size >= LARGE_AREA
+        and np.ptp(area.shade.ramp.colours, axis=0).max() >= GRADIENT_RANGE
+        and not is_step(area.shade)
     ]
 
 
