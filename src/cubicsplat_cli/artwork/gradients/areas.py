@@ -1,7 +1,7 @@
-"""The gradients that the even parts of a picture follow.
+"""The gradients that the even parts of a picture follow, and the parts that share one.
 
-An area that no single gradient explains is divided: what has one colour is left to the fills, and each part of the rest
-is looked at by itself.
+A part that no single gradient explains is divided. Pixels of one colour become a fill, and every piece of the rest is
+examined by itself.
 """
 
 from __future__ import annotations
@@ -10,54 +10,66 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.parts import CLEAR, LEAST_AREA, LEAST_PLATEAU, RING, Part, Patch, part_of, plateau
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
-from cubicsplat_cli.artwork.gradients.shades import shade_of
-from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
+from cubicsplat_cli.artwork.gradients.parts import (
+    LEAST_AREA,
+    LEAST_PLATEAU,
+    RING,
+    Part,
+    Patch,
+    joined,
+    part_of,
+    plateau,
+    uneven_parts,
+)
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike
+from cubicsplat_cli.artwork.gradients.shades import common_shade, shade_of
+from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, FLAT_RANGE, SEEN
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, part_spreads
+from cubicsplat_cli.raster.shades import Pixels
 
-LEAST_RANGE = 3.0  # levels, within which an area has one colour
-NEARLY = 8.0  # levels by which a few pixels that make no area of their own may be off
-MOST_PARTS, MOST_TRIES = 1000, 800  # uneven parts of a picture, and gradients sought, some hundredths of a second each
-MOST_HINTS = 3
-DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
+EXPLAINED = 0.95  # share of an area's pixels that one gradient must explain
+MOST_TRIES = 800  # gradients sought in a picture, some hundredths of a second each
+MOST_HINTS = 3  # radial gradients found before, whose geometry is tried
+DEEPEST = 2  # divisions of a part into pieces
+SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and the share of the part it must explain
+LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
+CONTACT = 8  # px in which two areas must touch, for their relation to count
+MOST_UNIONS = 6  # gradients with which a common one is sought for an area, the likeliest first
+LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 
 
 def gradient_areas(
-    levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES, most: int = MOST_PARTS
+    levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES, most: int = MOST_TRIES
 ) -> list[ShadedArea]:
-    """The gradients of a picture (H, W, 4), premultiplied levels, the largest first.
+    """Return the gradients of a picture (H, W, 4), premultiplied levels, the largest first.
 
-    None in flat pictures, and in those of more than `most` uneven parts, which are photos or textures. tries: how
-    often a gradient is sought, after which what is left stays as it is. Where the bounds are not the caller's own, that
-    is logged.
+    A picture of more than `most` uneven parts is a photo or a texture, and has none. After `tries` searches the rest
+    stays as it is. Both are logged unless the caller chose the bound.
     """
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
-    uneven = np.flatnonzero((sizes >= LEAST_AREA) & (spreads > LEAST_RANGE))
+    uneven, boxes = uneven_parts(levels, parts, count, LEAST_AREA, FLAT_RANGE)
     if len(uneven) > most:
-        if most == MOST_PARTS:
+        if most == MOST_TRIES:
             log.warning("%d areas of uneven colour are too many: they are drawn without gradients", len(uneven))
         return []
     search = _Search([], tries)
-    for i in uneven[np.argsort(-sizes[uneven], kind="stable")]:
+    for number in uneven:
         work().at()
-        _explain(part_of(levels, parts, i + 1, boxes[i]), search, 0)
+        _explain(part_of(levels, parts, number, boxes), search, 0)
     if search.left == 0 and tries == MOST_TRIES:
         log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
-    return united(levels, parts, boxes, search.found) if search.found else []
+    return _united(levels, parts, boxes, search.found) if search.found else []
 
 
 @dataclass(eq=False)
 class _Search:
-    """The gradients found so far, and how often one may still be sought."""
+    """Gradients found, and the number of searches that are left."""
 
     found: list[ShadedArea]
     left: int
 
     def shade(self, pixels: Pixels) -> Shade | None:
-        """The gradient of pixels; None where none may be sought any more."""
+        """Return the gradient of pixels; None if no search is left."""
         if self.left <= 0:
             return None
         self.left -= 1
@@ -66,8 +78,8 @@ class _Search:
 
 
 def _explain(part: Part, search: _Search, depth: int) -> None:
-    """Adds the gradients of a part to those found."""
-    if len(part) < LEAST_AREA or part.range() <= LEAST_RANGE or depth > DEEPEST:
+    """Add the gradients of a part to those found."""
+    if _is_flat(part) or depth > DEEPEST:
         return
     fill, even = plateau(part)
     clear = fill[3] <= CLEAR and even.any()
@@ -86,65 +98,57 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     _largest(part, search, depth)
 
 
+def _is_flat(part: Part) -> bool:
+    """Return True for a part that is too small or too even for a gradient."""
+    return len(part) < LEAST_AREA or part.range() <= FLAT_RANGE
+
+
 def _with_rests(part: Part, off: np.ndarray) -> Patch:
-    """The pixels that a gradient explains, and the few that it nearly does. off: (n,) levels that they are off it."""
-    own = part.within(off <= CLOSE)
-    labels, count = ndimage.label(part.within((off > CLOSE) & (off <= NEARLY)).mask)
-    few = np.bincount(labels.ravel(), minlength=count + 1) < LEAST_AREA
-    few[0] = False
-    return replace(own, mask=own.mask | few[labels])
+    """Return the pixels that a gradient explains, and groups of few pixels that it nearly explains. off: (n,) levels by
+    which the pixels differ from it."""
+    explained, nearly = part.within(off <= CLOSE), part.within((off > CLOSE) & (off <= SEEN)).mask
+    rests = nearly & (ndimage.large_parts(nearly, LEAST_AREA)[0] == 0)
+    return replace(explained, mask=explained.mask | rests)
 
 
 def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: int) -> None:
-    """Adds the gradient of a piece of a part that fades into the fill beside it, or else those within the piece."""
-    if len(piece) < LEAST_AREA or piece.range() <= LEAST_RANGE:
+    """Add the gradient of a piece that fades into the fill around it, or else the gradients within the piece."""
+    if _is_flat(piece):
         return
-    around = piece.patch.grown(RING, whole.levels.shape)
-    rows, columns = around.places()
-    own = whole.patch.at(rows, columns)
-    around.mask[rows[~own] - around.top, columns[~own] - around.left] = False
-    wider = Part(whole.levels, around)
+    wider = whole.around(piece)
     shade = search.shade(wider.pixels)
     if shade is None:
         return
-    known = shade.explains(wider.pixels)
-    if known.mean() < EXPLAINED:
+    explained = shade.explains(wider.pixels)
+    if explained.mean() < EXPLAINED:
         if len(piece) < 0.9 * len(whole):
             _explain(piece, search, depth + 1)
         else:
             _largest(piece, search, depth)
         return
-    fading = _faded(shade, fill)
-    if fading is None:
+    # The end of the ramp that has nearly the fill gets exactly the fill.
+    gaps = [float(np.abs(shade.ramp.colours[end] - fill).max()) for end in (0, -1)]
+    if min(gaps) > CLOSE:
         search.found.append(ShadedArea(shade, piece.patch))
         return
-    shade, rim, inwards = fading
-    t = shade.t(wider.pixels.x, wider.pixels.y)
-    own = known & ((t < rim) if inwards else (t > rim))
-    search.found.append(ShadedArea(shade, wider.within(own), fill, rim, inwards))
-
-
-def _faded(shade: Shade, fill: np.ndarray) -> tuple[Shade, float, bool] | None:
-    """The shade with its end that has about the fill made exactly that, its t there, and whether the rest is below."""
-    colours, knots = shade.ramp.colours.copy(), shade.ramp.knots
-    gaps = [float(np.abs(colours[end] - fill).max()) for end in (0, -1)]
-    if min(gaps) > CLOSE:
-        return None
-    last = gaps[1] < gaps[0]
-    colours[-1 if last else 0] = fill
-    ramp = type(shade.ramp)(knots, colours)
-    return Shade(shade.frame, shade.radial, ramp, shade.parameters), float(knots[-1 if last else 0]), last
+    inwards = gaps[1] < gaps[0]
+    end = -1 if inwards else 0
+    colours, rim = shade.ramp.colours.copy(), float(shade.ramp.knots[end])
+    colours[end] = fill
+    shade = replace(shade, ramp=replace(shade.ramp, colours=colours), open=(False, False))
+    t = shade.t(*wider.pixels[:2])
+    shown = explained & ((t < rim) if inwards else (t > rim))
+    search.found.append(ShadedArea(shade, wider.within(shown), fill, rim, inwards))
 
 
 def _largest(part: Part, search: _Search, depth: int) -> None:
-    """Adds the gradient that explains most of a part, of those of SEEDS places in it, and those of the rest."""
+    """Add the gradient that explains most of a part, of SEEDS places in it, and the gradients of the rest."""
     reach = 0.5 * np.sqrt(len(part) / 3.0)
-    picks = np.linspace(0, len(part) - 1, SEEDS + 2).astype(int)[1:-1]
     best: tuple[Shade, np.ndarray] | None = None
     most = LEAST_SHARE * len(part)
     x, y, _ = part.pixels
-    for pick in picks:
-        near = np.flatnonzero(np.maximum(np.abs(x - x[pick]), np.abs(y - y[pick])) <= reach)
+    for seed in np.linspace(0, len(part) - 1, SEEDS + 2).astype(int)[1:-1]:
+        near = np.flatnonzero(np.maximum(np.abs(x - x[seed]), np.abs(y - y[seed])) <= reach)
         if len(near) < LEAST_AREA:
             continue
         shade = search.shade(part.pixels.some(near))
@@ -159,9 +163,110 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
     again = search.shade(part.pixels.some(off <= CLOSE))
     if again is None:
         return
-    # That of all these pixels may have found another geometry, which explains fewer.
+    # The fit to all these pixels may have another geometry, which explains fewer.
     if ((other := again.off(part.pixels)) <= CLOSE).sum() >= most:
         shade, off = again, other
     search.found.append(ShadedArea(shade, _with_rests(part, off)))
     for piece in part.pieces(off > CLOSE):
         _explain(piece, search, depth + 1)
+
+
+def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
+    """Return the areas, with one gradient for all that it explains, and with the parts in which they continue.
+
+    parts: as of `smooth_parts`; boxes: as of `uneven_parts`.
+    """
+    groups: list[_Group] = []
+    claimed = np.zeros(levels.shape[:2], dtype=bool)
+    for area in found:
+        claimed[area.patch.window] |= area.patch.mask
+        if area.ground is None:
+            work().at()
+            _unite(levels, area, groups)
+    for group in groups:
+        _continue(levels, parts, boxes, claimed, group)
+    fading = [area for area in found if area.ground is not None]
+    return fading + [ShadedArea(group.shade, part.patch) for group in groups for part in group.members]
+
+
+@dataclass(eq=False)
+class _Group:
+    """Parts that share a gradient. near: the pixels within RING px of them."""
+
+    shade: Shade
+    members: list[Part]
+    near: Patch
+
+    def __post_init__(self) -> None:
+        """extended: the gradient with its ends carried on; low, high: (4,) levels between which its colours lie."""
+        self.extended = self.shade.extended()
+        self.low, self.high = (end(self.extended.ramp.colours, axis=0) for end in (np.min, np.max))
+
+
+def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
+    """Add an area to the group with which it shares a gradient, or as a group of its own."""
+    part = Part(levels, area.patch)
+    alone = _Group(area.shade, [part], area.patch.grown(RING, levels.shape))
+    for k in _promising(groups, alone)[:MOST_UNIONS]:
+        members = [*groups[k].members, part]
+        shade = _common(members, [groups[k].shade, area.shade])
+        if shade is not None:
+            groups[k] = _Group(shade, members, joined([groups[k].near, alone.near]))
+            return
+    groups.append(alone)
+
+
+def _promising(groups: list[_Group], alone: _Group) -> list[int]:
+    """Return the numbers of groups that may share a gradient with a group of one part, the likeliest first."""
+    if not groups:
+        return []
+    part = alone.members[0]
+    some = part.pixels.some(np.linspace(0, len(part) - 1, min(len(part), LOOKED_AT)).astype(int))
+    low, high = np.array([g.low for g in groups]) - CLOSE, np.array([g.high for g in groups]) + CLOSE
+    within = (some.values >= low[:, None]) & (some.values <= high[:, None])
+    shares = np.zeros(len(groups))
+    for k in np.flatnonzero(within.all(axis=2).mean(axis=1) >= LIKELY):
+        shares[k] = groups[k].extended.explains(some).mean()
+    overlapping = ((low <= alone.high + CLOSE) & (high >= alone.low - CLOSE)).all(axis=1)
+    return [
+        k
+        for k in np.argsort(-shares, kind="stable").tolist()
+        if shares[k] >= LIKELY or (overlapping[k] and alike(alone.shade.ramp, groups[k].shade.ramp) <= CLOSE)
+    ]
+
+
+def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
+    """Add to a group the even parts beside it in which its ramp ends, and the pixels between that it explains."""
+    near = group.near
+    beside = near.mask & ~claimed[near.window]
+    numbers, sizes = np.unique(parts[near.window][beside], return_counts=True)
+    for number in numbers[(sizes >= CONTACT) & (numbers > 0)]:
+        part = part_of(levels, parts, number, boxes, claimed)
+        touching = group.near.at(part.rows, part.columns)
+        if len(part) < LEAST_AREA or touching.sum() < CONTACT:
+            continue
+        # The part begins about as the group ends. A stop where the ramp bends sharply looks like an edge.
+        if np.median(group.shade.extended().off(part.pixels.some(touching))) <= APART:
+            members = [*group.members, part]
+            shade = _common(members, [group.shade])
+            if shade is not None:
+                group.shade, group.members = shade, members
+                group.near = joined([group.near, part.patch.grown(RING, levels.shape)])
+                claimed[part.patch.window] |= part.patch.mask
+    between = near.mask & ~claimed[near.window] & (parts[near.window] == 0)
+    if len(group.members) < 2 or not between.any():
+        return
+    strip = Part(levels, Patch(near.top, near.left, between))
+    explained = strip.within(group.shade.explains(strip.pixels))
+    group.members[0] = Part(levels, joined([group.members[0].patch, explained]))
+    claimed[explained.window] |= explained.mask
+
+
+def _common(members: list[Part], hints: list[Shade]) -> Shade | None:
+    """Return the gradient that explains all of some parts; None if there is none."""
+    pixels = Pixels(*(np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True)))
+    shade = common_shade(pixels, hints)
+    # A gradient that needs more stops than any of them only strings them together.
+    if shade is None or len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
+        return None
+    return shade if all(shade.explains(part.pixels).mean() >= EXPLAINED for part in members) else None

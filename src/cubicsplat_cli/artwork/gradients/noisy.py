@@ -1,8 +1,8 @@
 """Gradients of pictures with noise, JPEG artefacts or blur: found in the means of windows that a plane explains.
 
-The mean of a window is what a linear ramp has at its middle, and much less noisy than a pixel. In a picture that is
-only blurred they are sought as in clean ones, away from edges, or in windows, where these show clearly more; and
-followed up to the edges.
+The mean of a window is the colour of a linear ramp at its middle, with much less noise than a pixel. In a picture that
+is only blurred, gradients are sought away from edges as in clean pictures, or in windows if these show clearly more,
+and are followed up to the edges.
 """
 
 from __future__ import annotations
@@ -12,81 +12,82 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.areas import gradient_areas
-from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import Patch, smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
+from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, gradient_areas
+from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Patch, smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
 from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, MISFIT, seen_as
+from cubicsplat_cli.artwork.regions.fills import GRADIENT_RANGE
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.raster.unmix import STRANGE
 
 WINDOW = 7  # px
-# What a plane leaves of a window: times the noise, of which what is white or black shows half, but in a JPEG it is that
-# near edges; and levels. Levels per px, beyond which a ramp may be two fills.
-LEFT, JPEG_LEFT, LEFT_LEVELS, STEEPEST = 1.6, 1.25, 0.7, 6.0
-# A ramp that does most of its change within so many px is an edge between two fills.
-SHORTEST, MOST_CHANGE = 12.0, 0.5
-# Times as far as in a clean picture are windows off their gradient: of a JPEG; and of noise, per level beyond once.
+# Residual of a window from its plane: times the noise, of which white and black show half, but in a JPEG all of it near
+# edges; and levels besides.
+LEFT, JPEG_LEFT, LEFT_LEVELS = 1.6, 1.25, 0.7
+STEEPEST = 6.0  # levels per px, beyond which a ramp may be two fills
+SHORTEST = 12.0  # px, within which an edge between two fills does half of its change
+# Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
+# picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
-LEAST_RANGE, LEAST_AREA = 12.0, 400  # levels across a gradient, and px of windows that show it
-# Px by which windows stay away from edges, within which pixels are the gradient's that are off by so many times the
-# noise and levels; in a JPEG noise near edges is greater; and times what restoring it expects there.
-GROWN, NEAR, NEAR_LEVELS, JPEG_NEAR, RESTORED = 5, 3.0, 2.0, 6.0, 2.0
-# Px of a hole in a gradient that belongs to it, where no pixel is off by more levels: the tip of a radial one.
-LARGEST_HOLE, MOST_OFF = 150, 64.0
-MEAN = 5  # px each way, of whose mean chroma tells as much as luma
-LEAST_EVEN = 40  # px of what is even: less is the rest of a gradient at its rim
-# Px that a gradient is followed for where there is no noise, and the share of an even part beside it that it must
-# explain for that to be its own.
-FARTHEST, MOSTLY = 40, 0.9
-EDGE = 6.0  # standard deviations of a blur, which an edge is wide
-MORE = 1.5  # times the pixels that windows must show gradients in
+GROWN = 5  # px by which windows stay away from edges, and within which a gradient may go on
+# Times the noise by which pixels there may differ, which in a JPEG is greater near edges; times the restored error.
+NEAR, JPEG_NEAR, RESTORED = 3.0, 6.0, 2.0
+MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
+FARTHEST = 40  # px that a gradient is followed if there is no noise
+MORE = 1.5  # times the pixels in which windows must show gradients
 
 
 def without_noisy_gradients(
     levels: np.ndarray,
     condition: Condition,
-    found: Sequence[ShadedArea] | None = None,
-    known: Sequence[ShadedArea] = (),
+    new: Sequence[ShadedArea] | None = None,
+    earlier: Sequence[ShadedArea] = (),
 ) -> Flattened:
-    """A picture (H, W, 4), premultiplied levels, of a condition, without its gradients. found: those that it is known
-    to have beside those known, which are as a result has them, or in place of what of these they cover; by default
-    those that windows show.
+    """Return a picture (H, W, 4), premultiplied levels, of a condition, without its gradients.
+
+    new: areas of gradients, by default those that windows show. earlier: the areas of an earlier result; those of which
+    new ones cover half are left out.
     """
     calm, _ = calm_pixels(levels, condition.noise)
-    even, covered = ndimage.large_parts(calm, LEAST_EVEN)[0], np.zeros(levels.shape[:2], dtype=bool)
-    new = plane_areas(levels, condition) if found is None else found
+    even, covered = ndimage.large_parts(calm, LEAST_AREA)[0], np.zeros(levels.shape[:2], dtype=bool)
+    new = plane_areas(levels, condition) if new is None else new
     for area in new:
         covered[area.patch.window] |= area.patch.mask
-    areas = [area for area in known if 2 * covered[area.patch.window][area.patch.mask].sum() < area.patch.size]
+    areas = [area for area in earlier if 2 * covered[area.patch.window][area.patch.mask].sum() < area.patch.size]
     areas += [_grown(levels, area, condition, even) for area in new]
     flat = without_areas(levels, even, _to_the_nearest(levels, areas, condition), STRANGE)
     return replace(flat, areas=tuple(areas))
 
 
 def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
-    """The gradients of a picture (H, W, 4), premultiplied levels, and the windows that show them."""
+    """Return the gradients of a picture (H, W, 4), premultiplied levels, with the windows that show them."""
     means, smooth = _planes(levels.astype(np.float64), condition)
-    parts, count = _ramps(means, smooth)
+    parts = ndimage.large_parts(ndimage.binary_opening(smooth, ndimage.SQUARE), LARGE_AREA)
     rough = roughness(condition)
-    found = gradient_areas(means / np.float32(rough), parts, count)
+    found = gradient_areas(means / np.float32(rough), *parts)
     shades = {id(shade): shade.times(rough) for shade in (area.shade for area in found)}
-    areas = [replace(area, shade=shades[id(area.shade)]) for area in found if area.patch.size >= LEAST_AREA]
-    # Where a ramp fades into its ground noise hides the end, so such areas end where their windows do.
-    return [replace(area, ground=None) for area in areas if not is_step(area.shade)]
+    # Noise hides the end of a ramp that fades into its ground, so an area ends with its windows.
+    areas = [replace(area, shade=shades[id(area.shade)], ground=None) for area in found]
+    return [
+        area
+        for area in areas
+        if area.patch.size >= LARGE_AREA
+        and np.ptp(area.shade.ramp.colours, axis=0).max() >= GRADIENT_RANGE
+        and not is_step(area.shade)
+    ]
 
 
 def roughness(condition: Condition) -> float:
-    """Times as far as in a clean picture that pixels are off their gradient."""
+    """Return how many times as much pixels differ from their gradient as in a clean picture."""
     return JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
 
 
 def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 4) float32 the means of windows, and (H, W) bool whether they are planes but for the noise."""
+    """Return (H, W, 4) float32 the means of windows, and (H, W) bool: True for windows that are planes with noise."""
     size = (WINDOW, WINDOW, 1)
     means = ndimage.uniform_filter(levels, size, mode="nearest")
     left = ndimage.uniform_filter(levels * levels, size, mode="nearest") - means * means
@@ -95,101 +96,78 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
     slope = np.zeros_like(left)
     for axis, across in enumerate(((1, WINDOW, 1), (WINDOW, 1, 1))):
         along = ndimage.correlate1d(levels, at / (WINDOW * spread), axis=axis, mode="nearest")
-        own = ndimage.uniform_filter(along, across, mode="nearest")
-        left -= spread * own * own
-        slope += own * own
+        square = ndimage.uniform_filter(along, across, mode="nearest") ** 2
+        left -= spread * square
+        slope += square
     most = (JPEG_LEFT if condition.jpeg else LEFT) * condition.noise + LEFT_LEVELS
     plane = (left <= most**2) & (slope <= STEEPEST**2)
     return means.astype(np.float32), plane.all(axis=-1)
 
 
-def _ramps(means: np.ndarray, smooth: np.ndarray) -> tuple[np.ndarray, int]:
-    """(H, W) int32 numbers from 1 on of the connected windows among which colours change, 0 elsewhere; how many."""
-    labels, count = ndimage.label(ndimage.binary_opening(smooth, ndimage.SQUARE))
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)
-    number = np.zeros(count + 1, dtype=np.int32)
-    for k, box in enumerate(ndimage.find_objects(labels), start=1):
-        if box is None or sizes[k] < LEAST_AREA:
-            continue
-        low, high = np.percentile(means[box][labels[box] == k], (2, 98), axis=0)
-        if (high - low).max() >= LEAST_RANGE:
-            number[k] = number.max() + 1
-    return number[labels], int(number.max())
-
-
 def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
-    """Whether a ramp is an edge between two fills: does most of its change within less than `shortest` px."""
+    """Return True if a ramp is an edge between two fills: half of its change happens within `shortest` px."""
     length = np.diff(shade.ramp.knots) / max(float(np.hypot(*shade.frame[0, :2])), 1e-9)
     change = np.abs(np.diff(shade.ramp.colours, axis=0)).max(axis=1)
-    return bool((change[length < shortest] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())
+    return bool((change[length < shortest] >= 0.5 * np.ptp(shade.ramp.colours, axis=0).max()).any())
 
 
 def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, even: np.ndarray) -> ShadedArea:
-    """The area with the pixels around it that its gradient explains too; in a JPEG as far as these go on, but for large
-    parts of one colour. even: (H, W) int32 numbers from 1 on of what is of one colour, 0 elsewhere.
+    """Return the area with the pixels around it that its gradient explains too. In a JPEG it grows as far as these go
+    on, but into large parts of one colour only GROWN px.
+
+    even: (H, W) int32 numbers from 1 on of the parts of one colour, 0 elsewhere.
     """
-    wide = (_widest if condition.jpeg else _wider)(levels, area.shade, area.patch, condition, even)
-    mask = wide.mask
-    inner = Patch(wide.top, wide.left, ndimage.holes_of(mask))
-    holes, count = ndimage.label(inner.mask)
+    wide = _wider(levels, area.shade, area.patch, condition, even)
+    if condition.jpeg:
+        large, near = np.bincount(even.ravel()) >= LARGE_AREA, area.patch.grown(GROWN, levels.shape)
+        large[0], size = False, area.patch.size
+        while wide.size > size:
+            y, x = wide.places()
+            mask, size = wide.mask.copy(), wide.size
+            mask[wide.mask] = ~large[even[y, x]] | near.at(y, x)
+            wide = _wider(levels, area.shade, replace(wide, mask=mask), condition, even)
+    holes = replace(wide, mask=ndimage.holes_of(wide.mask))
+    labels, count = ndimage.label(holes.mask)
     worst = np.zeros(count + 1)
-    np.maximum.at(worst, holes[inner.mask], off_extended(area.shade, levels, inner))
-    filled = (worst <= MOST_OFF) & (np.bincount(holes.ravel(), minlength=count + 1) <= LARGEST_HOLE)
+    np.maximum.at(worst, labels[holes.mask], area.shade.extended().off(holes.pixels(levels)))
+    filled = (worst <= MOST_OFF) & (np.bincount(labels.ravel(), minlength=count + 1) <= LARGE_AREA)
     filled[0] = False
-    return replace(area, patch=replace(wide, mask=mask | filled[holes]))
-
-
-def _widest(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
-    """The patch made wider until it grows no more; in large parts of one colour no further than GROWN px."""
-    sizes, near = np.bincount(even.ravel()), patch.grown(GROWN, levels.shape)
-    wide, size = patch, 0
-    while wide.size > size:
-        size = wide.size
-        wide = _wider(levels, shade, wide, condition, even)
-        y, x = wide.places()
-        part, mask = even[y, x], wide.mask.copy()
-        mask[wide.mask] = (part == 0) | (sizes[part] < LEAST_AREA) | near.at(y, x)
-        wide = replace(wide, mask=mask)
-    return wide
+    return replace(area, patch=replace(wide, mask=wide.mask | filled[labels]))
 
 
 def _wider(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
-    """The pixels of a patch, and those around it that a gradient explains and that hang together with them."""
-    wide, near = _with_surroundings(patch, GROWN, levels.shape)
+    """Return the pixels of a patch, and the connected pixels within GROWN px that a gradient explains."""
+    wide, near = patch.padded(GROWN, levels.shape), patch.ring(GROWN, levels.shape)
     mask = wide.mask.copy()
-    off = off_extended(shade, levels, near)
-    known = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
+    off = shade.extended().off(near.pixels(levels))
+    explained = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + CLOSE
     if condition.jpeg:
-        known |= (even[near.places()] == 0) & _explained_at_edges(levels, shade, near, condition)
-    mask[near.mask] = known
+        explained |= (even[near.places()] == 0) & _explained_at_edges(levels, shade, near, condition)
+    mask[near.mask] = explained
     labels, _ = ndimage.label(mask)
     return replace(wide, mask=np.isin(labels, np.unique(labels[wide.mask])))
 
 
 def _explained_at_edges(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition) -> np.ndarray:
-    """(n,) bool: the pixels near the edges of a JPEG that a gradient explains: chroma tells less of one of them, and as
-    much as luma of several.
-    """
+    """Return (n,) bool: True for pixels near the edges of a JPEG that a gradient explains. The chroma of one pixel is
+    less reliable than its luma, the mean of several is as reliable."""
     rest = np.zeros((*patch.mask.shape, 4))
-    y, x = patch.places()
-    rest[patch.mask] = (levels[y, x] - shade.extended().at(x + 0.5, y + 0.5)) @ LUMA_CHROMA
-    known = patch.mask.copy()
-    known[patch.mask] = _unlike(levels, shade, patch, condition) <= RESTORED * (JPEG_TIMES * condition.noise + MISFIT)
-    share = np.maximum(ndimage.uniform_filter(known.astype(np.float64), MEAN), 1e-3)
-    sums = ndimage.uniform_filter(np.where(known[..., None], rest, 0.0), (MEAN, MEAN, 1))
-    return np.asarray((known & (np.abs(sums).max(axis=-1) <= UNLIKE * share))[patch.mask])
+    rest[patch.mask] = shade.extended().residuals(patch.pixels(levels)) @ LUMA_CHROMA
+    near = patch.mask.copy()
+    near[patch.mask] = _unlike(levels, shade, patch, condition) <= RESTORED * (JPEG_TIMES * condition.noise + MISFIT)
+    share = np.maximum(ndimage.uniform_filter(near.astype(np.float64), GROWN), 1e-3)
+    sums = ndimage.uniform_filter(np.where(near[..., None], rest, 0.0), (GROWN, GROWN, 1))
+    return np.asarray((near & (np.abs(sums).max(axis=-1) <= UNLIKE * share))[patch.mask])
 
 
 def _unlike(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition) -> np.ndarray:
-    """(n,) levels by which pixels are off a gradient, carried on, as colours are told apart in a condition."""
-    y, x = patch.places()
-    return np.asarray(
-        np.linalg.norm((levels[y, x] - shade.extended().at(x + 0.5, y + 0.5)) @ seen_as(condition), axis=1)
-    )
+    """Return levels (n,) by which pixels differ from a gradient, carried on, as a condition lets colours be told."""
+    residuals = shade.extended().residuals(patch.pixels(levels))
+    return np.asarray(np.linalg.norm(residuals @ seen_as(condition), axis=1))
 
 
 def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Condition) -> list[ShadedArea]:
-    """The areas with each pixel in that of the gradient that it is nearest to."""
+    """Return the areas without overlaps: each pixel stays with the gradient that is nearest to it."""
     least, owner = np.full(levels.shape[:2], np.inf), np.full(levels.shape[:2], -1)
     for k, area in enumerate(areas):
         y, x = area.patch.places()
@@ -202,24 +180,12 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
     ]
 
 
-def _with_surroundings(patch: Patch, by: int, shape: tuple[int, ...]) -> tuple[Patch, Patch]:
-    """A patch of a picture (H, W), and what is within so many px around it, in one box."""
-    wide = patch.padded(by, shape)
-    return wide, replace(wide, mask=ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=by) & ~wide.mask)
-
-
-def off_extended(shade: Shade, levels: np.ndarray, patch: Patch) -> np.ndarray:
-    """(n,) levels by which pixels are off a gradient, carried on."""
-    y, x = patch.places()
-    return shade.extended().off(Pixels(x + 0.5, y + 0.5, levels[y, x]))
-
-
 def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
-    """A picture (H, W, 4), premultiplied levels, without its gradients. blur: px, standard deviation."""
+    """Return a picture (H, W, 4), premultiplied levels, without its gradients. blur: standard deviation, px."""
     parts, count = smooth_parts(levels)
     if not count:
         return Flattened(levels)
-    # The rims of what is smooth are the last of blurred edges.
+    # The rims of even parts are the ends of blurred edges.
     rim = max(1, round(blur))
     inner = ndimage.binary_erosion(parts > 0, ndimage.SQUARE, iterations=rim, border_value=1)
     found = [area for area in gradient_areas(levels, *ndimage.label(inner)) if not is_step(area.shade, EDGE * blur)]
@@ -231,19 +197,19 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     free = parts > 0
     for area in areas:
         free[area.patch.window] &= ~area.patch.mask
-    return without_areas(levels, ndimage.large_parts(free, LEAST_EVEN)[0], areas, STRANGE, blur)
+    return without_areas(levels, ndimage.large_parts(free, LEAST_AREA)[0], areas, STRANGE, blur)
 
 
 def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
-    """The area with what hangs on it that its gradient explains too: pixels within `rim` px, and tips."""
-    wide, near = _with_surroundings(area.patch, FARTHEST, levels.shape)
+    """Return the area with the connected pixels that its gradient explains too: those within `rim` px, and tips."""
+    wide, near = area.patch.padded(FARTHEST, levels.shape), area.patch.ring(FARTHEST, levels.shape)
     explained = np.zeros_like(wide.mask)
-    explained[near.mask] = off_extended(area.shade, levels, near) <= NEAR_LEVELS
-    # A neighbour of about the colour in which the gradient ends is none of it, nor what goes on farther.
+    explained[near.mask] = area.shade.extended().off(near.pixels(levels)) <= CLOSE
+    # Neither a neighbour of about the last colour of the ramp belongs to it, nor a part that goes on farther.
     rests, count = ndimage.label((parts[wide.window] > 0) & ~wide.mask)
     sizes = np.maximum(np.bincount(rests.ravel(), minlength=count + 1), 1)
-    own = np.bincount(rests.ravel(), explained.ravel(), count + 1) >= MOSTLY * sizes
-    own[0] = False
+    belongs = np.bincount(rests.ravel(), explained.ravel(), count + 1) >= EXPLAINED * sizes
+    belongs[0] = False
     rimmed = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=rim)
-    mask = wide.mask | (explained & (rimmed | own[rests]))
+    mask = wide.mask | (explained & (rimmed | belongs[rests]))
     return replace(area, patch=replace(wide, mask=ndimage.binary_propagation(wide.mask, None, mask)))

@@ -1,7 +1,7 @@
 """Connected parts of a picture in which colours change evenly.
 
-Within a gradient colours change by straight lines, so second differences are those of rounding, and of circles where it
-is radial; across an edge they are not.
+Within a gradient colours change along straight lines. Its second differences are those of rounding, and of the circles
+of a radial gradient; across an edge they are larger.
 """
 
 from __future__ import annotations
@@ -11,39 +11,40 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed
+from cubicsplat_cli.artwork.regions.fills import CLEAR, EVEN
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, trimmed_range
+from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, part_spreads, trimmed_range
 from cubicsplat_cli.record import record
 
 BEND = 2.6  # levels of a second difference that rounding makes
-TIP = 6.0  # px from the middle of a radial gradient, beyond which its circles bend it by at most a share of its slope
-LEAST_AREA, FEW = 64, 16  # px, of a gradient, and in which one changes
+TIP = 6.0  # px from the middle of a radial gradient; farther away its circles bend it by a small share of its slope
+LEAST_AREA = 64  # px of a gradient
+LARGE_AREA = 400  # px of a part that shows a gradient in spite of noise, or a shadow
 MOST_PIECES = 8  # that a part is divided into
-SAME_FILL, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and share of the area that has it
-CLEAR = 0.5  # levels of opacity
-OUTER = 0.02  # share of a part's values at either end that do not count for its range
-RING = 4  # px of its surroundings that a part is looked at with
+LEAST_PLATEAU = 0.04  # share of an area that has its commonest colour
+OUTER = 0.02  # share of a part's values at either end that does not count for its range
+RING = 4  # px around a part in which its surroundings are examined
 
 
 def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> tuple[np.ndarray, int]:
-    """(H, W) int32 the number of the connected part in which colours change evenly, 0 for edges; and how many.
+    """Return (H, W) int32 numbers of the connected parts in which colours change evenly, 0 for edges; and the count.
 
-    bend: levels of a second difference that is none of an edge, beyond those of circles around a middle at least `tip`
-    px away: the slope divided by their radius.
+    bend: levels of a second difference that no edge has. A gradient may bend more by its slope over `tip`, the least
+    distance in px from the middle of its circles.
     """
     bends, steps = bends_and_steps(levels)
     smooth = bends <= bend + steps / (2.0 * tip)
-    # Opened with room around the canvas, so that its border takes nothing away.
+    # The opening gets room around the canvas, so that the border takes nothing away.
     opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), ndimage.SQUARE)[2:-2, 2:-2]
-    # Flat pictures, most drawings, need no more than this.
-    if (opened & (steps > 0.0)).sum() < FEW:
+    # Most drawings are flat. A gradient changes in a quarter of its pixels at least.
+    if 4 * (opened & (steps > 0.0)).sum() < LEAST_AREA:
         return np.zeros(smooth.shape, dtype=np.int32), 0
     return ndimage.label(opened)
 
 
 @record
 class Patch:
-    """Some pixels of a picture. top, left: of a box that holds them; mask: (h, w) bool, those of the box."""
+    """Some pixels of a picture. top, left: corner of a box around them; mask: (h, w) bool, their places in the box."""
 
     top: int
     left: int
@@ -51,7 +52,7 @@ class Patch:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """The box's rows and columns."""
+        """Rows and columns of the box."""
         height, width = self.mask.shape
         return slice(self.top, self.top + height), slice(self.left, self.left + width)
 
@@ -65,15 +66,20 @@ class Patch:
         rows, columns = np.nonzero(self.mask)
         return rows + self.top, columns + self.left
 
+    def pixels(self, levels: np.ndarray) -> Pixels:
+        """Places and colours of the pixels in a picture (H, W, 4)."""
+        rows, columns = self.places()
+        return Pixels(columns + 0.5, rows + 0.5, levels[rows, columns].astype(float))
+
     def at(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """(n,) bool: whether places of the picture are among the pixels."""
+        """Return (n,) bool: True for places of the picture that are among the pixels."""
         rows, columns = rows - self.top, columns - self.left
         inside = (rows >= 0) & (rows < self.mask.shape[0]) & (columns >= 0) & (columns < self.mask.shape[1])
         inside[inside] = self.mask[rows[inside], columns[inside]]
         return np.asarray(inside)
 
     def padded(self, by: int, shape: tuple[int, ...]) -> Patch:
-        """The same pixels in a box larger by so many px on all sides, as far as a picture (H, W) goes."""
+        """Return the same pixels in a box that is larger by so many px on all sides, cut at the border of a picture."""
         height, width = self.mask.shape
         above, before = min(by, self.top), min(by, self.left)
         below = min(by, shape[0] - self.top - height)
@@ -82,13 +88,24 @@ class Patch:
         return Patch(self.top - above, self.left - before, mask)
 
     def grown(self, by: int, shape: tuple[int, ...]) -> Patch:
-        """The pixels within so many px of these in a picture (H, W)."""
+        """Return the pixels of a picture (H, W) within so many px of these."""
         wide = self.padded(by, shape)
         return Patch(wide.top, wide.left, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=by))
 
+    def ring(self, by: int, shape: tuple[int, ...]) -> Patch:
+        """Return the pixels within so many px around these, without these, in the box of `padded`."""
+        wide = self.grown(by, shape)
+        return Patch(wide.top, wide.left, wide.mask & ~self.padded(by, shape).mask)
+
+
+def patches_of(labels: np.ndarray) -> list[Patch]:
+    """Return the pixels of each label from 1 on of a map (H, W)."""
+    boxes = enumerate(ndimage.find_objects(labels), start=1)
+    return [Patch(rows.start, columns.start, labels[rows, columns] == k) for k, (rows, columns) in boxes]
+
 
 def joined(patches: Sequence[Patch]) -> Patch:
-    """The pixels of all patches, one or more."""
+    """Return the pixels of all patches, one or more."""
     ends = np.array([(p.top, p.left, p.top + p.mask.shape[0], p.left + p.mask.shape[1]) for p in patches])
     top, left = ends[:, :2].min(axis=0).tolist()
     bottom, right = ends[:, 2:].max(axis=0).tolist()
@@ -100,54 +117,68 @@ def joined(patches: Sequence[Patch]) -> Patch:
 
 
 class Part:
-    """Some pixels of a picture, and what they have. rows, columns: (n,)."""
+    """Pixels of a picture (H, W, 4) with their rows and columns (n,) and their colours."""
 
     def __init__(self, levels: np.ndarray, patch: Patch) -> None:
         self.levels, self.patch = levels, patch
         self.rows, self.columns = patch.places()
-        values = levels[self.rows, self.columns].astype(float)
-        self.pixels = Pixels(self.columns + 0.5, self.rows + 0.5, values)
+        self.pixels = patch.pixels(levels)
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def within(self, own: np.ndarray) -> Patch:
-        """The pixels for which own (n,) holds."""
+    def within(self, chosen: np.ndarray) -> Patch:
+        """Return the pixels for which `chosen` (n,) is True."""
         mask = np.zeros_like(self.patch.mask)
-        mask[self.rows[own] - self.patch.top, self.columns[own] - self.patch.left] = True
+        mask[self.patch.mask] = chosen
         return Patch(self.patch.top, self.patch.left, mask)
 
-    def pieces(self, own: np.ndarray) -> list[Part]:
-        """The largest connected parts of the pixels for which own (n,) holds, without what is thinner than 3 px."""
-        mask = ndimage.binary_opening(self.within(own).mask, ndimage.SQUARE)
-        labels, count = ndimage.label(mask)
-        boxes = ndimage.find_objects(labels)
-        sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-        most = np.argsort(-sizes, kind="stable")[:MOST_PIECES]
-        return [self._piece(labels, k + 1, boxes[k]) for k in most if sizes[k] >= LEAST_AREA]
+    def pieces(self, chosen: np.ndarray) -> list[Part]:
+        """Return the largest connected parts of the chosen pixels (n,) bool, without what is thinner than 3 px."""
+        labels, _ = ndimage.label(ndimage.binary_opening(self.within(chosen).mask, ndimage.SQUARE))
+        pieces = sorted(patches_of(labels), key=lambda piece: -piece.size)[:MOST_PIECES]
+        top, left = self.patch.top, self.patch.left
+        return [
+            Part(self.levels, Patch(top + piece.top, left + piece.left, piece.mask))
+            for piece in pieces
+            if piece.size >= LEAST_AREA
+        ]
 
-    def _piece(self, labels: np.ndarray, number: int, box: tuple[slice, slice]) -> Part:
-        top, left = self.patch.top + box[0].start, self.patch.left + box[1].start
-        return Part(self.levels, Patch(top, left, labels[box] == number))
+    def around(self, piece: Part) -> Part:
+        """Return a piece of this part with the pixels of the part within RING px."""
+        wide = piece.patch.grown(RING, self.levels.shape)
+        mask = wide.mask.copy()
+        mask[wide.mask] = self.patch.at(*wide.places())
+        return Part(self.levels, Patch(wide.top, wide.left, mask))
 
     def range(self) -> float:
-        """Levels between which the values of the widest channel are, but for a few."""
+        """Return the range of the channel that varies most, in levels, without a few outliers."""
         return trimmed_range(self.pixels.values, OUTER)
 
 
+def uneven_parts(
+    levels: np.ndarray, parts: np.ndarray, count: int, area: int, span: float
+) -> tuple[list[int], np.ndarray]:
+    """Return the numbers of the parts of at least `area` px that span more than so many levels, the largest first; and
+    the first and last row and column (count, 4) of every part. parts, count: as of `smooth_parts`."""
+    sizes, boxes, spreads = part_spreads(levels, parts, count)
+    uneven = np.flatnonzero((sizes >= area) & (spreads > span))
+    return (uneven[np.argsort(-sizes[uneven], kind="stable")] + 1).tolist(), boxes
+
+
 def part_of(
-    levels: np.ndarray, parts: np.ndarray, number: int, box: np.ndarray, claimed: np.ndarray | None = None
+    levels: np.ndarray, parts: np.ndarray, number: int, boxes: np.ndarray, claimed: np.ndarray | None = None
 ) -> Part:
-    """A part of a picture by its number. parts: (H, W); box: its first and last row and column; claimed: (H, W) bool
-    what belongs to others."""
-    top, bottom, left, right = box.tolist()
+    """Return a part by its number. parts: (H, W); boxes: as of `uneven_parts`; claimed: (H, W) bool, pixels that belong
+    to other parts."""
+    top, bottom, left, right = boxes[number - 1].tolist()
     window = slice(top, bottom + 1), slice(left, right + 1)
-    own = parts[window] == number
-    return Part(levels, Patch(top, left, own if claimed is None else own & ~claimed[window]))
+    mask = parts[window] == number
+    return Part(levels, Patch(top, left, mask if claimed is None else mask & ~claimed[window]))
 
 
 def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """The commonest colour (4,), and which pixels (n,) have it and are not on their way through it."""
+    """Return the commonest colour (4,), and (n,) bool: the pixels that have it and belong to no gradient."""
     values = part.pixels.values
     clear = values[:, 3] <= CLEAR
     if clear.mean() >= LEAST_PLATEAU:
@@ -156,8 +187,8 @@ def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
     _, first, index, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
     best = int(counts.argmax())
     fill = values[index.reshape(-1) == best].mean(axis=0)
-    near = largest(np.abs(values - np.rint(values[first[best]]))) <= SAME_FILL
-    # A gradient passes through its colours in bands; what is even around about is none of them.
-    even = ndimage.binary_erosion(part.within(near).mask, ndimage.SQUARE, iterations=RING)
-    even = ndimage.binary_dilation(even, ndimage.SQUARE, iterations=RING)
-    return fill, near & even[part.rows - part.patch.top, part.columns - part.patch.left]
+    near = largest(np.abs(values - np.rint(values[first[best]]))) <= EVEN
+    # A gradient passes through each of its colours in a narrow band, which the erosion removes.
+    wide = ndimage.binary_erosion(part.within(near).mask, ndimage.SQUARE, iterations=RING)
+    wide = ndimage.binary_dilation(wide, ndimage.SQUARE, iterations=RING)
+    return fill, near & wide[part.patch.mask]

@@ -1,4 +1,4 @@
-"""A gradient before it is one: a geometry, a ramp of colours along it, and where it is seen."""
+"""Gradients as they are fitted: a geometry, a ramp of colours along it, and the pixels that show it."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import Patch
+from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 
-CLOSE = 2.0  # levels that a gradient may be off a pixel that it explains
-CLEAR = 8.0  # levels of opacity, below which a stop's own colour is not seen
-# Levels: what rounding to 8 bits and the arithmetic of drawing programs leave.
-SIGMA = 0.4
-# Neighbouring pixels are off together, so each counts for less; and one that no ramp explains for so much at most.
-SHARE, MOST_CHI = 0.2, 36.0
+CLOSE = 2.0  # levels by which a gradient may differ from a pixel that it explains
+SIGMA = 0.4  # levels, standard deviation of rounding to 8 bits and of the arithmetic of drawing programs
+SHARE = 0.2  # weight of a pixel, since the errors of neighbouring pixels depend on each other
+MOST_CHI = 36.0  # chi^2 of a pixel at most, so that outliers count little
 PRICE = 4.0  # nats a parameter
 STOP_PARAMETERS = 4  # a place and a colour, most often opaque
-EVEN = 1.0  # levels by which neighbouring stops at the ends may differ to be one, since ramps go on as they end
 
 
 @record
@@ -32,35 +30,29 @@ class Ramp:
     colours: np.ndarray
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """(n, 4) the colours at t (n,)."""
+        """Return the colours (n, 4) at t (n,)."""
         return np.stack([np.interp(t, self.knots, self.colours[:, k]) for k in range(4)], axis=-1)
 
     def trimmed(self) -> Ramp:
-        """The ramp without end stops that repeat their neighbours."""
-        first, last = 0, len(self.knots) - 1
-        gaps = np.abs(np.diff(self.colours, axis=0)).max(axis=1)
-        while last - first > 1 and gaps[first] <= EVEN:
-            first += 1
-        while last - first > 1 and gaps[last - 1] <= EVEN:
-            last -= 1
-        return Ramp(self.knots[first : last + 1], self.colours[first : last + 1])
+        """Return the ramp without end stops that repeat their neighbours, since a ramp goes on as it ends."""
+        changes = np.flatnonzero(np.abs(np.diff(self.colours, axis=0)).max(axis=1) > EVEN)
+        first, last = (changes[0], changes[-1]) if len(changes) else (len(self.knots) - 2,) * 2
+        return Ramp(self.knots[first : last + 2], self.colours[first : last + 2])
 
 
 def alike(first: Ramp, second: Ramp) -> float:
-    """The distance, in levels, of the colours of one ramp from those of the other, the shorter of both ways."""
-    ways = []
-    for a, b in ((first, second), (second, first)):
-        here, there = (r.at(np.linspace(r.knots[0], r.knots[-1], n)) for r, n in ((a, 9), (b, 65)))
-        gaps = np.abs(here[:, None] - there[None]).max(axis=2).min(axis=1)
-        ways.append(float(np.median(gaps)))
-    return min(ways)
+    """Return the median distance in levels of the colours of one ramp from the other ramp, whichever is nearer."""
+    distances = []
+    for one, other in ((first, second), (second, first)):
+        here, there = (r.at(np.linspace(r.knots[0], r.knots[-1], n)) for r, n in ((one, 9), (other, 65)))
+        distances.append(float(np.median(np.abs(here[:, None] - there).max(axis=2).min(axis=1))))
+    return min(distances)
 
 
 @record
 class Shade:
-    """A gradient before it is one: frame (2, 4) as of `raster.shades`, and the ramp over its t. radial: t is a length;
-    parameters: how many numbers the geometry takes. open: whether the ramp goes on, for all that is seen, before its
-    first and beyond its last stop."""
+    """A gradient: its frame (2, 4) as of `raster.shades`, and the ramp over its t. radial: t is a length; parameters:
+    numbers of the geometry. open: True where no pixel shows that the ramp ends at its first or its last stop."""
 
     frame: np.ndarray
     radial: bool
@@ -76,7 +68,7 @@ class Shade:
         return np.hypot(first, second) + self.frame[0, 3] * first + self.frame[1, 3] * second
 
     def slope(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(2, n) how t changes per px at places in px."""
+        """Return the derivatives (2, n) of t per px at places in px."""
         turn, lean = self.frame[:, :2], self.frame[:, 3:]
         if not self.radial:
             return turn[:1].T + np.zeros(len(x))
@@ -84,54 +76,55 @@ class Shade:
         return turn.T @ (u / np.maximum(np.hypot(*u), 1e-9) + lean)
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(n, 4) premultiplied levels at places in px."""
+        """Return premultiplied levels (n, 4) at places in px."""
         return colours_at(self.frame, self.radial, self.ramp.knots, self.ramp.colours, x, y)
 
     def off(self, pixels: Pixels) -> np.ndarray:
-        """(n,) levels by which the worst channel of pixels is off."""
-        return largest(np.abs(self._residuals(pixels)))
+        """Return levels (n,) by which the worst channel of each pixel differs."""
+        return largest(np.abs(self.residuals(pixels)))
 
     def explains(self, pixels: Pixels) -> np.ndarray:
-        """(n,) bool."""
+        """Return (n,) bool: True for the pixels that differ by CLOSE at most."""
         return self.off(pixels) <= CLOSE
 
     def misfit(self, pixels: Pixels) -> float:
-        """Half of chi^2, in nats, of pixels."""
-        residuals = self._residuals(pixels)
+        """Return half of the chi^2 of pixels, in nats."""
+        residuals = self.residuals(pixels)
         chi = np.einsum("nk,nk->n", residuals, residuals) / (SIGMA * SIGMA)
         return 0.5 * SHARE * float(np.minimum(chi, MOST_CHI).sum())
 
-    def _residuals(self, pixels: Pixels) -> np.ndarray:
+    def residuals(self, pixels: Pixels) -> np.ndarray:
+        """Return the colours (n, 4) of the shade less those of pixels, in levels."""
         return colours_off(self.frame, self.radial, self.ramp.knots, self.ramp.colours, pixels)
 
     def stopped(self, knots: np.ndarray, pixels: Pixels) -> Shade:
-        """The shade with stops at these knots, in the colours nearest to pixels."""
+        """Return the shade with stops at these knots, in the colours nearest to pixels."""
         return replace(self, ramp=Ramp(knots, best_colours(self.frame, self.radial, knots, pixels)))
 
     def extended(self) -> Shade:
-        """The shade with its ramp carried on, where it is open, by as much as it is long."""
+        """Return the shade with its ramp carried on at open ends, by its length."""
         knots, colours = self.ramp.knots.copy(), self.ramp.colours.copy()
         length = knots[-1] - knots[0]
         for end, beside, step in ((0, 1, -length), (-1, -2, length)):
             if self.open[end]:
                 colours[end] += step * (colours[end] - colours[beside]) / (knots[end] - knots[beside])
                 knots[end] += step
-        return Shade(self.frame, self.radial, Ramp(knots, colours), self.parameters, self.open)
+        return replace(self, ramp=Ramp(knots, colours))
 
     def times(self, factor: float) -> Shade:
-        """The shade of pixels whose colours are so many times as much."""
+        """Return the shade of the same pixels with their colours multiplied."""
         return replace(self, ramp=Ramp(self.ramp.knots, self.ramp.colours * factor))
 
     @property
     def price(self) -> float:
-        """Nats."""
+        """Description length in nats."""
         return PRICE * (self.parameters + STOP_PARAMETERS * len(self.ramp.knots))
 
 
 @record
 class ShadedArea:
-    """A gradient and where it is seen. ground: the colour (4,) in levels of what it fades into without an edge, or
-    None; rim: t where it does; inwards: whether the ramp lies below that t."""
+    """A gradient and the pixels that show it. ground: the colour (4,) in levels into which it fades without an edge, or
+    None; rim: t where it does; inwards: True if the ramp lies below that t."""
 
     shade: Shade
     patch: Patch
@@ -141,7 +134,7 @@ class ShadedArea:
 
 
 def gradient_of(shade: Shade) -> Gradient:
-    """The gradient with 8-bit stops, t = 0 at the first of a linear one and t = 1 at the last."""
+    """Return the gradient with 8-bit stops. A linear one has t = 0 at its first stop; any has t = 1 at its last."""
     knots = shade.ramp.knots
     first = knots[0] if not shade.radial else 0.0
     span = max(float(knots[-1] - first), 1e-9)
@@ -169,13 +162,13 @@ def gradient_of(shade: Shade) -> Gradient:
 
 
 def _fills(colours: np.ndarray) -> list[tuple[int, int, int, int]]:
-    """8-bit fills of premultiplied colours (K, 4) in levels; a clear one has the colour of the stop beside it."""
+    """Return 8-bit fills of premultiplied colours (K, 4) in levels. A clear stop gets the colour of the next one."""
     fills: list[tuple[int, int, int, int]] = []
     alpha = np.clip(colours[:, 3], 0.0, 255.0)
-    visible = np.flatnonzero(alpha >= CLEAR)
+    visible = np.flatnonzero(alpha >= SEEN)
     for i in range(len(colours)):
-        own = i if alpha[i] >= CLEAR or not len(visible) else int(visible[np.abs(visible - i).argmin()])
-        straight = np.clip(np.rint(colours[own, :3] * 255.0 / max(float(alpha[own]), 1e-9)), 0, 255)
+        source = i if alpha[i] >= SEEN or not len(visible) else int(visible[np.abs(visible - i).argmin()])
+        straight = np.clip(np.rint(colours[source, :3] * 255.0 / max(float(alpha[source]), 1e-9)), 0, 255)
         r, g, b = (int(v) for v in straight)
         fills.append((r, g, b, round(float(alpha[i]))))
     return fills

@@ -1,10 +1,10 @@
-"""The gradient, linear or radial, that the pixels of an area follow: the one with the shortest description.
+"""The gradient, linear or radial, that has the shortest description of the pixels of an area.
 
-First geometries follow from the directions in which colours change. A linear gradient changes in one direction. The
-direction in which a radial one changes points away from its middle; if it spreads as an ellipse |A (p - c)| = t, it is
-that of A^T A (p - c). Either is a linear condition on the unknowns. One with a focus f other than its middle is alike
-at all sizes around that: as long as its colours C follow a straight line, (p - f) . grad C = C - C(f), which is linear
-in f and C(f); and with s along that line, s^2 = 2 s (l . v) + v^T P v of v = p - f, which is linear in l and P.
+The first geometries follow from the directions in which colours change. A linear gradient changes in one direction.
+A circular one changes along the line to its middle c; one that spreads as an ellipse |A (p - c)| = t changes along
+A^T A (p - c). Either is a linear condition on the unknowns. A gradient with a focus f other than its middle looks alike
+at all sizes around f. While its colours C follow a straight line, (p - f) . grad C = C - C(f), which is linear in f and
+C(f). With s along that line, s^2 = 2 s (l . v) + v^T P v for v = p - f, which is linear in l and P.
 """
 
 from __future__ import annotations
@@ -14,27 +14,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cubicsplat_cli.artwork.gradients.parts import TIP
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, PRICE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
 from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, scatter, slopes
 
-# Blocks, each of which gives a direction, px of one and pixels that it needs.
-BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5
-LONGEST, FARTHEST = 12.0, 8.0  # of an ellipse's axes; of its middle from the area, in lengths of that
-FEW_PIXELS, MOST_PIXELS = 1000, 4000  # looked at to choose and to settle
+BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5  # blocks that each show a direction, side of one in px, and pixels that it needs
+LONGEST, FARTHEST = 12.0, 8.0  # ratio of an ellipse's axes, and distance of its middle in lengths of the area
+FEW_PIXELS, MOST_PIXELS = 1000, 4000  # pixels with which a geometry is chosen, and with which it is fitted
 MOST_STOPS = 8
-STEADY = 0.1  # share of the steepest slope, below which a block lies where the ramp has ended
-# Of the way from the middle to the rim: a focus that can be told from the middle, and the farthest to begin with.
-LEAST_LEAN, MOST_LEAN = 0.05, 0.9
-PEAK = 6.0  # px around a middle, where a ramp that rises to it has a tip that looks like an edge
-UNLIKELY = 4.0  # times as far off those of the same t as along the best geometry: as rough are those to begin with
-SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean of pixels that are twice as far off as what a gradient explains
-NEAR_AXIS = 0.05  # tangent of the angle to an axis
+STEADY = 0.1  # share of the steepest slope, below which a block lies beyond the end of the ramp
+MOST_LEAN = 0.9  # ratio of the focus' distance from the middle to the radius, to begin with
+SLIGHT = 0.05  # that ratio, or the tangent of a linear gradient's angle to an axis, which may be zero as well
+UNLIKELY = 4.0  # a geometry is tried if its scatter is at most so many times the least
+SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean square of pixels that are twice as far off as explained ones
 
 
 def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
-    """The gradient with the shortest description of pixels.
+    """Return the gradient with the shortest description of pixels.
 
-    hints: gradients that these pixels may have too; a small part of an ellipse says little about its middle.
+    hints: gradients that these pixels may show too, since a small part of an ellipse says little about its middle.
     """
     shade = common_shade(pixels, hints, np.inf)
     assert shade is not None
@@ -42,9 +40,9 @@ def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
 
 
 def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED) -> Shade | None:
-    """The same; None where along no likely geometry pixels are off those of the same t by less than `most` levels^2 in
-    the mean, so that no gradient comes near them all."""
-    # Some pixels, in an order that is the same each time but follows neither rows nor columns.
+    """Return the same; None if in every geometry the pixels of one t differ by more than `most` levels^2 in the mean,
+    so that no gradient comes near them all."""
+    # The pixels are sampled at random, in the same way each time.
     count = len(pixels.x)
     order = np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False)
     few = pixels.some(order[:FEW_PIXELS])
@@ -67,31 +65,31 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
 
 
 def refitted(shade: Shade, pixels: Pixels) -> Shade:
-    """The best gradient for pixels among those near another one."""
+    """Return the gradient near another one that is best for pixels."""
     count = len(pixels.x)
     some = pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
     return _reaching(_level(_pruned(_fitted(shade.extended(), some), some, count), some, count), pixels)
 
 
 def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -> Shade:
-    """The shade along a frame with as many stops as the pixels support."""
+    """Return the shade along a frame with as many stops as the pixels support."""
     ramp = Ramp(*best_stops(frame, radial, pixels, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * SIGMA**2 / SHARE))
     return Shade(frame, radial, ramp.trimmed(), parameters)
 
 
 def _fitted(shade: Shade, pixels: Pixels) -> Shade:
-    """The shade with its geometry and its stops at their best."""
+    """Return the shade with its geometry and its stops fitted to pixels."""
     frame, knots, colours = fitted(shade.frame, shade.parameters, shade.ramp.knots, shade.ramp.colours, pixels)
     return Shade(frame, shade.radial, Ramp(knots, colours).trimmed(), shade.parameters)
 
 
 def _cost(shade: Shade, some: Pixels, count: int) -> float:
-    """Nats, of `count` pixels, of which some are looked at, and of the shade."""
+    """Return the nats of `count` pixels, estimated from some of them, and of the shade."""
     return count / len(some.x) * shade.misfit(some) + shade.price
 
 
 def _pruned(shade: Shade, pixels: Pixels, count: int) -> Shade:
-    """The shade with neighbouring stops made one as long as that is cheaper."""
+    """Return the shade with neighbouring stops joined as long as that is cheaper."""
     cost = _cost(shade, pixels, count)
     while len(shade.ramp.knots) > 2:
         knots = shade.ramp.knots
@@ -99,7 +97,7 @@ def _pruned(shade: Shade, pixels: Pixels, count: int) -> Shade:
         for i in range(len(knots) - 1):
             one = knots[i] if i == 0 else knots[i + 1] if i == len(knots) - 2 else 0.5 * (knots[i] + knots[i + 1])
             trials.append(shade.stopped(np.concatenate([knots[:i], [one], knots[i + 2 :]]), pixels))
-        trial = _fitted(min(trials, key=lambda own: own.misfit(pixels)), pixels)
+        trial = _fitted(min(trials, key=lambda trial: trial.misfit(pixels)), pixels)
         following = _cost(trial, pixels, count)
         if following >= cost:
             break
@@ -108,10 +106,10 @@ def _pruned(shade: Shade, pixels: Pixels, count: int) -> Shade:
 
 
 def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
-    """A linear shade exactly along an axis, where the pixels do not mind."""
+    """Return a linear shade exactly along an axis if that costs less than the angle."""
     slope = shade.frame[0, :2]
     axis = int(np.abs(slope).argmax())
-    if shade.radial or abs(slope[1 - axis]) > NEAR_AXIS * abs(slope[axis]):
+    if shade.radial or abs(slope[1 - axis]) > SLIGHT * abs(slope[axis]):
         return shade
     frame = np.zeros((2, 4))
     frame[0, axis] = slope[axis]
@@ -122,8 +120,8 @@ def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
 
 
 def _reaching(shade: Shade, pixels: Pixels) -> Shade:
-    """The shade with stops that end its ramp where the pixels looked at did brought on to where all pixels end, and a
-    pixel farther, where edges blend."""
+    """Return the shade with its ramp carried on to where all pixels end, and a pixel farther, where edges blend, unless
+    the pixels beyond a stop show that the ramp ends there."""
     t, (knots, colours) = shade.t(pixels.x, pixels.y), (shade.ramp.knots.copy(), shade.ramp.colours.copy())
     margin = float(np.hypot(*shade.frame[0, :2]))
     goes_on = [False, False]
@@ -131,7 +129,7 @@ def _reaching(shade: Shade, pixels: Pixels) -> Shade:
         beyond = t < knots[0] if end == 0 else t > knots[-1]
         slope = (colours[end] - colours[beside]) / (knots[end] - knots[beside])
         off = colours[end] - pixels.values[beyond]
-        tip = shade.radial and end == 0 and knots[0] < PEAK * margin
+        tip = shade.radial and end == 0 and knots[0] < TIP * margin
         if not tip and (off**2).sum() < ((off + slope * (t[beyond] - knots[end])[:, None]) ** 2).sum():
             continue
         place = min(float(t.min()), knots[0]) - margin if end == 0 else max(float(t.max()), knots[-1]) + margin
@@ -145,12 +143,12 @@ def _reaching(shade: Shade, pixels: Pixels) -> Shade:
 
 
 def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
-    """Geometries for pixels: frame (2, 4), whether radial, and how many numbers it takes; the first is linear."""
+    """Return geometries for pixels: frame (2, 4), True if radial, and its numbers; the first is linear."""
     size = max(LEAST_BLOCK, math.ceil(math.sqrt(len(pixels.x) / BLOCKS)))
     places, changes, means, weights = slopes(pixels, size, FULL)
     tensor = np.einsum("bki,bkj->ij", changes, changes)
     direction = np.linalg.eigh(tensor)[1][:, 1] if len(places) else np.array([1.0, 0.0])
-    frames: list[tuple[np.ndarray, bool, int]] = [(np.array([[*direction, 0.0, 0.0], [0.0] * 4]), False, 2)]
+    frames = [(np.array([[*direction, 0.0, 0.0], [0.0] * 4]), False, 2)]
     if len(places) < 6:
         return frames
     middle = places.mean(axis=0)
@@ -165,11 +163,11 @@ def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
         frames.append((_frame(np.eye(2), centre, middle, reach), True, 3))
     rows = np.stack([-gy * px, gx * px - gy * py, gx * py, gy, -gx], axis=-1).reshape(-1, 5)
     solution = np.linalg.eigh(rows.T @ rows)[1][:, 0]
-    form = np.array([[solution[0], solution[1]], [solution[1], solution[2]]])
+    form = solution[[[0, 1], [1, 2]]]
     form = form if np.trace(form) > 0 else -form
     values, axes = np.linalg.eigh(form)
     if values[0] > values[1] / LONGEST**2:
-        centre = np.linalg.solve(np.array([[solution[0], solution[1]], [solution[1], solution[2]]]), solution[3:])
+        centre = np.linalg.solve(solution[[[0, 1], [1, 2]]], solution[3:])
         if np.abs(centre).max() < FARTHEST:
             frames.append((_frame((axes * np.sqrt(values / values[1])).T, centre, middle, reach), True, 5))
     focal = _focal_frame(at, changes * reach, means, weights)
@@ -181,15 +179,15 @@ def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
 def _focal_frame(
     at: np.ndarray, changes: np.ndarray, values: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """The turn (2, 2), focus (2,) and lean (2,) of a gradient with a focus; None where these blocks have none.
+    """Return the turn (2, 2), focus (2,) and lean (2,) of a gradient with a focus; None if the blocks show none.
 
-    at: (b, 2) their middles, in any unit; the others as of `slopes`, changes in levels per that unit.
+    at: (b, 2) middles of the blocks, in any unit; the others as of `slopes`, changes in levels per that unit.
     """
     steep = np.sqrt(np.einsum("bki,bki->b", changes, changes)) / weights
-    own = steep >= STEADY * steep.max()
-    if own.sum() < 6:
+    changing = steep >= STEADY * steep.max()
+    if changing.sum() < 6:
         return None
-    at, changes, values, weights = at[own], changes[own], values[own], weights[own]
+    at, changes, values, weights = (each[changing] for each in (at, changes, values, weights))
     rows = np.zeros((len(at), 4, 6))
     rows[..., :2] = changes
     rows[:, range(4), range(2, 6)] = -weights[:, None]
@@ -208,7 +206,7 @@ def _focal_frame(
     turn = (axes * np.sqrt(lengths)).T
     lean = np.linalg.solve(turn.T, np.array([a, b]))
     size = float(np.hypot(*lean))
-    if size < LEAST_LEAN:
+    if size < SLIGHT:
         return None
     return turn / math.sqrt(lengths[1]), focus, lean * min(1.0, MOST_LEAN / size)
 
@@ -216,5 +214,6 @@ def _focal_frame(
 def _frame(
     turn: np.ndarray, centre: np.ndarray, middle: np.ndarray, reach: float, lean: Sequence[float] | np.ndarray = (0, 0)
 ) -> np.ndarray:
+    """Return the frame (2, 4) around a centre (2,), which is given in units of `reach` px from the middle."""
     place = middle + centre * reach
     return np.column_stack([turn, -turn @ place, lean])

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, summed
-from cubicsplat_cli.artwork.gradients.flattening import APART
 from cubicsplat_cli.artwork.input.chroma import (
     LUMA_CHROMA,
     RGB,
@@ -24,7 +23,7 @@ from cubicsplat_cli.artwork.input.chroma import (
 )
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
-from cubicsplat_cli.artwork.regions.fills import picture_fills
+from cubicsplat_cli.artwork.regions.fills import APART, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import NONE, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture

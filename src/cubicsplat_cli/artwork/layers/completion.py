@@ -1,7 +1,7 @@
-"""Outlines of the parts of layers: where upper layers hide them they continue the simplest way that stays hidden.
+"""Outlines of the parts of layers: beneath upper layers they continue in the simplest way that stays hidden.
 
 The ways in which a hidden run of a contour may go on are tried from the simplest to the longest, in all runs at once. A
-way is good when the outline covers what shows and nothing else does.
+way is good if the outline covers all visible pixels of the part and none of lower layers.
 """
 
 from __future__ import annotations
@@ -14,26 +14,27 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.ways import SLACK, Completion, HiddenLoop, sides_meeting, simply, ways_on
+from cubicsplat_cli.artwork.layers.extents import MOST_WRONG, Contour, Extent, Window, enclosed, without_stray_holes
+from cubicsplat_cli.artwork.layers.ways import (
+    ALLOWED,
+    DEPTHS,
+    SLACK,
+    Completion,
+    HiddenLoop,
+    sides_meeting,
+    simply,
+    ways_on,
+)
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.outlines import fewer_points
 
-# Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
-SEVERAL = 8
-FEWEST_SEEN = 4  # points of a contour, below which it becomes a polygon
+SEVERAL = 8  # hidden runs of a contour, beyond which only straight lines are tried, lest the trials are too many
 TRIALS = 24
-# Px so covered or left, of the picture, beyond which a way that certainly is hidden is worth its many pieces.
-ASTRAY = 20
-HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
-ALLOWED = 1  # px that an outline may cover or leave wrongly
-LEVEL = 1e-6  # px that the ends of a level line may differ
-SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it; of a box, that show it
-ON_SIDE = 0.25  # px that a point may be off the side of a box
-# Px that such a side goes on beneath what hides it, the first that may be: the fit moves the edge above it.
-BENEATH = (8.0, 4.0, 2.0)
-FEWEST = 8  # points of a contour, below which it is drawn as a polygon
-DOT = 4  # px of a region, up to which it is a dot
+HIDDEN_SIGMA = 0.5  # px, standard error of points along the edge of a shape that hides an outline
+LEVEL = 1e-6  # px by which the ends of a level line may differ
+SIDE_SEEN = 1.5  # px within which points show a side of a rounded rectangle, and of points that show one of a box
+ON_SIDE = 0.25  # px by which a point may differ from the side of a box
+DOT = 4  # px of a region, up to which it is a dot; visible points of a contour, below which it becomes a polygon
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
 
 # Finds an outline; on the way it has others fitted to points with standard errors, and corners where some are known.
@@ -55,7 +56,7 @@ def outlines_of_all(
 ) -> Iterator[tuple[Outline, ...]]:
     """The fitted outlines of each of some parts of layers, the outer one first.
 
-    canvas: its height and width, px. Contours of fewer than FEWEST points become polygons. whole: hidden parts go on as
+    canvas: its height and width, px. Contours of few points become polygons. whole: hidden parts go on as
     what shows suggests, rather than end as shortly as they may. sought: they do either, rather than run along their
     contour, a few px beneath what hides them. steps: px a pixel of the picture each way.
     """
@@ -63,7 +64,7 @@ def outlines_of_all(
         searches: list[_Search] = []
         for extent in some:
             window = cache(partial(Window.of, extent, canvas))  # which only hidden contours need to know
-            searches += [_outline(own, extent, window, whole, sought, ASTRAY * steps**2) for own in extent.contours]
+            searches += [_outline(own, extent, window, whole, sought, MOST_WRONG * steps**2) for own in extent.contours]
         found = iter(_searched(searches, detail))
         for extent in some:
             outlines = tuple(islice(found, len(extent.contours)))
@@ -94,7 +95,7 @@ def _outline(
     """The outline of a contour of an extent; window: of that, and astray: see `_completed`."""
     if _is_dot(contour, extent):
         return dot_of(contour.points, extent.shown, (extent.left, extent.top))
-    if len(contour.points) < FEWEST:
+    if len(contour.points) < 2 * DOT:
         return few_lines(contour.points if sought else _thinned(contour))
     if not sought or np.isfinite(contour.sigma).all():
         return (yield contour.points, contour.sigma if sought else _known(contour.sigma), None)
@@ -115,7 +116,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     """window: that of the outer contour; astray: pixels of it from which an outline is wrong everywhere."""
     runs, room = hidden_runs(contour.sigma), window.room
     window = window.hole(contour) if contour.hole else window
-    if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
+    if np.isfinite(contour.sigma).sum() < DOT:
         return few_lines(contour.points, SLACK)
     if whole and (box := _box(contour, window)) is not None:
         return box
@@ -158,7 +159,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
 
 def _box(contour: Contour, window: Window) -> Rectangle | None:
     """The level box of which all that shows of a contour is sides, two at least, and whose others are hidden: at the
-    canvas's border if they all may be there, else BENEATH what hides them; None where there is none.
+    canvas's border if they all may be there, else DEPTHS what hides them; None where there is none.
     """
     seen = contour.points[np.isfinite(contour.sigma)]
     ends = np.stack([seen.min(axis=0), seen.max(axis=0)])  # left and top; right and bottom
@@ -175,7 +176,7 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
     if hidden.sum() > 2:
         return None
     border = np.array([[0.0, 0.0], window.canvas[::-1]])
-    for places in (border, *(ends + np.array([[-depth], [depth]]) for depth in BENEATH)):
+    for places in (border, *(ends + np.array([[-depth], [depth]]) for depth in DEPTHS)):
         (x, y), (right, bottom) = np.where(hidden, places, sides).tolist()
         box = Rectangle(x, y, right - x, bottom - y)
         if len(window.wrong(box)) <= ALLOWED and not _shows_beyond(box, ends, window.extent):

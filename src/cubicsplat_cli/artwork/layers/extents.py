@@ -26,7 +26,7 @@ from cubicsplat_cli.record import record
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
 OVERLAY = -1  # in place of the layer of what is of none
-MOST_WRONG = 20  # px of the picture, of holes that an outer outline may cut off or enclose
+MOST_WRONG = 20  # px of the picture that an outline may enclose or leave wrongly, before a plainer one replaces it
 
 
 @record

@@ -1,11 +1,11 @@
-"""The order of regions where three meet: uppermost is the one whose outline runs straight on there.
+"""The order of regions where three meet: the uppermost one has an outline that runs straight on there.
 
-Outlines are known to hundredths of a px, so each one's heading on either side of a meeting point has a standard error
-of a degree or so. An outline that turns by less than that is far likelier to be one that passes than two that happen
-to meet; the others' turns must not be as small.
+Outlines are known to hundredths of a px, so their headings on either side of a meeting point have standard errors of
+about a degree. An outline that turns by less is far likelier to pass than two outlines are to meet by chance, provided
+that the other two turn more.
 
-What another shape covers of a circle or an ellipse cuts a piece out of it. A region whose outline is round all the way,
-within its errors, therefore lies above its neighbours.
+A shape that covers a part of a circle or an ellipse cuts a piece out of it. A region whose outline is round all the
+way, within its errors, therefore lies above its neighbours.
 """
 
 from __future__ import annotations

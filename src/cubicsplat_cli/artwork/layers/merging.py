@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import FULL, widened
+from cubicsplat_cli.artwork.regions.fills import APART, ROUNDED, SEEN
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.sparse import linked_groups
@@ -20,8 +21,6 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 MOST_BESIDE = 5  # overlays beside a region that several of them may make
-# Levels that colours are off by what drawing programs round; by which the grounds, and what is seen of them, differ.
-ROUNDED, LEAST_APART, LEAST_SEEN = 1.6, 24.0, 8.0
 _OPACITIES = np.arange(5, 251)  # of 8 bits: 0.02 to 0.98
 
 
@@ -88,7 +87,7 @@ def _over(regions: Regions, overlays: list[Overlay], region: int, ground: int) -
                 continue
             # Many overlays make the same of anything: each must change it.
             fewer = [_through(some[:k] + some[k + 1 :], under) for k in range(count)]
-            if min(np.abs(other - fill).max() for other in fewer) >= LEAST_SEEN and _ordered(overlays, some):
+            if min(np.abs(other - fill).max() for other in fewer) >= SEEN and _ordered(overlays, some):
                 return some
     return ()
 
@@ -139,7 +138,7 @@ def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Paint | None:
     """The paint that makes `seen` (n, 4) of `grounds` (n, 4), premultiplied levels, n >= 2, by least squares over all
     opacities of 8 bits; None where none does, or where the grounds are too much alike to tell.
     """
-    if np.ptp(grounds, axis=0).max() < LEAST_APART or np.ptp(seen, axis=0).max() < LEAST_SEEN:
+    if np.ptp(grounds, axis=0).max() < APART or np.ptp(seen, axis=0).max() < SEEN:
         return None
     opacity = _OPACITIES / FULL
     rest = seen[None] - (1.0 - opacity)[:, None, None] * grounds

@@ -1,9 +1,9 @@
-"""The seams of the input itself: where two shapes abut within a pixel, what is beneath them shines through.
+"""The seams of the input itself: where two shapes abut within a pixel, the ground beneath them shines through.
 
-A shape in front covers a share a of the pixel, the one behind 1 - a, and of what the front leaves only: the pixel is
-a F + (1 - a)^2 B + a (1 - a) G. Nobody wants to see the ground G there, and taken for a blend of the two fills such a
-pixel says the wrong place; what it should have been follows from a. Where three opaque shapes meet nothing should shine
-through either; the shares of the three are in what the pixel shows without it.
+The front shape covers a share a of the pixel, the one behind a share 1 - a of the rest. The pixel is therefore
+a F + (1 - a)^2 B + a (1 - a) G. The ground G is an artefact there, and a pixel taken for a blend of the two fills
+shows the wrong place. The right blend follows from a. Where three opaque shapes meet no ground should shine through
+either; the rest of the pixel shows their shares.
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, SAME
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.sampling import MOST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import SEAM_STEPS, seam_shares
 
-# Levels: a pixel that its two fills explain worse than this, and a seam between them better than that, is a seam.
-ODD, SEEN = 6.0, 4.0
-RUN = 9  # px
-MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
-OPAQUE = 254.5  # levels
-AROUND = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]  # px
-MOST_GROUNDS = 8  # fills, beside none at all, that may shine through: the commonest
+# Levels: a pixel is a seam if a blend of its two fills leaves more than ODD, and a seam of them at most SAME.
+ODD = 6.0
+RUN = 9  # px of a level or upright seam
+NEAR = 2  # px from a pixel to the regions of a junction
+MOST_GROUNDS = 8  # fills that may shine through besides nothing: the commonest
 
 
 def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     """The picture (H, W, 4) in levels with the pixels of seams as they should have been; itself without any."""
     levels = _closed_junctions(levels, regions)
     y, x, other = _odd(levels, regions)
-    if not 0 < len(y) <= MOST_ODD:
+    if not 0 < len(y) <= MOST:
         return levels
     own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
     fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
@@ -37,7 +37,7 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     clear, filled = np.full((2, *regions.labels.shape), np.nan)
     for shares, grounds in ((clear, np.zeros((1, 4))), (filled, commonest)):
         share, rest = seam_shares(levels[y, x], own, beside, grounds, ODD)
-        shares[y, x] = np.where(rest <= SEEN, share, np.nan)
+        shares[y, x] = np.where(rest <= SAME, share, np.nan)
     share = np.where(np.isnan(clear), _along_runs(filled), clear)[y, x]
     seam = ~np.isnan(share)
     healed = levels.copy()
@@ -54,7 +54,8 @@ def _closed_junctions(levels: np.ndarray, regions: Regions) -> np.ndarray:
     y, x = y[inside], x[inside]
     if not len(y):
         return levels
-    near = [labels[np.clip(y + i, 0, len(labels) - 1), np.clip(x + j, 0, labels.shape[1] - 1)] for i, j in AROUND]
+    around = np.pad(labels, NEAR, mode="edge")
+    near = [around[y + i, x + j] for i, j in np.ndindex(2 * NEAR + 1, 2 * NEAR + 1)]
     ordered = np.sort(np.stack(near, axis=-1), axis=-1)
     first = np.concatenate([np.ones((len(y), 1), dtype=bool), np.diff(ordered, axis=-1) != 0], axis=-1)
     several = (first & solid[ordered]).sum(axis=-1) >= 3

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
 from cubicsplat_cli.artwork.layers.stacking import Stack, stack
-from cubicsplat_cli.artwork.layers.ways import Heading, heading
+from cubicsplat_cli.artwork.layers.ways import SLACK, Heading, heading
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
@@ -29,7 +29,6 @@ MOST_OVERLAYS = 64
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
 STEPS = 96
 MOST_TURN = 3.0  # standard errors by which an edge that goes straight on turns at most
-MOST_OFFSET = 1.0  # px
 MOST_GAP = 2.5  # px between neighbouring points of an edge
 
 
@@ -220,7 +219,7 @@ def goes_on(
     turn = math.pi - math.acos(float(np.clip(one.tangent @ other.tangent, -1.0, 1.0)))
     error = math.hypot(one.error, other.error, LEAST_TURN)
     normal = np.array([-one.tangent[1], one.tangent[0]])
-    return turn <= MOST_TURN * error and abs(float((other.at - one.at) @ normal)) <= MOST_OFFSET
+    return turn <= MOST_TURN * error and abs(float((other.at - one.at) @ normal)) <= SLACK
 
 
 def _arm(labels: np.ndarray, found: EdgePositions, at: np.ndarray, pair: tuple[int, int]) -> Heading | None:

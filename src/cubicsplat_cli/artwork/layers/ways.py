@@ -1,11 +1,11 @@
 """The ways in which a hidden run of an outline may go on, from the shortest description to the longest.
 
-Straight sides go on until they meet; the rest of a primitive or of a smooth piece; one cubic that goes on smoothly at
-both ends; a limb's end; the fewest straight lines that stay hidden; the upper layers' edge.
+They are the rest of a primitive or of a smooth piece; straight sides that go on until they meet; one cubic that goes on
+smoothly at both ends; the end of a limb; the fewest straight lines that stay hidden; the edge of the upper layers.
 
-Of the cubics that stay hidden the one that bends least is taken, by the integral of the squared curvature. Of the ways
-with the fewest lines (minimum-link paths) the shortest is; their corners are sought along the run itself, deeper
-beneath the upper layers, and on the tangents at both ends.
+The cubic is the one that bends least, by the integral of the squared curvature, of those that stay hidden. The lines
+are the shortest of the fewest (minimum-link paths). Their corners are sought along the run itself, deeper beneath the
+upper layers, and on the tangents at both ends.
 """
 
 from __future__ import annotations
@@ -23,31 +23,32 @@ from cubicsplat_cli.record import record
 
 REACH = 14.0  # px along an outline from which its tangent is taken
 STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
-HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, of the distance between the ends
-MOST_TRIED = 8
-SAMPLES = np.linspace(0.0, 1.0, 33)
-TOLERATED = 1  # px that a continuation may be wrong in
-CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
-# The most that such a cubic turns, radians: an edge less likely turns by more than a right angle.
+HANDLES = np.geomspace(0.25, 1.4, 5)  # lengths of handles that are tried, over the distance between the ends
+MOST_TRIED = 8  # cubics, those that bend least
+SAMPLES = 33  # places along a cubic where its curvature is measured
+ALLOWED = 1  # px that an outline may cover or leave wrongly
+CURVE_SIGMA = 0.3  # px, standard error of the points of a cubic
+# Radians by which a cubic turns at most: a hidden edge hardly turns by more than a right angle.
 SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
-BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # by which an outline turns where its sides meet
+BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # turns of an outline where its sides meet
 LEAST_REACH = 1.0  # px that a side goes on until it meets another
-# Straight sides within such an angle are those of a limb or a band. How far it goes on, of its width: artists' limbs
-# went 0.25 to 0.87, the middle one of ten 0.6. Beyond FARTHEST px the sides' headings say too little.
+# Straight sides within this angle belong to a limb or a band, which goes on by DEPTH of its width: ten limbs of artists
+# went 0.25 to 0.87, 0.6 in the median. Beyond FARTHEST px the headings of the sides are too uncertain.
 PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
-RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
-# px beneath the run at which a corner is tried, and at how many places along it; where nothing is found, as what hides
-# the run is narrow, nearer to it and at more.
-WIDE, NARROW = ((0.0, 3.0, 8.0, 16.0), 28), ((0.0, -1.5, 1.5), 64)
-# px from an end of the run in which lines may be nearer, and in which pixels that show the layer do not count.
+RAY = np.geomspace(2.5, 35.0, 8)  # px along a tangent at which a corner is tried
+DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an outline, at which this is tried
+# Px beneath the run at which corners are tried, and places along it. The second try, at more places near the run,
+# serves runs that something narrow hides.
+WIDE, NARROW = ((0.0, *DEPTHS), 28), ((0.0, -1.5, 1.5), 64)
+# Px from an end of the run within which lines may come nearer, and within which they may cross visible pixels.
 NEAR_END, AT_END = 6.0, 3.0
-SLACK = 1.0  # px that the lines along an edge may be off it
+SLACK = 1.0  # px by which lines along an edge may differ from it
 
 
 @record
 class End:
-    """at: (2,) px, the last visible place; tangent: (2,) unit, onwards into what is hidden, None where it is not known;
-    straight: whether the outline is so up to there."""
+    """End of the visible part of an outline. at: (2,) px; tangent: (2,) unit, onwards into the hidden part, None if it
+    is not known; straight: True if the outline is straight up to there."""
 
     at: np.ndarray
     tangent: np.ndarray | None
@@ -55,12 +56,12 @@ class End:
 
 
 def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End, End]:
-    """The ends of what shows of a closed outline before and after a hidden run, indices in order; see `end_of`."""
+    """Return the ends of the visible parts of a closed outline before and after a hidden run, indices in order."""
     return end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
 
 
 def end_of(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> End:
-    """The end of what shows of a closed outline before the hidden run that begins at index `start`.
+    """Return the end of the visible part of a closed outline beside the hidden run that begins at index `start`.
 
     points: (n, 2) px; sigma: (n,) inf where hidden. step: -1 where the visible part comes before the run, else 1.
     """
@@ -77,8 +78,8 @@ def end_of(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> End:
 
 @record
 class Heading:
-    """at: (2,) px, where an outline ends; tangent: (2,) unit, onwards; error: its standard error, radians; bend: 1/px;
-    misfit: mean squared residual of a smooth end, in sigmas."""
+    """Direction of an outline at its end. at: (2,) px; tangent: (2,) unit, onwards; error: its standard error, radians;
+    bend: 1/px; misfit: mean squared residual of a smooth end, in sigmas."""
 
     at: np.ndarray
     tangent: np.ndarray
@@ -88,8 +89,8 @@ class Heading:
 
 
 def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | None:
-    """The direction of an outline at its end: points (n, 2) px from there on, `reach` px of them being looked at, and
-    their standard errors (n,). None where too few are known.
+    """Return the direction of an outline at its end from points (n, 2) px, the end first, with standard errors (n,),
+    up to `reach` px along it. None if too few are known.
     """
     found = end_heading(points, sigma, reach) if len(points) else None
     return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())
@@ -98,7 +99,7 @@ def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | No
 def continued(
     points: np.ndarray, sigma: np.ndarray, run: np.ndarray, most: float, wrong: Callable[[np.ndarray], int]
 ) -> np.ndarray | None:
-    """(len(run), 2) points along the cubic that continues a closed outline where it is hidden; None where none does.
+    """Return points (len(run), 2) along the cubic that continues a closed outline in a hidden run; None without one.
 
     points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
     that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
@@ -108,7 +109,7 @@ def continued(
     span = float(np.hypot(*(last - first)))
     if leaving is None or arriving is None or span < 1.0:
         return None
-    # By which the way from one end to the other turns off the tangents.
+    # Angles between the tangents and the line from one end to the other.
     turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
     if turns.sum() > most:
         return None
@@ -118,14 +119,14 @@ def continued(
     for k in np.argsort(_bending(cubics), kind="stable")[:MOST_TRIED]:
         trial, fine = points.copy(), points_at(cubics[k], np.linspace(0.0, 1.0, 4 * len(run) + 8))
         trial[run] = polyline_places(fine, (np.arange(len(run)) + 1.0) / (len(run) + 1.0) * arc_lengths(fine)[-1])
-        if wrong(trial) <= TOLERATED:
+        if wrong(trial) <= ALLOWED:
             return trial[run]
     return None
 
 
 def _bending(cubics: np.ndarray) -> np.ndarray:
-    """(k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
-    first, second = derivatives(cubics, np.broadcast_to(SAMPLES, (len(cubics), len(SAMPLES))))
+    """Return (k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
+    first, second = derivatives(cubics, np.broadcast_to(np.linspace(0.0, 1.0, SAMPLES), (len(cubics), SAMPLES)))
     speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
     cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
@@ -134,8 +135,8 @@ def _bending(cubics: np.ndarray) -> np.ndarray:
 
 @record
 class Completion:
-    """points: (m, 2) px in place of a hidden run's; sigma: their standard error, px, inf where they do not matter;
-    corners: (k,) which of them are corners."""
+    """points: (m, 2) px that replace a hidden run; sigma: their standard error, px, inf if they do not matter; corners:
+    (k,) indices of the corners among them."""
 
     points: np.ndarray
     sigma: float
@@ -147,8 +148,8 @@ Wrong = Callable[[np.ndarray], int]
 
 @record
 class HiddenLoop:
-    """A closed outline, some of it hidden. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: how many px an
-    outline of points (n, 2) covers or leaves wrongly."""
+    """A closed outline with hidden parts. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: counts the px
+    that an outline of points (n, 2) covers or leaves wrongly."""
 
     points: np.ndarray
     sigma: np.ndarray
@@ -157,7 +158,7 @@ class HiddenLoop:
 
 
 def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
-    """The ways to go on along a hidden run (m,), indices in order, the simplest first; the last always stays hidden."""
+    """Yield the ways to go on along a hidden run (m,), indices in order, the simplest first. The last is hidden."""
     points, sigma = loop.points, loop.sigma
     first, last = ends_of(points, sigma, run)
     meet = _meeting(first, last)
@@ -178,7 +179,7 @@ def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
 
 
 def _long(loop: HiddenLoop, first: End, last: End) -> bool:
-    """Whether what shows is longer, the way that the first end is heading, than the ends are apart."""
+    """Return True if the visible part is longer, along the first end's heading, than the ends are apart."""
     if first.tangent is None:
         return False
     along = loop.points[np.isfinite(loop.sigma)] @ first.tangent
@@ -186,14 +187,14 @@ def _long(loop: HiddenLoop, first: End, last: End) -> bool:
 
 
 def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
-    """The way by straight sides that go on until they meet; None where there are none, or they would not be hidden."""
+    """Return the way by straight sides that go on until they meet; None if they do not."""
     ends = ends_of(loop.points, loop.sigma, run)
     meet = _meeting(*ends) if ends[0].straight and ends[1].straight else None
     return None if meet is None else next(_by_lines(loop, run, ends, meet), None)
 
 
 def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = None) -> Iterator[Completion]:
-    """The ways by the fewest and shortest straight lines."""
+    """Yield the ways by the fewest and shortest straight lines."""
     points = loop.points[run]
     first, last = ends or ends_of(loop.points, loop.sigma, run)
     for corners in min_link_path(points, first, last, loop.room):
@@ -208,7 +209,7 @@ def _by_cubic(loop: HiddenLoop, run: np.ndarray, most: float) -> Iterator[Comple
 
 
 def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
-    """Straight lines from one end through the corners (k, 2) to the other; none where the run has too few points."""
+    """Yield straight lines from one end through corners (k, 2) to the other; none if the run has too few points."""
     count = len(run)
     if count < len(corners):
         return
@@ -224,7 +225,7 @@ def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners:
 
 
 def _meeting(first: End, last: End) -> np.ndarray | None:
-    """(1, 2) where both ends, going straight on, meet; None where they do not, or at an unlikely angle."""
+    """Return (1, 2) the place where both ends, going straight on, meet; None if there is no likely one."""
     if first.tangent is None or last.tangent is None:
         return None
     u, v = first.tangent, last.tangent
@@ -238,7 +239,7 @@ def _meeting(first: End, last: End) -> np.ndarray | None:
 
 
 def _across(first: End, last: End) -> np.ndarray | None:
-    """(2, 2) corners of the straight end of a limb whose two sides are about parallel; None of other sides."""
+    """Return (2, 2) the corners of the straight end of a limb with about parallel sides; None for other sides."""
     u, v = first.tangent, last.tangent
     if u is None or v is None or u @ v < math.cos(PARALLEL):
         return None
@@ -286,10 +287,10 @@ class Room:
 
 
 def min_link_path(run: np.ndarray, first: End, last: End, room: Room) -> Iterator[np.ndarray]:
-    """(k, 2) corners of the fewest lines from one end of a hidden run to the other, where such are found: well beneath
-    what hides it, then with no room to spare.
+    """Yield (k, 2) the corners of the fewest lines from one end of a hidden run to the other: well beneath the shapes
+    that hide it, then with no room to spare; nothing if there are none.
 
-    run: (m, 2) px along the edge of what hides it, in order. first, last: where it begins and ends.
+    run: (m, 2) px along the edge of these shapes, in order. first, last: its ends.
     """
     start, stop = _on_ray(first, run[0], room), _on_ray(last, run[-1], room)
     for mask, (depths, count) in ((room.wide, WIDE), (room.spare, NARROW)):
@@ -305,7 +306,7 @@ def min_link_path(run: np.ndarray, first: End, last: End, room: Room) -> Iterato
 
 
 def _on_ray(end: End, near: np.ndarray, room: Room) -> np.ndarray:
-    """(k, 2) places straight on from an end for as long as that stays hidden; the run's own where there are none."""
+    """Return (k, 2) places straight on from an end as long as they stay hidden; `near` (2,) if there are none."""
     if end.tangent is None:
         return near[None]
     steps = np.arange(0.5, RAY[-1] + 0.5, 0.5)
@@ -317,7 +318,7 @@ def _on_ray(end: End, near: np.ndarray, room: Room) -> np.ndarray:
 
 
 def _beneath(run: np.ndarray, depths: tuple[float, ...], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(k, 2) places along a run and deeper, and (k,) how far along each is."""
+    """Return (k, 2) places along a run and deeper, and (k,) the index of each along the run."""
     index = np.unique(np.linspace(0, len(run) - 1, min(count, len(run))).astype(int))
     way = run[np.minimum(index + 2, len(run) - 1)] - run[np.maximum(index - 2, 0)]
     normal = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import light_of_srgb
+from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.scene.paint import Rgba
 
 # More colours are gathered in bins before they are compared in pairs.
@@ -17,7 +18,6 @@ _TO_XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
 )
 _WHITE = _TO_XYZ.sum(axis=1)
-_CLEAR = 0.5  # levels of opacity below which nothing is visible
 
 
 def fewer_colours(
@@ -30,7 +30,7 @@ def fewer_colours(
     lightness; free: in squared ones times areas. Returns (k, 4) colours, each that of the largest area merged into it,
     and (K,) int which of them each becomes. What is transparent stays so, and does not count.
     """
-    visible = colours[:, 3] > _CLEAR
+    visible = colours[:, 3] > CLEAR
     owner = np.zeros(len(colours), dtype=np.int64)
     bins = _binned(colours[visible]) if visible.sum() > MOST_COMPARED else np.arange(visible.sum())
     groups = _merged(*_means(colours[visible], areas[visible].astype(float), bins), most, apart, free)[bins]

@@ -12,20 +12,22 @@ from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import joined_fills, part_fills, spread
 
-# Levels: a pixel is flat where its 3x3 neighbourhood spans at most so much; fills nearer than `SAME` are one.
-FLAT_RANGE = 3.0
-SAME = 3.5
-# A component of flat pixels that spans more levels than this is a gradient, drawn in bands of BAND levels.
-GRADIENT_RANGE = 14.0
-BAND = 12.0
+# Thresholds of colour in levels, the finest first, with which the whole artwork style tells colours apart.
+ALIKE = 0.5  # numbers of one fill differ by less
+EVEN = 1.0  # 8-bit pixels of one colour differ by no more, since each is rounded
+ROUNDED = 1.6  # colours are off a straight line by no more, from the arithmetic and the rounding of drawing programs
+PURE = 2.5  # a pixel this near to a fill is that fill
+FLAT_RANGE = 3.0  # a pixel whose 3x3 neighbourhood spans no more is flat
+SAME = 3.5  # fills nearer than this are one
+SEEN = 8.0  # half of one of 4 x 4 samples a pixel at full contrast; a smaller difference may be a blend of the others
+GRADIENT_RANGE = 14.0  # flat pixels that hang together and span more are a gradient
+APART = 24.0  # colours farther apart than this are surely two; the bands in which gradients are drawn
+# Levels of opacity up to which nothing is seen, and from which a fill hides what is beneath it.
+CLEAR, OPAQUE = 1.0, 254.0
 LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
-# Squares of 2 x 2 px that span at most so many levels show a fill, if enough have its colour; so many such fills.
-SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
+FEWEST_SQUARES = 3  # squares of 2 x 2 px that show a fill together
+MOST_SMALL = 16  # fills that only small squares, or only pixel lines, show
 MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills
-ALIKE = 0.5  # levels by which numbers of one fill may differ
-PURE = 2.5  # levels: a pixel within so many of a fill is that fill
-# Levels of opacity below which nothing is drawn, and from which a fill hides what is beneath it.
-CLEAR, OPAQUE = 2.0, 254.0
 
 
 def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
@@ -51,13 +53,13 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
     flat = flat_pixels(levels)
     if flat.mean() < LEAST_FLAT:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
-        return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, 2.0 * BAND))
-    fills, weights = part_fills(levels, ndimage.label(flat)[0], GRADIENT_RANGE, 2.0 * BAND)
+        return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, APART))
+    fills, weights = part_fills(levels, ndimage.label(flat)[0], GRADIENT_RANGE, APART)
     near = ndimage.binary_dilation(flat, ndimage.SQUARE)
     colours, sizes = _small_fills(levels, near)
     fills, weights = np.concatenate([fills, colours]), np.concatenate([weights, sizes])
-    clear = np.count_nonzero(levels[..., 3] < CLEAR)
-    if clear and not (fills[:, 3] < CLEAR).any():
+    clear = np.count_nonzero(levels[..., 3] <= CLEAR)
+    if clear and not (fills[:, 3] <= CLEAR).any():
         # No blend has no opacity: one such pixel in a corner shows that the ground is clear.
         fills, weights = np.vstack([fills, np.zeros(4)]), np.append(weights, clear)
     return _limited(fills, weights)
@@ -69,7 +71,7 @@ def _small_fills(levels: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.n
     """
     y, x = np.nonzero(~(near[:-1, :-1] | near[1:, :-1] | near[:-1, 1:] | near[1:, 1:]))
     corners = np.stack([levels[y + dy, x + dx] for dy in (0, 1) for dx in (0, 1)])
-    even = largest(np.ptp(corners, axis=0)) <= SQUARE_RANGE
+    even = largest(np.ptp(corners, axis=0)) <= EVEN
     colours, counts = np.unique(np.rint(corners[0][even]), axis=0, return_counts=True)
     common = np.argsort(-counts, kind="stable")[:MOST_SMALL]
     common = common[counts[common] >= FEWEST_SQUARES]

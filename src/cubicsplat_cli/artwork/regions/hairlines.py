@@ -1,14 +1,15 @@
-"""Lines too thin to show their fill anywhere near: every pixel of one is a blend of it with what lies beside it.
+"""Lines too thin to show their fill: every pixel of one is a blend of it with the fills beside it.
 
-Such pixels are no blend of the fills around them, but they are one of those with some other fill of the picture, all
-along the line the same one.
+These pixels are no blends of the fills around them alone, but of those and another fill of the picture, which is the
+same all along the line.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE
+from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, SEEN
+from cubicsplat_cli.artwork.regions.hidden_fills import MOST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import (
     REACH,
@@ -21,36 +22,32 @@ from cubicsplat_cli.raster.unmix import (
     residual_of_three,
 )
 
-# Residual, in levels, of a blend that the fill of a line must explain; lines are sought with so many commonest fills.
-CLOSE, MOST_FILLS = 10.0, 32
+CLOSE = 10.0  # levels, the residual of a blend with the fill of a line
+MOST_FILLS = 32  # the commonest, of which lines are sought
 WINDOW = 7  # px around a pixel in which a line keeps its fill
-# A pixel is a line's by half of it, or by LESS where its neighbours to either side have less of it.
-# Where two shapes share a pixel up to a quarter of what is beneath shows through, which is no line.
+# A pixel belongs to a line that covers half of it, or a share of LESS if its neighbours on either side have less.
+# Where two shapes share a pixel, up to a quarter of their ground shows through, which is no line.
 LESS = 0.3
-# A fill that no flat pixel has is that of LEAST_PIXELS pixels and more, of such fills at most MOST_NEW are taken.
-LEAST_PIXELS, MOST_NEW = 24, 8
-# Levels beyond which a pixel that a fill does not explain counts no more against it, and by which each fill must
-# explain a line better than commoner ones.
-MOST_RESIDUAL, LATER = 40.0, 0.1
-LENGTH = 8  # px along which pixels hang together that the labels do not explain, for a line to be there
+LEAST_PIXELS = 24  # that show a fill without any flat pixel
+MOST_RESIDUAL = 40.0  # levels of a pixel's residual that count against a fill at most; of a pixel that no fill explains
+LATER = 0.1  # levels by which each fill must explain a line better than commoner ones
+LENGTH = 8  # px along which the labels must leave connected pixels unexplained, for a line to be there
 NONE, NOWHERE = np.zeros((0, 4)), -1e4  # no fill, and a level that no colour has
-FAINT = 8.0  # levels by which a fill must explain a line better, of which it would have hardly anything
 
 
 def unexplained(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """(n,) bool: values (n, 4) that are no blend of two, nor of three, of the fills near them (n, slots)."""
+    """Return (n,) bool: True for values (n, 4) that are no blend of two or three fills near them (n, slots)."""
     strange = residual > STRANGE
     strange[strange] = residual_of_three(values[strange], palette, near[strange]) > CLOSE
     return strange
 
 
 def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """(k, 4) fills of lines, that the palette lacks: common colours among strange values (n, 4), of which the others
-    are blends with the fill beside them (n, 4).
-    """
+    """Return (k, 4) the fills of lines that the palette lacks: common colours of unexplained values (n, 4), of which
+    the others are blends with the fills beside them (n, 4)."""
     found: list[np.ndarray] = []
     left = np.ones(len(values), dtype=bool)
-    while len(found) < MOST_NEW and left.sum() >= LEAST_PIXELS:
+    while len(found) < MOST and left.sum() >= LEAST_PIXELS:
         colours, index, counts = np.unique(np.rint(values[left]), axis=0, return_inverse=True, return_counts=True)
         far = np.zeros(len(colours))
         np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))
@@ -59,9 +56,9 @@ def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
             break
         fill = colours[int(np.where(common, far, -1.0).argmax())]
         found.append(fill)
-        own = np.flatnonzero(left)
-        left[own[blend_with(values[own], fill, beside[own], beside[own])[1] <= CLOSE]] = False
-        left[own[(np.rint(values[own]) == fill).all(axis=1)]] = False
+        at = np.flatnonzero(left)
+        blends = blend_with(values[at], fill, beside[at], beside[at])[1] <= CLOSE
+        left[at[blends | (np.rint(values[at]) == fill).all(axis=1)]] = False
     return np.array(found).reshape(-1, 4)
 
 
@@ -77,12 +74,12 @@ def nearest_line_fills(
     window: int = WINDOW,
     faint: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) the fill of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
-    whether it is mostly or by its place the line's (n,).
+    """Return the fill (n,) of the line to which each unexplained value (n, 4), at rows and columns (n,), belongs, -1
+    for none; and (n,) bool: True if the pixel is mostly the line's, or lies on its middle.
 
-    standing: (G, 4) fills that no line has. close: levels by which the pixels of a line are off. less: share from which
-    a pixel on its middle is the line's. window: px in which it keeps its fill. faint: levels that it costs a fill to
-    have no share in its pixels.
+    standing: (G, 4) fills that no line has. close: levels of a line's residual. less: share from which a pixel on the
+    middle belongs to the line. window: px in which a line keeps its fill. faint: levels that a fill costs which has no
+    share in its pixels.
     """
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
@@ -97,19 +94,19 @@ def nearest_line_fills(
 
 
 def _ridge(shares: np.ndarray, place: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """(n,) bool, of pixels at rows and columns (n,) of shares (H, W): no neighbour to either side has more, and of
-    those up to two px away one has less than half.
+    """Return (n,) bool: True for pixels at rows and columns (n,) of shares (H, W) if no neighbour on either side has
+    more, and one within two px has less than half.
     """
-    padded, own, out = np.pad(shares, 2), shares[place], np.zeros(len(place[0]), dtype=bool)
+    padded, share, out = np.pad(shares, 2), shares[place], np.zeros(len(place[0]), dtype=bool)
     for dy, dx in ((0, 1), (1, 0)):
         beside = [padded[place[0] + 2 + k * dy, place[1] + 2 + k * dx] for k in (-2, -1, 1, 2)]
         least = np.maximum(np.minimum(beside[0], beside[1]), np.minimum(beside[2], beside[3]))
-        out |= (np.maximum(beside[1], beside[2]) <= own + 0.05) & (least < 0.5 * own)
+        out |= (np.maximum(beside[1], beside[2]) <= share + 0.05) & (least < 0.5 * share)
     return out
 
 
 def without(palette: np.ndarray, standing: np.ndarray) -> np.ndarray:
-    """A palette (P, 4) with those of its fills that stand for gradients, (G, 4), far from all colours."""
+    """Return a palette (P, 4) with its placeholders for gradients, (G, 4), moved far from all colours."""
     stands = (np.abs(palette[:, None] - standing) < ALIKE).all(axis=2).any(axis=1)
     return np.where(stands[:, None], NOWHERE, palette)
 
@@ -122,11 +119,11 @@ def with_lines(
     less: float,
     standing: np.ndarray = NONE,
 ) -> np.ndarray:
-    """(H, W) int32 the labels of a picture (H, W, 4) with those of the thin lines that they lack.
+    """Return (H, W) int32 the labels of a picture (H, W, 4) with the thin lines that they lack.
 
-    palette: (P, 4) the colours of the labels. off: levels beyond which the labels within a px do not explain a pixel.
-    less: the share from which a pixel on the middle of a line is the line's. A line is what they do not explain along
-    LENGTH px, together with what is thin already. standing: (G, 4) colours that no line has.
+    A line is a run of LENGTH px or more that the labels do not explain, with the pixels that are thin already. palette:
+    (P, 4) the colours of the labels. off: levels beyond which the labels within a px do not explain a pixel. less:
+    share from which a pixel on the middle of a line belongs to it. standing: (G, 4) colours that no line has.
     """
     solid = solid_labels(labels)
     away = np.zeros(labels.shape, dtype=bool)
@@ -142,9 +139,9 @@ def with_lines(
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
-    search = standing, max(CLOSE, off), less, 3 * LENGTH, FAINT
+    search = standing, max(CLOSE, off), less, 3 * LENGTH, SEEN
     fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, *search)
-    # What lies beside an area of the line's colour is its edge.
+    # Pixels beside an area of the line's colour are its edge.
     own &= away[y, x] | (solid[y, x] < 0)
     own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)
     out = labels.copy()
@@ -154,7 +151,7 @@ def with_lines(
 
 
 def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the connected parts of `where` that have a pixel of `some` and go over LENGTH px."""
+    """Return (H, W) bool: the connected parts of `where` with a pixel of `some` that are LENGTH px long."""
     parts, count = ndimage.label(where, ndimage.SQUARE)
     long = np.zeros(count + 1, dtype=bool)
     long[1:] = [max(s.stop - s.start for s in box) >= LENGTH for box in ndimage.find_objects(parts)]
@@ -162,6 +159,6 @@ def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
 
 
 def solid_labels(labels: np.ndarray) -> np.ndarray:
-    """(H, W) the labels of pixels that belong to 3 x 3 px of it, else -1."""
+    """Return (H, W) the labels of pixels that belong to 3 x 3 px of one label, else -1."""
     middle = np.where(ndimage.alike(labels, 3) & (labels >= 0), labels, -1)
     return np.where(labels >= 0, ndimage.maximum_filter(middle, 3), -1)

@@ -1,9 +1,9 @@
-"""Fills that no pixel shows pure, or hardly one: the farthest common colours that no blend of two others explains.
+"""Fills that hardly any pixel shows pure: the farthest common colours that no blend of two others explains.
 
-Blends lie between fills, so what is farthest from all blends of the known fills is the least blended with any of them.
+Blends lie between fills, so the colour farthest from all blends of the known fills is the least blended with them.
 
-Fills that are none are what lines of another fill make, again and again, of the pixels that they fill in part: drawing
-programs take few samples a pixel.
+False fills are the blends that lines of another fill make, always the same ones since drawing programs take few samples
+a pixel.
 """
 
 from __future__ import annotations
@@ -13,45 +13,43 @@ from itertools import permutations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import OPAQUE
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # fills, and colours tried
-ONE_OF_THREE = 0.6  # of the distance from blends of two, that a fill has from those of three
+ONE_OF_THREE = 0.6  # ratio of a fill's least distances from blends of three and of two other fills
 BLEND = 12.0  # levels by which a blend may be off the line between two fills
-CLEAR = 64.0  # levels of opacity below which a colour says nothing of a fill
-# Of the distance between two fills: steps by which the sharpening of an edge between them goes beyond either, and
-# levels by which what it makes is off that.
-BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
-BLEND_LEVELS, SHARES = 1.5, (0.1, 0.95)  # levels that a blend is off, and shares of the line's fill in it
-FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is one
-# Px within which the ground and more of the line show beside such a blend, the share of its pixels for which they do,
-# and of the ground alone; share of the line that is more.
-NEAR, BESIDE_BOTH, BESIDE_GROUND, MORE = 2, 0.25, 0.7, 0.15
+LEAST_OPACITY = 64.0  # levels below which a colour says nothing of a fill
+BEYOND = np.linspace(0.02, 0.25, 12)  # shares of the step between two fills by which sharpening goes beyond either
+SHARES = (0.1, 0.95)  # of a line's fill in the blends that look like a fill
+FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is no blend
+NEAR = 2  # px within which the ground and more of the line show beside a false fill
+# Shares of the pixels of a false fill with both beside them, and with the ground alone; share of the line that is more.
+BESIDE_BOTH, BESIDE_GROUND, MORE = 0.25, 0.7, 0.15
 
 
 def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: float, fewest: float) -> np.ndarray:
-    """(k, 4) fills that a palette (P, 4) lacks, of pixels (n, 4), all premultiplied RGBA in levels.
+    """Return (k, 4) the fills that a palette (P, 4) lacks, of pixels (n, 4), all premultiplied RGBA in levels.
 
-    least: levels by which a fill is off all blends of two others; reach: levels that are one colour; fewest: pixels
-    that show it.
+    least: levels by which a fill differs from all blends of two others; reach: levels within which pixels have one
+    colour; fewest: pixels that show a fill.
     """
     found: list[np.ndarray] = []
     gap = distance_to_blends(levels, palette)
     # Translucent colours are seams between shapes, or blends of a fill with nothing where nothing is a fill.
-    strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < 1.0).any() else OPAQUE))
+    strange = (gap > least) & (levels[:, 3] >= (LEAST_OPACITY if (palette[:, 3] < 1.0).any() else OPAQUE))
     levels, gap = levels[strange], gap[strange]
     for _ in range(TRIES):
         if len(found) == MOST or not (gap > least).any():
             break
         farthest = int(gap.argmax())
-        own = np.abs(levels - levels[farthest]).max(axis=1) <= reach
-        fill = np.median(levels[own], axis=0)
-        if own.sum() < fewest or _blend_of_three(fill, palette, ONE_OF_THREE * least):
+        same = np.abs(levels - levels[farthest]).max(axis=1) <= reach
+        fill = np.median(levels[same], axis=0)
+        if same.sum() < fewest or _blend_of_three(fill, palette, ONE_OF_THREE * least):
             gap[farthest] = 0.0
             continue
-        # A fill that shows with nothing only is taken for opaque, of which its pixels then have a part.
+        # A fill that only shows translucent is taken for opaque: its pixels are blends with nothing.
         fill = fill * (255.0 / fill[3])
         found.append(fill)
         palette = np.vstack([palette, fill])
@@ -61,7 +59,7 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
 
 
 def _blend_of_three(fill: np.ndarray, palette: np.ndarray, gap: float) -> bool:
-    """Whether a fill (4,) is a blend of three of a palette, to so many levels: corners of small shapes are."""
+    """Return True if a fill (4,) is a blend of three of a palette, to so many levels, as in corners of shapes."""
     for k in range(len(palette) - 2):
         first, second = (k + 1 + each for each in np.triu_indices(len(palette) - k - 1, 1))
         if (blend_with(fill, palette[k], palette[first], palette[second])[1] <= gap).any():
@@ -70,8 +68,8 @@ def _blend_of_three(fill: np.ndarray, palette: np.ndarray, gap: float) -> bool:
 
 
 def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """(P,) bool: the fills of a palette (P, 4) but those that only blends on the edges of a hidden fill (k, 4) have:
-    between it and another one, and without a pixel that is flat, `seen` (P,) bool.
+    """Return (P,) bool: True for fills of a palette (P, 4) but the blends on the edges of a hidden fill (k, 4).
+    Such a blend lies between it and another fill, and no flat pixel shows it. seen: (P,) bool, fills of flat pixels.
     """
     kept = np.ones(len(palette), dtype=bool)
     for k in np.flatnonzero(~seen):
@@ -82,24 +80,24 @@ def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) ->
 
 
 def overshoots(fill: np.ndarray, palette: np.ndarray) -> bool:
-    """Whether a colour (4,), in levels, is what sharpening makes of one fill of a palette (P, 4) beside another one."""
-    return lies_beyond(fill, palette, palette[:, None] - palette, BEYOND, BEYOND_OFF)
+    """Return True if a colour (4,), in levels, comes from sharpening one fill of a palette (P, 4) beside another."""
+    return lies_beyond(fill, palette, palette[:, None] - palette, BEYOND, SEEN)
 
 
 def lies_beyond(fill: np.ndarray, palette: np.ndarray, steps: np.ndarray, times: np.ndarray, off: float) -> bool:
-    """Whether a colour (4,) is, to `off` levels, one fill of a palette (P, 4) and some of the `times` (n,) a step
-    (P, P, 4), in levels, that leads there from another one; (0, 0, 0, 0) is no step.
+    """Return True if a colour (4,) is, to `off` levels, a fill of a palette (P, 4) plus some of the `times` (n,) a step
+    (P, P, 4), in levels, towards it from another fill; (0, 0, 0, 0) is no step.
     """
     beyond = np.clip(palette[:, None] + times[:, None, None, None] * steps, 0.0, 255.0)
     return bool(((largest(np.abs(beyond - fill)) <= off) & steps.any(axis=-1)).any())
 
 
 def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """(P,) bool: the fills of a palette (P, 4) in levels that only show where more of another fill's lines and what
-    these lie on show as well, are a blend of the two, and have fewer pixels than there are thin ones of the line's.
+    """Return (P,) bool: True for false fills of a palette (P, 4) in levels: blends of another fill's lines with the
+    ground of the lines. They show only beside both, in fewer pixels than the lines have.
 
-    levels: (H, W, 4) the picture; pure: (H, W) int, the fill of every pixel that is one, -1 of others; flat: (H, W)
-    bool, those amid a square of one colour.
+    levels: (H, W, 4) the picture; pure: (H, W) int, the fill of every pixel that shows one, -1 of others; flat: (H, W)
+    bool, pixels amid a square of one colour.
     """
     fills = np.arange(len(palette))
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
@@ -109,17 +107,17 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
     out = np.zeros(len(palette), dtype=bool)
     beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in fills] if doubtful.any() else []
     for k in fills[doubtful & (counts > 0)]:
-        own = pure == k
+        shown = pure == k
         for line, ground in permutations(fills[fills != k], 2):
             if out[k] or lines[line] <= counts[k]:
                 continue
             share, rest = blend_of(palette[k], palette[ground], palette[line])
-            if not SHARES[0] <= share <= SHARES[1] or np.abs(rest).max() > BLEND_LEVELS:
+            if not SHARES[0] <= share <= SHARES[1] or np.abs(rest).max() > ROUNDED:
                 continue
-            by_ground = beside[ground][own]
+            by_ground = beside[ground][shown]
             if by_ground.mean() < BESIDE_GROUND:
                 continue
             shares, rest = blend_of(levels, palette[ground], palette[line], most=None)
             more = ndimage.maximum_filter((shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE), 2 * NEAR + 1)
-            out[k] = (by_ground & more[own]).mean() >= BESIDE_BOTH
+            out[k] = (by_ground & more[shown]).mean() >= BESIDE_BOTH
     return out

@@ -1,11 +1,10 @@
 """Lines of a pixel or so: level and upright ones exactly one px wide, and slanting ones kept in one piece.
 
-The former are the frames and dividers of pages and programs. A pale one has a colour that a thinner line of a dark fill
-would leave as well, so that its fill counts as a blend. But thinner lines hardly lie within one row of pixels each, and
-none of the drawings looked at has any that does.
+The former are the frames and dividers of pages and programs. A pale one has a colour that a thinner dark line would
+leave as well, so that its fill counts as a blend. But hardly any thinner line lies within one row of pixels.
 
-Regions connect along the sides of pixels, so that slanting lines fall apart wherever their pixels meet at corners only.
-They are joined by the one of the two pixels beside the corner that has the more of the line's fill in it.
+Regions connect along the sides of pixels, so that slanting lines fall apart where their pixels meet at corners only.
+They are joined by the pixel beside the corner that has more of the line's fill.
 """
 
 from __future__ import annotations
@@ -13,25 +12,21 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, PURE, has_square
+from cubicsplat_cli.artwork.regions.fills import ALIKE, MOST_SMALL, OPAQUE, PURE, SEEN, has_square
 from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import components, nearest_fills, seam_shares, steps
 from cubicsplat_cli.record import record
 
-APART = 8.0  # levels by which a pixel line must differ from what is on either side of it
-# Px from which a pixel line tells its fill, and from which it is one where others have told it; fill of the most pixel
-# lines.
-LONG, SHORT, MOST_RULES = 24, 5, 16
-# Where it may be something else, so many long ones in both directions tell it.
-FRAMES = 3
-# Px of a frame's corner, between its sides; grounds of one fill's pixel lines that are looked at.
-CORNER, MOST_GROUNDS = 24, 4
-# Share of the line's fill in the pixel that joins, over those in the two that meet: a line of one px across has a
-# quarter at the corners, one half as wide a quarter of that.
+LONG = 24  # px of a pixel line that shows its fill; px of the corner of a frame between its sides
+SHORT = 5  # px of a pixel line whose fill longer ones show
+FRAMES = 3  # long pixel lines, in both directions, that show a fill where each may be something else
+MOST_GROUNDS = 4  # of one fill's pixel lines
+# Share of a line's fill in the pixel that joins, over its shares in the two pixels that meet: a line of one px across
+# has a quarter at the corners, one half as wide a quarter of that.
 LEAST_SHARE = 0.15
 WHOLE = 0.98  # share from which a pixel is the line's alone
-REACH = 3  # px to each side of the pixel, in which a line has at most half of the pixels, and less than what it cuts
+REACH = 3  # px to each side of a pixel within which a thin line has fewer pixels than the fill that it cuts
 PASSES = 3
 
 
@@ -61,7 +56,7 @@ def with_pixel_lines(
     """
     found = _runs(levels)
     # What blends the two sides may be an edge between them.
-    blend = largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) < APART
+    blend = largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) < SEEN
     told = (largest(np.abs(found.before - found.behind)) <= PURE) | ~blend
     grounds = np.maximum(*(nearest_fills(each, palette)[1] for each in (found.before, found.behind)))
     found = found.where(told & (grounds <= PURE))
@@ -90,7 +85,7 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRun
     for ground in grounds[np.argsort(-counts, kind="stable")[:MOST_GROUNDS]]:
         share, rest = blend_of(levels[y, x], ground, own.colour[0])
         blends[y, x] |= (share >= 0.5) & (largest(np.abs(rest)) <= PURE)
-    return ndimage.binary_dilation(on, ndimage.SQUARE, CORNER, mask=blends | on)
+    return ndimage.binary_dilation(on, ndimage.SQUARE, LONG, mask=blends | on)
 
 
 def _doubtful(found: _LineRuns, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
@@ -134,7 +129,7 @@ def _colours(found: _LineRuns, doubtful: np.ndarray) -> list[np.ndarray]:
     ways = np.stack([np.bincount(index, long.upright == way, len(colours)) for way in (False, True)])
     sure |= (ways.min(axis=0) > 0) & (ways.sum(axis=0) >= FRAMES)
     sizes = np.where(sure, np.bincount(index, long.length, len(colours)), 0.0)
-    return [colours[k] for k in np.argsort(-sizes, kind="stable")[:MOST_RULES] if sizes[k]]
+    return [colours[k] for k in np.argsort(-sizes, kind="stable")[:MOST_SMALL] if sizes[k]]
 
 
 def _runs(levels: np.ndarray) -> _LineRuns:
@@ -154,7 +149,7 @@ def _rows(solid: np.ndarray, down: np.ndarray, along: np.ndarray) -> tuple[np.nd
     solid: (H, W) bool, opaque pixels. down, along: its `steps`.
     """
     differs, on = np.zeros(solid.shape, dtype=bool), np.zeros(solid.shape, dtype=bool)
-    step = down >= APART
+    step = down >= SEEN
     differs[1:-1] = step[1:] & step[:-1] & solid[1:-1] & solid[2:] & solid[:-2]
     alike = along <= ALIKE
     on[1:-1, 1:] = alike[1:-1] & alike[:-2] & alike[2:]

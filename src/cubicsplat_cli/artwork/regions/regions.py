@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import CLEAR, MOST_PALETTE, PURE, SAME, flat_pixels, has_square
+from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, MOST_PALETTE, PURE, SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
+    MOST_RESIDUAL,
     NONE,
     missing_fills,
     nearest_line_fills,
@@ -19,18 +20,18 @@ from cubicsplat_cli.artwork.regions.hairlines import (
     with_lines,
     without,
 )
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends, without_blends
+from cubicsplat_cli.artwork.regions.hidden_fills import BLEND, hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners, with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
 from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills, off_palette
 from cubicsplat_cli.record import record
 
-# Fills beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
-# others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
-MOST_SEEN, STRANGE_FILL, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0.002
-# A region below SPECK px must have a pixel that is its fill by MOSTLY; one below CRUMB px, or with no such pixel, must
-# have as much in all, and lie amid another region, so that it is no blend of two. Unless there are MANY_DOTS of these,
-# too many to be tried one by one in the finished drawing, they must be purely of a colour of their own.
+MOST_SEEN = 24  # fills, beyond which those that no pixel shows pure are not sought
+# Pixels that show a fill in blends only, and their least share of all pixels that no blend explains.
+FEWEST, LEAST_STRANGE = 4, 0.002
+# A region below SPECK px must have a pixel of which its fill has the share MOSTLY. A region below CRUMB px, or without
+# such a pixel, must have that share in all, and lie amid another region, so that it is no blend of two. It must also be
+# purely of another colour, unless there are MANY_DOTS, too many to be tried one by one in the finished drawing.
 SPECK, MOSTLY, CRUMB, MANY_DOTS = 9, 0.9, 3, 400
 
 
@@ -123,7 +124,7 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
         pure = np.where(off_palette(levels, palette, fills) <= PURE, fills, -1)
     fills = joined_at_corners(fills, levels, palette)
     parts, _ = components(fills)
-    # What a damaged picture was restored to has crumbs of its noise.
+    # A restored picture has crumbs of its noise.
     sure = _sure(levels, palette, parts, fills, pure, dots=picture.labels is None)
     return PixelFills(palette, fills, parts, sure, pure)
 
@@ -153,7 +154,7 @@ def _with_missing_fills(levels: np.ndarray, palette: np.ndarray, most: int | Non
     if len(palette) <= MOST_SEEN:
         values = levels[y, x]
         fewest = max(FEWEST, LEAST_STRANGE * len(values))
-        hidden = hidden_fills(values, palette, STRANGE_FILL, ONE_COLOUR, fewest)
+        hidden = hidden_fills(values, palette, MOST_RESIDUAL, APART, fewest)
         if len(hidden):
             shown = np.isin(np.arange(len(palette)), pure[flat_pixels(levels, SAME)])
             palette = np.vstack([palette[without_blends(palette, shown, hidden)], hidden])[:most]
@@ -180,7 +181,7 @@ def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, go
     y, x = np.nonzero(doubtful)
     out = np.full(pure.shape, -1, dtype=np.int32)
     near = near_fills(settled, y, x, REACH)
-    kept = best_blend(levels[y, x], palette, near)[1] > 12.0
+    kept = best_blend(levels[y, x], palette, near)[1] > BLEND
     kept[kept] = ~_on_a_slope(levels, palette, y[kept], x[kept], near[kept])
     out[y[kept], x[kept]] = pure[y[kept], x[kept]]
     return out
@@ -204,7 +205,7 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     winner, residual = best_blend(levels[y, x], palette, near)
     nearest, gap = nearest_fills(levels[y, x], without(palette, standing))
     # Far from every fill, or not explained by those near: the nearest fill of all if that is closer.
-    lost = (winner < 0) | ((residual > 40.0) & (gap < residual))
+    lost = (winner < 0) | ((residual > MOST_RESIDUAL) & (gap < residual))
     out[y, x] = np.where(lost, nearest, winner)
     strange = _strange(levels, palette, y, x, near, residual)
     if not strange.any():
@@ -247,7 +248,7 @@ def _sure(
     share, _ = blend_of(levels[y, x], ground, fill, most=None)
     amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) & dots
     if amid.sum() <= MANY_DOTS:
-        plain = sure[y, x] & (largest(np.abs(fill - ground)) > ONE_COLOUR)
+        plain = sure[y, x] & (largest(np.abs(fill - ground)) > APART)
         amid &= np.bincount(own, plain, count) == sizes
     sure = sure.copy()
     sure[y, x] = ((share >= MOSTLY) & ~crumbs[own]) | amid[own]

@@ -23,12 +23,12 @@ FEW_SAMPLES, ONE_SAMPLE = 0.04, 12.0**-0.5
 SAMPLES = 16
 LEAST_CONTRAST = 100.0  # levels between two fills, whose blends tell sixteenths apart
 NEAR = 0.12  # of a sample
-FEWEST, MOST = 40, 20_000  # blends looked at
+FEWEST, MOST = 40, 20_000  # blends, or steps, that tell, and that are examined
 SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
-# An edge of so many levels between two colours has blends, pixels between them by so much of it, or steps: it goes on a
-# pixel higher or lower in the next column. So many times as many steps as blends, and so many of them, in rows and
-# columns of so many px.
-EDGE, BETWEEN, MORE_STEPS, FEWEST_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 24, 2**18
+# An edge of EDGE levels between two colours has blends, pixels that are between them by a share of BETWEEN, or steps,
+# by which it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
+# as blends, and FEWEST steps at least, in rows and columns of LOOKED_AT px.
+EDGE, BETWEEN, MORE_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 262_144
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
 COVERS = np.array([np.zeros(4), np.full(4, FULL)])  # levels of nothing and of all, for shares as a picture
@@ -43,7 +43,7 @@ def aliased(levels: np.ndarray) -> bool:
         return False
     found = [_steps_and_blends(each) for each in (levels, levels.swapaxes(0, 1))]
     steps, blends = (sum(numbers) for numbers in zip(*found, strict=True))
-    return steps >= FEWEST_STEPS and steps > MORE_STEPS * blends
+    return steps >= FEWEST and steps > MORE_STEPS * blends
 
 
 def _steps_and_blends(levels: np.ndarray) -> tuple[int, int]:

@@ -1,5 +1,5 @@
-"""Level boxes with round corners, and ellipses; their soft shadows: moved, made larger, blurred and let through, and
-fitted to what is seen of them.
+"""Level boxes with round corners, and ellipses; their soft shadows, which are moved, enlarged, blurred and translucent,
+and fitted to the pixels that show them.
 
 A layer of a shadow darkens by s = alpha (G_sigma * M)(p - d), M the coverage of the box grown by `grown` px. Layers
 multiply what they let through: 1 - s = prod (1 - s_i), as several shadows of one card do in CSS (Backgrounds and
@@ -17,8 +17,8 @@ import numpy as np
 from cubicsplat_cli.raster.shadows import ShadedPixels, shadow_box, shadow_window
 from cubicsplat_cli.record import record
 
-FAR = 400.0  # px beyond the canvas that a side lies which the canvas cuts off
-ALIKE, RADII = 0.6, 33  # px by which a silhouette may be off its box in the mean of its outline; radii tried
+FAR = 400.0  # px beyond the canvas at which a side lies that the canvas cuts off
+OFF, RADII = 0.6, 33  # mean px by which a silhouette's outline may differ from its box; radii tried
 LEAST_SIDE = 3  # px
 FULL = 0.96  # share of half a side, from which on a corner's radius is all of it
 BEYOND = 4.2  # sigmas from a box at which its shadow ends
@@ -44,30 +44,30 @@ class Box:
 
     @property
     def round(self) -> bool:
-        """Whether it is an ellipse."""
+        """True for an ellipse."""
         return self.rx >= FULL * 0.5 * (self.right - self.left) and self.ry >= FULL * 0.5 * (self.bottom - self.top)
 
     def distance(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(n,) px from points to the box with sharp corners, 0 within it."""
+        """Return (n,) px from points to the box with sharp corners, 0 within it."""
         across = np.maximum(np.maximum(self.left - x, x - self.right), 0.0)
         down = np.maximum(np.maximum(self.top - y, y - self.bottom), 0.0)
         return np.hypot(across, down)
 
 
 def box_of(mask: np.ndarray, hidden: np.ndarray | None = None) -> Box | None:
-    """The box that a silhouette (H, W) bool is, None where it is none. Sides at the border go on beyond it.
+    """Return the box with a silhouette (H, W) bool, or None. Sides at the border go on beyond it.
 
-    hidden: (H, W) bool where it may go on beneath something else.
+    hidden: (H, W) bool, pixels in which the box may go on beneath other shapes.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) < LEAST_SIDE or len(columns) < LEAST_SIDE:
         return None
     top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
-    own = mask[top:bottom, left:right]
-    counts = np.ones(own.shape, dtype=bool) if hidden is None else own | ~hidden[top:bottom, left:right]
+    inside = mask[top:bottom, left:right]
+    counts = np.ones(inside.shape, dtype=bool) if hidden is None else inside | ~hidden[top:bottom, left:right]
     ends = [left == 0, top == 0, right == mask.shape[1], bottom == mask.shape[0]]
     perimeter = 2.0 * (right - left + bottom - top)
-    if (~own & counts).sum() > (1.0 - math.pi / 4.0) * own.size + ALIKE * perimeter:
+    if (~inside & counts).sum() > (1.0 - math.pi / 4.0) * inside.size + OFF * perimeter:
         return None
     whole = Box(*(v + s * FAR * e for v, s, e in zip((left, top, right, bottom), (-1, -1, 1, 1), ends, strict=True)))
     half_x, half_y = 0.5 * (right - left), 0.5 * (bottom - top)
@@ -75,21 +75,22 @@ def box_of(mask: np.ndarray, hidden: np.ndarray | None = None) -> Box | None:
     most = min(half_x * (1 + (ends[0] or ends[2])), half_y * (1 + (ends[1] or ends[3])))
     x, y = np.arange(left, right)[None] + 0.5, np.arange(top, bottom)[:, None] + 0.5
     radii = np.linspace(0.0, most, RADII)
-    off = _pixels_off(whole, radii, x, y, own, counts)
+    off = _pixels_off(whole, radii, x, y, inside, counts)
     best = int(off.argmin())
     trials = [(int(off[best]), replace(whole, rx=float(radii[best]), ry=float(radii[best])))]
     if not any(ends):
         oval = ((x - left - half_x) / half_x) ** 2 + ((y - top - half_y) / half_y) ** 2 <= 1.0
-        trials.append((int(((oval != own) & counts).sum()), replace(whole, rx=half_x, ry=half_y)))
+        trials.append((int(((oval != inside) & counts).sum()), replace(whole, rx=half_x, ry=half_y)))
     least, box = min(trials, key=lambda trial: trial[0])
-    return box if least <= ALIKE * perimeter else None
+    return box if least <= OFF * perimeter else None
 
 
 def _pixels_off(
     box: Box, radii: np.ndarray, x: np.ndarray, y: np.ndarray, own: np.ndarray, counts: np.ndarray
 ) -> np.ndarray:
-    """(r,) of the pixels that count, rows y (h, 1) and columns x (1, w), how many are wrongly in the box or out of it
-    with each of some ascending radii."""
+    """Return (r,) how many of the pixels that count lie wrongly in or out of the box with each of some ascending radii.
+
+    x, y: middles of the columns (1, w) and rows (h, 1); own, counts: (h, w) bool."""
     across = np.minimum(x - box.left, box.right - x)
     down = np.minimum(y - box.top, box.bottom - y)
     # A corner of a larger radius than this leaves the pixel out.
@@ -101,8 +102,8 @@ def _pixels_off(
 
 @dataclass(frozen=True)
 class BlurredBox:
-    """One blurred copy of a box. dx, dy: px by which it is moved; grown: px by which it is larger on all sides;
-    rounder: px by which its corners have a larger radius; sigma: px of its blur; alpha: of its middle, 0..1."""
+    """A blurred copy of a box. dx, dy: its offset, px; grown: px by which it is larger on all sides; rounder: px by
+    which its corners' radius is larger; sigma: standard deviation of its blur, px; alpha: its opacity, 0..1."""
 
     dx: float
     dy: float
@@ -116,7 +117,7 @@ class BlurredBox:
         return np.array([self.dx, self.dy, self.grown, self.rounder, np.log(self.sigma), np.log(alpha / (1.0 - alpha))])
 
     def of(self, box: Box) -> Box:
-        """The box, moved and grown."""
+        """Return a box moved and grown."""
         return Box(*shadow_box(box.numbers(), self.numbers()).tolist())
 
 
@@ -125,16 +126,16 @@ def _numbers_of(layers: Sequence[BlurredBox]) -> np.ndarray:
 
 
 def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(h, w) how much the layers of a box darken at rows y (h,) and columns x (w,), px; 0..1."""
+    """Return (h, w) how much the layers of a box darken rows y (h,) and columns x (w,), px; 0..1."""
     return 1.0 - shadow_window(box.numbers(), _numbers_of(layers), x, y)
 
 
 @record
 class ShadowSamples:
-    """Samples of the shadows of some boxes that have the same layers.
+    """Samples of the shadows of some boxes with the same layers.
 
-    pixels: some; seen: (n,) how much each is darkened; through: (n,) light that other shadows leave it; scale: levels
-    of a whole shade.
+    pixels: the sampled pixels; seen: (n,) how much each is darkened; through: (n,) light that other shadows leave it;
+    scale: levels of full shade.
     """
 
     pixels: ShadedPixels
@@ -143,21 +144,21 @@ class ShadowSamples:
     scale: float
 
     def every(self, few: int) -> ShadowSamples:
-        """The same of every so many pixels."""
-        own = self.pixels
-        some = ShadedPixels(own.boxes, own.rows[::few], own.columns[::few], own.open[:, ::few])
+        """Return one sample of so many."""
+        every = self.pixels
+        some = ShadedPixels(every.boxes, every.rows[::few], every.columns[::few], every.open[:, ::few])
         return ShadowSamples(some, self.seen[::few], self.through[::few], self.scale)
 
     def light(self, layers: Sequence[BlurredBox]) -> np.ndarray:
-        """(n,) the share of light that layers leave each pixel."""
+        """Return (n,) the share of light that layers leave each pixel."""
         return self.pixels.light(_numbers_of(layers))
 
     def off(self, layers: Sequence[BlurredBox]) -> np.ndarray:
-        """(n,) levels by which each pixel is darker than seen."""
+        """Return (n,) levels by which layers make each pixel too dark."""
         return np.asarray(self.scale * (1.0 - self.through * self.light(layers) - self.seen))
 
     def nearest(self, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
-        """The layers that come nearest to what is seen, and the mean square in levels^2."""
+        """Return the layers nearest to the samples, fitted from these, and the mean square error in levels^2."""
         numbers, left = self.pixels.fitted(_numbers_of(layers), self.seen, self.through, self.scale)
         found = [
             BlurredBox(dx, dy, grown, rounder, float(np.exp(sigma)), float(1.0 / (1.0 + np.exp(-odds))))
@@ -167,7 +168,7 @@ class ShadowSamples:
 
 
 def reached(box: Box, layers: Sequence[BlurredBox], shape: tuple[int, int]) -> tuple[slice, slice]:
-    """The rows and columns of a picture (H, W) that the shadow of a box may reach."""
+    """Return the rows and columns of a picture (H, W) that the shadow of a box may reach."""
     ends = []
     for layer in layers:
         own, reach = layer.of(box), BEYOND * layer.sigma

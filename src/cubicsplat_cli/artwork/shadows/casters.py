@@ -1,8 +1,8 @@
-"""The shaded places of a picture, the even grounds below, and what may cast the shadow.
+"""The shaded places of a picture, the even grounds below, and the shapes that may cast the shadow.
 
-Over an even ground g a shadow of colour c leaves g + s (c - g) with s from 0 to 1: all colours lie on one straight line
-that begins at the ground, c anywhere along that line; it is taken for the last colour on it that there is, black for a
-shadow of any grey.
+Over an even ground g a shadow of colour c leaves g + s (c - g) with s from 0 to 1. All colours lie on one straight line
+that begins at the ground. The colour c may be anywhere along the line; the last colour on it is taken, which is black
+for a shadow of any grey.
 """
 
 from __future__ import annotations
@@ -13,26 +13,33 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, Patch, part_of, plateau
-from cubicsplat_cli.artwork.regions.fills import OPAQUE
+from cubicsplat_cli.artwork.gradients.parts import (
+    LARGE_AREA,
+    LEAST_PLATEAU,
+    RING,
+    Patch,
+    part_of,
+    patches_of,
+    plateau,
+    uneven_parts,
+)
+from cubicsplat_cli.artwork.gradients.shade import CLOSE
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.record import record
 
-LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
-MOST_TRIED = 6  # parts, the largest, looked at
-OFF_LINE, ON_LINE = 1.6, 0.98  # levels off the line of a ground's colours, and share of its pixels so near to it
-RING, LEAST_SHADE = 4, 2.0  # px around what casts a shadow, and levels by which these are shaded
-LEAST_CASTER, MOST_CASTERS = 16, 60
-HIDDEN, MOST_COVERED = 4, 0.9  # px around what casts a shadow that may hide a ground; share of a picture that is one
-LEAST_EVEN = 0.4  # share of a silhouette that is even, to be taken for it
-CUT = np.ones((7, 7), dtype=bool)
+LEAST_RANGE = 5.0  # levels that a shaded ground spans
+MOST_GROUNDS = 6  # the largest
+ON_LINE = 0.98  # share of a ground's pixels that must lie on the line of its colours
+LEAST_CASTER, MOST_CASTERS = 16, 60  # px of what covers a shadow, and silhouettes beyond which none is examined
+MOST_COVERED = 0.9  # share of a picture that a ground covers at most to cast a shadow itself
+LEAST_EVEN = 0.4  # share of a silhouette that its even part must have to replace it
 
 
 @record
 class Ground:
-    """An even ground with a shadow on it. fill: (4,) premultiplied levels; mask: (H, W) bool."""
+    """An even ground with a shadow on it. fill: (4,) premultiplied levels; mask: (H, W) bool, its pixels."""
 
     fill: np.ndarray
     mask: np.ndarray
@@ -40,69 +47,54 @@ class Ground:
 
 @record
 class Shaded:
-    """The shaded grounds of a picture, the largest first, and the colour (4,), opaque, in levels, that they tend to."""
+    """The shaded grounds of a picture, the largest first; colour: (4,) opaque, in levels, towards which they tend."""
 
     grounds: tuple[Ground, ...]
     colour: np.ndarray
 
     def share(self, levels: np.ndarray) -> np.ndarray:
-        """(H, W) how much each pixel of a picture (H, W, 4) in levels is shaded, 0 off the grounds."""
+        """Return (H, W) how much each pixel of a picture (H, W, 4) in levels is shaded, 0 beside the grounds."""
         out = np.zeros(levels.shape[:2])
         for ground in self.grounds:
-            line, own = self.colour - ground.fill, ground.mask
-            out[own] = (levels[own] - ground.fill) @ line / max(float(line @ line), 1e-9)
+            line, mask = self.colour - ground.fill, ground.mask
+            out[mask] = (levels[mask] - ground.fill) @ line / max(float(line @ line), 1e-9)
         return out
 
     @cached_property
     def mask(self) -> np.ndarray:
-        """(H, W) bool where the grounds are."""
+        """(H, W) bool, the pixels of the grounds."""
         return np.asarray(np.logical_or.reduce([ground.mask for ground in self.grounds]))
 
     @cached_property
     def rest(self) -> np.ndarray:
-        """(H, W) bool what is no ground, nor lies along the line between two, which casts no shadow."""
+        """(H, W) bool, the pixels of no ground, without the line between two grounds, which casts no shadow."""
         if len(self.grounds) == 1:
             return ~self.mask
-        return np.asarray(ndimage.binary_opening(np.pad(~self.mask, 4, mode="edge"), CUT)[4:-4, 4:-4])
+        inner = ndimage.binary_erosion(~self.mask, ndimage.SQUARE, iterations=RING - 1, border_value=1)
+        return np.asarray(ndimage.binary_dilation(inner, ndimage.SQUARE, iterations=RING - 1))
 
 
 def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded | None:
-    """The grounds of a picture (H, W, 4), premultiplied levels, on which there may be a shadow; None without any.
+    """Return the grounds of a picture (H, W, 4), premultiplied levels, that may show a shadow; None without any.
 
     parts, count: as of `smooth_parts`.
     """
-    if count == 0:
-        return None
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
-    large = np.flatnonzero(sizes >= LEAST_PART)
-    large = large[np.argsort(-sizes[large], kind="stable")][:MOST_TRIED]
     found: list[tuple[Ground, np.ndarray]] = []
-    for i in large[spreads[large] > LEAST_RANGE]:
-        line = _line(part_of(levels, parts, i + 1, boxes[i]), levels.shape[:2])
-        if line is not None:
-            found.append(line)
+    numbers, boxes = uneven_parts(levels, parts, count, LARGE_AREA, LEAST_RANGE)
+    for number in numbers[:MOST_GROUNDS]:
+        part = part_of(levels, parts, number, boxes)
+        fill, even = plateau(part)
+        direction = direction_from(part.pixels.values, np.rint(fill)) if even.mean() >= LEAST_PLATEAU else None
+        if direction is not None:
+            found.append((Ground(np.rint(fill), parts == number), direction))
     if not found:
         return None
     return Shaded(tuple(ground for ground, _ in found), end_of(found[0][0].fill, found[0][1]))
 
 
-def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray] | None:
-    """A ground in a picture (H, W), and the direction (4,) in which its colours leave it."""
-    fill, even = plateau(part)
-    if even.mean() < LEAST_PLATEAU:
-        return None
-    fill = np.rint(fill)
-    direction = direction_from(part.pixels.values, fill)
-    if direction is None:
-        return None
-    mask = np.zeros(shape, dtype=bool)
-    mask[part.rows, part.columns] = True
-    return Ground(fill, mask), direction
-
-
 def direction_from(values: np.ndarray, fill: np.ndarray) -> np.ndarray | None:
-    """The direction (4,) in which colours (n, 4) leave a fill, all in levels; None where that is not one line, or leads
-    from what is opaque to what is not, as no shade does.
+    """Return the direction (4,) in which colours (n, 4) leave a fill, all in levels; None if they lie on no line, or if
+    they become less opaque, as in no shadow.
     """
     off = values - fill
     total = off.sum(axis=0)
@@ -113,12 +105,12 @@ def direction_from(values: np.ndarray, fill: np.ndarray) -> np.ndarray | None:
     along = off @ direction
     beside = largest(np.abs(off - along[:, None] * direction))
     clearing = fill[3] >= OPAQUE and direction[3] < -1e-6
-    one_line = not clearing and (beside <= OFF_LINE).mean() >= ON_LINE and (along >= -OFF_LINE).mean() >= ON_LINE
+    one_line = not clearing and (beside <= ROUNDED).mean() >= ON_LINE and (along >= -ROUNDED).mean() >= ON_LINE
     return direction if one_line else None
 
 
 def end_of(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The last colour (4,), opaque, in the direction from a fill."""
+    """Return the last colour (4,), opaque, in a direction from a fill."""
     if fill[3] < OPAQUE:
         lengths = [(255.0 - fill[3]) / max(float(direction[3]), 1e-9)]
     else:
@@ -129,72 +121,66 @@ def end_of(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 @record
 class Caster:
-    """Possible caster of a shadow. mask: (H, W) bool its silhouette, up to 2 px larger or smaller than itself; box:
-    that."""
+    """A shape that may cast a shadow. mask: (H, W) bool its silhouette, to 2 px; box: the box with this silhouette."""
 
     mask: np.ndarray
     box: Box
 
 
 def silhouettes_of(shaded: Shaded, share: np.ndarray) -> list[Patch]:
-    """What is no shaded ground, and shaded around: what may cast the shadow, with its holes, up to 2 px larger than it
-    is. share: (H, W) as of `Shaded.share`.
+    """Return the shapes on shaded grounds that are shaded around, and may cast the shadow, with their holes, up to 2 px
+    too large. share: (H, W) as of `Shaded.share`.
     """
     labels, _ = ndimage.label(shaded.rest, ndimage.SQUARE)
-    shade = np.abs(share)
-    least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
-    boxes = enumerate(ndimage.find_objects(labels), start=1)
-    found = [Patch(box[0].start, box[1].start, labels[box] == k) for k, box in boxes]
-    return [own for own in found if own.size >= LEAST_CASTER and _shade_around(own, shaded.mask, shade) >= least]
+    least = CLOSE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
+    found = []
+    for patch in patches_of(labels):
+        ring = patch.ring(RING, labels.shape)
+        shade = np.abs(share[ring.window][ring.mask & shaded.mask[ring.window]])
+        if patch.size >= LEAST_CASTER and len(shade) and shade.mean() >= least:
+            found.append(patch)
+    return found
 
 
 def casters_of(shaded: Shaded, silhouettes: list[Patch], even: np.ndarray) -> list[list[Caster]]:
-    """The boxes that may cast the shadow, in a few readings, at most MOST_CASTERS each: silhouettes; of each such the
-    even part, since a steep shade looks like a part of what casts it; and the grounds on others as well.
+    """Return the boxes that may cast the shadow, in a few readings of at most MOST_CASTERS each: the silhouettes; the
+    even part of each silhouette, since a steep shadow looks like a part of its caster; grounds on others too.
 
-    even: (H, W) bool where colours change evenly.
+    even: (H, W) bool, pixels in which colours change evenly.
     """
     if len(silhouettes) > MOST_CASTERS:
         return []
-    rest, whole = shaded.rest, [_filled(own) for own in silhouettes]
+    rest, whole = shaded.rest, [_filled(patch) for patch in silhouettes]
     first = _boxes(whole, rest.shape)
-    ways = [first, _boxes([_even(own, even & ~shaded.mask) for own in whole], rest.shape)]
+    readings = [first, _boxes([_even(patch, even & ~shaded.mask) for patch in whole], rest.shape)]
     if len(shaded.grounds) > 1:
-        hidden = ndimage.binary_dilation(rest, ndimage.SQUARE, iterations=HIDDEN)
+        hidden = ndimage.binary_dilation(rest, ndimage.SQUARE, iterations=RING)
         grounds = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
-        inner = _boxes([own for own in grounds if own.mask.mean() < MOST_COVERED], rest.shape, hidden)
-        ways.append(first + inner)
-    return [way for way in ways if way]
+        readings.append(first + _boxes([g for g in grounds if g.mask.mean() < MOST_COVERED], rest.shape, hidden))
+    return [reading for reading in readings if reading]
 
 
 def _filled(patch: Patch) -> Patch:
-    """The silhouette with its holes."""
+    """Return a silhouette with its holes filled."""
     return replace(patch, mask=np.asarray(ndimage.binary_fill_holes(patch.mask)))
 
 
-def _shade_around(silhouette: Patch, grounds: np.ndarray, share: np.ndarray) -> float:
-    """The mean share of shade on the grounds within RING px around a silhouette."""
-    wide = silhouette.padded(RING, grounds.shape)
-    ring = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=RING) & grounds[wide.window] & ~wide.mask
-    return float(share[wide.window][ring].mean()) if ring.any() else 0.0
-
-
 def _even(silhouette: Patch, even: np.ndarray) -> Patch:
-    """The largest of what is even in a silhouette, and what that surrounds; all where that is little."""
+    """Return the largest even part of a silhouette, with its holes filled; the silhouette if that part is small."""
     labels, count = ndimage.label(silhouette.mask & even[silhouette.window], ndimage.SQUARE)
     if count == 0:
         return silhouette
-    own = ndimage.binary_fill_holes(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
-    inner = replace(silhouette, mask=ndimage.binary_dilation(own, ndimage.SQUARE) & silhouette.mask)
+    part = ndimage.binary_fill_holes(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
+    inner = replace(silhouette, mask=ndimage.binary_dilation(part, ndimage.SQUARE) & silhouette.mask)
     return inner if inner.size > LEAST_EVEN * silhouette.size else silhouette
 
 
 def _boxes(silhouettes: list[Patch], shape: tuple[int, ...], hidden: np.ndarray | None = None) -> list[Caster]:
-    """The boxes among some silhouettes in a picture (H, W). hidden: as of `box_of`."""
+    """Return the boxes among some silhouettes in a picture (H, W). hidden: as of `box_of`."""
     found = []
-    for own in silhouettes:
+    for patch in silhouettes:
         mask = np.zeros(shape, dtype=bool)
-        mask[own.window] = own.mask
+        mask[patch.window] = patch.mask
         box = box_of(mask, hidden)
         if box is not None:
             found.append(Caster(mask, box))

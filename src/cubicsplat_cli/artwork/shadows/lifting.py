@@ -1,7 +1,7 @@
-"""A picture without its soft shadows: all pixels of a shaded ground become that ground again, at edges its share.
+"""A picture without its soft shadows: every pixel of a shaded ground becomes the ground, at edges its share does.
 
-What covers a soft area and has the ground's own colour, a white card on white, would be lost with it: it gets a fill
-that stands for its own until the drawing is finished.
+A shape that covers a soft area in the ground's own colour, a white card on white, would be lost with it. It gets a
+placeholder fill until the drawing is finished.
 """
 
 from __future__ import annotations
@@ -14,34 +14,22 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.flattening import placeholders, with_placeholders
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
-from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
-from cubicsplat_cli.artwork.shadows.shadow import FAINT, Shadow, Shares, falls_on, shadow_of
-from cubicsplat_cli.artwork.shadows.soft import SoftArea, soft_areas
+from cubicsplat_cli.artwork.regions.fills import ALIKE, EVEN, ROUNDED, SAME, eight_bit
+from cubicsplat_cli.artwork.shadows.casters import LEAST_CASTER, Ground
+from cubicsplat_cli.artwork.shadows.shadow import FAINT, Shadow, falls_on, shadow_of
+from cubicsplat_cli.artwork.shadows.soft import REACH, SoftArea, soft_areas
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
-NEAR, BESIDE = 1.0, 6  # levels by which a pixel so many px beside a ground may be off to belong to it
-LEAST_PART, EVEN = 12, 1.5  # px of an even part of what casts a shadow, and levels that it may span
-
-
-@record
-class ShadedGround:
-    """fill, colour: (4,) levels of a ground, and that it tends to; mask: (H, W) bool where it is seen; share: (H, W)
-    how much each of its pixels is shaded."""
-
-    fill: np.ndarray
-    colour: np.ndarray
-    mask: np.ndarray
-    share: np.ndarray
 
 
 @record
 class Lifted:
-    """levels: (H, W, 4) the picture without its shadows. shadow: that of boxes, None where there is none; areas: those
-    of any other form; shaded: (H, W) bool the pixels that showed the former; fills: what some fills stand for."""
+    """levels: (H, W, 4) the picture without its shadows. shadow: those of boxes, or None; shaded: (H, W) bool, the
+    pixels that showed them; areas: soft areas of any other form; fills: placeholders with the fills they stand for."""
 
     levels: np.ndarray
     shadow: Shadow | None = None
@@ -50,11 +38,11 @@ class Lifted:
     fills: tuple[tuple[Rgba, Rgba], ...] = ()
 
     def __bool__(self) -> bool:
-        """Whether there was anything to take off."""
+        """Return True if the picture had shadows."""
         return self.shadow is not None or bool(self.areas)
 
     def meant(self, drawing: Drawing) -> Drawing:
-        """The drawing with the fills that are meant in place of those that stand for them."""
+        """Return the drawing with the true fills in place of placeholders."""
         meant, size = dict(self.fills), (drawing.width, drawing.height)
         return replace(
             drawing,
@@ -66,69 +54,66 @@ class Lifted:
 
 
 def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lifted:
-    """A picture (H, W, 4), premultiplied levels, without its shadows; the same array where it has none. areas: those
-    that are taken off, where they are known.
+    """Return a picture (H, W, 4), premultiplied levels, without its shadows; the same array if it has none. areas: the
+    soft areas to remove, if they are known.
     """
     parts, count = smooth_parts(levels, SHARP_BEND, np.inf)
     shadow = shadow_of(levels, parts, count) if areas is None else None
     shaded: np.ndarray | None = None
     above, taken = np.zeros(parts.shape, dtype=bool), np.zeros(parts.shape, dtype=bool)
     if shadow is not None:
-        grounds = _shaded_grounds(levels, shadow)
-        shaded = np.logical_or.reduce([ground.mask for ground in grounds])
+        grounds: Sequence[SoftArea] = _shaded_grounds(levels, shadow)
+        shaded = np.logical_or.reduce([area.mask for area in grounds])
         taken = shadow.shaded.mask
         above = np.logical_or.reduce([cast.mask for cast in shadow.casts]) & ~taken
     else:
-        areas = tuple(soft_areas(levels, parts, count)) if areas is None else areas
-        grounds = [ShadedGround(area.ground.fill, area.colour, area.mask, area.share) for area in areas]
+        grounds = areas = tuple(soft_areas(levels, parts, count)) if areas is None else areas
         for area in areas:
             above |= (area.scale * area.share > FAINT) & ~area.mask
     if not grounds:
         return Lifted(levels)
     cards = _like_ground(levels, parts, grounds, above)
-    stands = placeholders([fill for fill, _ in cards], levels.reshape(-1, 4))
-    # What a ground has where it is shaded, and a card anywhere.
-    shades = [*grounds, *(ShadedGround(fill, fill, mask, np.zeros(parts.shape)) for fill, mask in cards)]
-    colours = [lambda x, y, s=s: s.fill + s.share[y, x][:, None] * (s.colour - s.fill) for s in shades]
-    paint = np.where((parts > 0) & ~taken, parts + len(shades) - 1, -1).astype(np.int32)
-    for k, shade in enumerate(shades):
-        paint[shade.mask] = k
-    fills = np.array([ground.fill for ground in grounds] + stands)
-    meant = tuple((eight_bit(s), eight_bit(fill)) for s, (fill, _) in zip(stands, cards, strict=True))
+    stands = placeholders([card.fill for card in cards], levels.reshape(-1, 4))
+    # The colours of a ground vary with its shade; a card has one everywhere.
+    paints = [*grounds, *(SoftArea(card, card.fill, np.zeros(parts.shape)) for card in cards)]
+    colours = [lambda x, y, p=p: p.ground.fill + p.share[y, x][:, None] * (p.colour - p.ground.fill) for p in paints]
+    paint = np.where((parts > 0) & ~taken, parts + len(paints) - 1, -1).astype(np.int32)
+    for k, area in enumerate(paints):
+        paint[area.mask] = k
+    fills = np.array([area.ground.fill for area in grounds] + stands)
+    meant = tuple((eight_bit(stand), eight_bit(card.fill)) for stand, card in zip(stands, cards, strict=True))
     return Lifted(with_placeholders(levels, paint, colours, fills), shadow, areas or (), shaded, meant)
 
 
-def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[ShadedGround]:
-    """What shows of the grounds on which the shadow of boxes falls."""
-    shares, grounds, colour = Shares(shadow, levels.shape[:2]), shadow.shaded.grounds, shadow.shaded.colour
+def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
+    """Return the visible pixels of the grounds on which the shadow of boxes falls, and their shades."""
+    colour, shares = shadow.shaded.colour, [shadow.share_on(ground.mask) for ground in shadow.shaded.grounds]
     owner = np.full(levels.shape[:2], -1, dtype=np.int32)
-    for k, ground in enumerate(grounds):
+    for k, (ground, share) in enumerate(zip(shadow.shaded.grounds, shares, strict=True)):
         casters = np.zeros(owner.shape, dtype=bool)
         for cast in shadow.casts:
             if falls_on(cast.mask, ground.mask):
                 casters |= cast.mask
-        off = np.abs(ground.fill + shares.on(ground.mask)[..., None] * (colour - ground.fill) - levels).max(axis=2)
-        own = ground.mask & (off <= CLOSE + 0.5)
-        near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=BESIDE) & (off <= NEAR)
-        owner[own | (near & ~casters & (owner < 0))] = k
-    return [ShadedGround(g.fill, colour, owner == k, shares.on(g.mask)) for k, g in enumerate(grounds)]
+        off = np.abs(ground.fill + share[..., None] * (colour - ground.fill) - levels).max(axis=2)
+        near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=REACH) & (off <= EVEN)
+        owner[(ground.mask & (off <= CLOSE + ALIKE)) | (near & ~casters & (owner < 0))] = k
+    grounds = enumerate(zip(shadow.shaded.grounds, shares, strict=True))
+    return [SoftArea(Ground(ground.fill, owner == k), colour, share) for k, (ground, share) in grounds]
 
 
-def _like_ground(
-    levels: np.ndarray, parts: np.ndarray, grounds: Sequence[ShadedGround], above: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The fills (4,) of what covers a shadow that a ground has too, and (H, W) bool where they are. above: (H, W) bool
-    what covers it.
+def _like_ground(levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray) -> list[Ground]:
+    """Return the fills that shapes above a shadow share with a ground, and their pixels. above: (H, W) bool, the pixels
+    that cover the shadow.
     """
     out: dict[tuple[float, ...], np.ndarray] = {}
-    names, sizes = np.unique(parts[above & (parts > 0)], return_counts=True)
+    numbers, sizes = np.unique(parts[above & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)
-    for name in names[sizes >= LEAST_PART]:
-        box = boxes[name - 1]
-        own = parts[box] == name
-        values = levels[box][own]
+    for number in numbers[sizes >= LEAST_CASTER]:
+        box = boxes[number - 1]
+        inside = parts[box] == number
+        values = levels[box][inside]
         fill = np.rint(np.median(values, axis=0)).astype(float)
-        if np.abs(values - fill).max() > EVEN or min(np.abs(g.fill - fill).max() for g in grounds) > SAME:
+        if np.abs(values - fill).max() > ROUNDED or min(np.abs(g.ground.fill - fill).max() for g in grounds) > SAME:
             continue
-        out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= own
-    return [(np.array(fill), mask) for fill, mask in out.items()]
+        out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= inside
+    return [Ground(np.array(fill), mask) for fill, mask in out.items()]

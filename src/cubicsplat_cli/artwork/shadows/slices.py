@@ -1,26 +1,31 @@
-"""The shadow of a box, or of what is round, in gradients: four strips, four corners and a middle, or one radial.
+"""Shadows as shapes of a drawing, above all that they shade and below their casters.
 
-The pieces lie on whole pixels and abut. Along a side the shadow changes in one direction only; around a corner it is
-nearly round, so there it is the circular or elliptic gradient nearest to what shows of it.
-
-It is put into a drawing above all that it shades, below what casts it.
+The shadow of a box consists of gradients on whole pixels, which abut: four strips, four corners and a middle; that of
+an ellipse is one radial gradient. Along a side the shadow changes in one direction. Around a corner it is nearly round,
+and the nearest circular or elliptic gradient stands for it. A shadow of any other outline consists of even shapes, each
+within the one before and a step darker.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
+from cubicsplat_cli.artwork.gradients.areas import CONTACT
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
+from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.layers.extents import extents_of
+from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
+from cubicsplat_cli.artwork.regions.sampling import share_positions
 from cubicsplat_cli.artwork.shadows.boxes import Box
-from cubicsplat_cli.artwork.shadows.contoured import contoured
 from cubicsplat_cli.artwork.shadows.lifting import Lifted
-from cubicsplat_cli.artwork.shadows.shadow import Cast
+from cubicsplat_cli.artwork.shadows.shadow import FAINT, Cast
 from cubicsplat_cli.artwork.shadows.soft import SoftArea
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
@@ -30,18 +35,16 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
 
 NAME = "shadow"
-FAINT = 0.5  # levels of shade that a piece begins at
-CORNER = 1.75  # sigmas, besides the radius, from a side to where its corner ends
-SHOWN = 48  # px of a piece that show, for it to be fitted to these alone
-WORST = 8.0  # levels that what shows may be off in its worst hundredth, for a shadow to be drawn in these pieces
-LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
-SHADE = 1.0 / 255.0
+CORNER = 1.75  # sigmas from a side, besides the radius, at which its corner ends
+# Levels of each even step, of which half is the largest error of a shadow. Renderers round after each translucent
+# shape, so that more of them come no nearer. Steps that are more than APART px apart are visible unless they are small.
+STEPS, APART = (2, 6), 2.0
 
 
 @record
 class Cut:
-    """Part of a picture that one shadow shades. share: (h, w) 0..1 in a window of the picture; shown: (h, w) bool where
-    that is seen; colour: (3,) levels."""
+    """Part of a picture that one shadow shades. share: (h, w) 0..1 in a window of the picture; shown: (h, w) bool, the
+    pixels that show it; colour: (3,) levels."""
 
     cast: Cast
     share: np.ndarray
@@ -51,13 +54,13 @@ class Cut:
 
     @property
     def corner(self) -> tuple[int, int]:
-        """x, y of the window in the picture."""
+        """Coordinates x, y of the window in the picture."""
         return self.window[1].start, self.window[0].start
 
 
 def sliced(cut: Cut) -> list[Shape] | None:
-    """The shapes of a shadow, which do not overlap; None where they would be too far off it."""
-    rows, columns = np.nonzero(255.0 * cut.share > FAINT)
+    """Return the shapes of a shadow, which do not overlap; None if they would differ too much from it."""
+    rows, columns = np.nonzero(255.0 * cut.share > 0.5 * FAINT)
     if len(rows) == 0:
         return []
     x0, y0, x1, y1 = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
@@ -70,11 +73,11 @@ def sliced(cut: Cut) -> list[Shape] | None:
         shapes = [_piece(cut, Ellipse(x + cut.corner[0], y + cut.corner[1], rx, ry))]
     else:
         shapes = _nine(cut, (x0, y0, x1, y1), box, CORNER * sigma)
-    return shapes if _worst(cut, shapes) <= WORST else None
+    return shapes if _worst(cut, shapes) <= SEEN else None
 
 
 def _nine(cut: Cut, frame: tuple[int, int, int, int], box: Box, reach: float) -> list[Shape]:
-    """Nine pieces, or fewer where there is no room for all. reach: px beyond its radius that a corner takes."""
+    """Return nine pieces, or fewer where some have no room. reach: px beyond its radius that a corner takes."""
     xs = _cuts(frame[0], frame[2], box.left, box.right, reach + box.rx)
     ys = _cuts(frame[1], frame[3], box.top, box.bottom, reach + box.ry)
     dx, dy = cut.corner
@@ -87,8 +90,8 @@ def _nine(cut: Cut, frame: tuple[int, int, int, int], box: Box, reach: float) ->
 
 
 def _cuts(first: int, last: int, low: float, high: float, reach: float) -> list[int]:
-    """Coordinates at which a shadow from `first` to `last` of a box from `low` to `high` is cut: its ends, and ends of
-    corners."""
+    """Return the coordinates of the cuts of a shadow from `first` to `last` of a box from `low` to `high`: its ends,
+    and the ends of corners."""
     middle = 0.5 * (low + high)
     one, other = round(min(low + reach, middle)), round(max(high - reach, middle))
     inner = [int(np.clip(cut, first, last)) for cut in (one, max(other, one))]
@@ -96,16 +99,16 @@ def _cuts(first: int, last: int, low: float, high: float, reach: float) -> list[
 
 
 def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
-    """One piece as a shape."""
+    """Return one piece as a shape."""
     covered = _covered(outline, cut)
     rows, columns = np.nonzero(covered & cut.shown)
-    if len(rows) < SHOWN:
+    if len(rows) < LEAST_AREA:
         rows, columns = np.nonzero(covered)
     alpha = cut.share[rows, columns]
     values = np.column_stack([alpha[:, None] * cut.colour, 255.0 * alpha])
     dx, dy = cut.corner
     gradient: Gradient | None = None
-    if 255.0 * float(np.ptp(alpha)) > 2.0 * FAINT:
+    if 255.0 * float(np.ptp(alpha)) > FAINT:
         gradient = gradient_of(shade_of(Pixels(columns + dx + 0.5, rows + dy + 0.5, values)))
         fill = mean_fill(gradient)
     else:
@@ -115,7 +118,7 @@ def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
 
 
 def _covered(outline: Outline, cut: Cut) -> np.ndarray:
-    """(h, w) bool the pixels of the window whose middles an outline holds."""
+    """Return (h, w) bool: True for pixels of the window whose middles lie in an outline."""
     y, x = (np.arange(side.start, side.stop) + 0.5 for side in cut.window)
     y = y[:, None]
     if isinstance(outline, Rectangle):
@@ -126,38 +129,67 @@ def _covered(outline: Outline, cut: Cut) -> np.ndarray:
 
 
 def _worst(cut: Cut, shapes: list[Shape]) -> float:
-    """Levels by which the worst hundredth of what shows is off."""
+    """Return the levels by which the worst hundredth of the visible pixels differs."""
     dx, dy = cut.corner
     alpha = np.zeros(cut.share.shape)
     for shape in shapes:
-        own = _covered(shape.outlines[0], cut)
-        y, x = np.nonzero(own)
+        covered = _covered(shape.outlines[0], cut)
+        y, x = np.nonzero(covered)
         if shape.gradient is None:
-            alpha[own] = shape.fill[3] / 255.0
+            alpha[covered] = shape.fill[3] / 255.0
         else:
-            alpha[own] = painted(shape.gradient, x + dx + 0.5, y + dy + 0.5)[:, 3]
+            alpha[covered] = painted(shape.gradient, x + dx + 0.5, y + dy + 0.5)[:, 3]
     off = 255.0 * np.abs(alpha - cut.share)[cut.shown]
-    return float(np.percentile(off[255.0 * cut.share[cut.shown] > FAINT], 99)) if len(off) else 0.0
+    return float(np.percentile(off[255.0 * cut.share[cut.shown] > 0.5 * FAINT], 99)) if len(off) else 0.0
+
+
+def _contoured(area: SoftArea) -> Iterator[Shape]:
+    """Yield the even shapes of a soft area, back to front: opaque ones on an opaque ground, so that nothing is lost by
+    rounding."""
+    share, shown, colour = area.share, area.mask, area.colour[:3]
+    ground = area.ground.fill[:3] if area.ground.fill[3] == 255.0 else None
+    whole = 255.0 if ground is None else float(np.abs(colour - ground).max())  # levels of full shade
+    levels = whole * share
+    slope = np.maximum(np.hypot(*np.gradient(levels)), 1e-3)
+    values, slopes = levels[shown], slope[shown]
+    most, error = float(values.max()), 255.0 * EVEN / float(slopes.max())
+    dark = 0.0
+    while dark < most:
+        near = np.abs(values - dark - STEPS[0]) < STEPS[0]
+        step = int(np.clip(APART * np.median(slopes[near]), *STEPS)) if near.any() else STEPS[1]
+        darker = dark + (step if ground is not None else (whole - dark) * step / whole)
+        fill = colour if ground is None else ground + min(darker / whole, 1.0) * (colour - ground)
+        red, green, blue = (round(float(v)) for v in fill)
+        for outlines in _outlines(0.5 + (levels - 0.5 * (dark + darker)) / slope, error):
+            yield Shape((red, green, blue, step if ground is None else 255), outlines, NAME)
+        dark = darker
+
+
+def _outlines(part: np.ndarray, error: float) -> Iterator[tuple[Outline, ...]]:
+    """Yield the outlines of a shape that covers these parts of the pixels (H, W), to an error in levels."""
+    cover = part >= 0.5
+    found = share_positions(np.clip(part, 0.0, 1.0), cover, error)
+    if cover.any():
+        for extent in extents_of(cover, np.zeros_like(cover), found):
+            yield outlines_of(extent, cover.shape, 1.0)
 
 
 def placed(drawing: Drawing, areas: Sequence[SoftArea]) -> tuple[SoftArea, ...]:
-    """The soft areas that, drawn above their grounds, shade nothing else in the drawing of a picture without them."""
+    """Return the soft areas that shade nothing but their grounds in the drawing of a picture without them."""
     owners, count = _owners(drawing), len(drawing.shapes)
-    return tuple(area for area in areas if _place(owners, count, area.share > SHADE, area.mask) is not None)
+    return tuple(area for area in areas if _place(owners, count, area.share > FAINT / 255.0, area.mask) is not None)
 
 
 def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
-    """The drawing of a picture without its shadows, with them; None where they cannot be drawn in gradients, or would
-    shade what they do not."""
+    """Return the drawing of a picture without its shadows with these; None if gradients cannot draw them, or if they
+    would shade other shapes than in the picture."""
     owners, count = _owners(drawing), len(drawing.shapes)
     layers: list[tuple[int, list[Shape]]] = []
     for area in lifted.areas:
-        place = _place(owners, count, area.share > SHADE, area.mask)
+        place = _place(owners, count, area.share > FAINT / 255.0, area.mask)
         if place is None:
             return None
-        fill = area.ground.fill
-        opaque = fill[:3] if fill[3] == 255.0 else None
-        layers.append((place, list(contoured(area.share, area.mask, area.colour[:3], opaque, NAME))))
+        layers.append((place, list(_contoured(area))))
     if lifted.shadow is not None and lifted.shaded is not None:
         for cast in lifted.shadow.casts:
             shown = lifted.shaded & ~cast.mask
@@ -165,7 +197,7 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
             if share.size == 0:
                 continue
             window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
-            dark[window] = share > SHADE
+            dark[window] = share > FAINT / 255.0
             place = _place(owners, count, dark & ~cast.mask, shown)
             shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
             if place is None or shapes is None:
@@ -179,22 +211,22 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
 
 
 def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) -> int | None:
-    """The number of shapes below a shadow; None where one that is not shaded is there.
+    """Return the number of shapes below a shadow; None if one of these is not shaded.
 
-    owner: (H, W) as of `_owners`. dark: (H, W) bool where the shadow would be seen; shaded: where it is.
+    owner: (H, W) as of `_owners`. dark, shaded: (H, W) bool, pixels in which the shadow would show, and does.
     """
     inner = ndimage.binary_erosion(shaded, ndimage.SQUARE) & dark
     outer = ndimage.binary_erosion(~shaded, ndimage.SQUARE, border_value=1) & dark
     below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
     above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
-    lies_below = (below >= LEAST_SEEN) & (below > above)
+    lies_below = (below >= CONTACT) & (below > above)
     place = int(np.flatnonzero(lies_below).max()) + 1 if lies_below.any() else 0
-    wrong = above[:place] >= LEAST_SEEN
+    wrong = above[:place] >= CONTACT
     return None if (wrong & ~lies_below[:place]).any() else place
 
 
 def _owners(drawing: Drawing) -> np.ndarray:
-    """(H, W) int the number of the uppermost shape that covers half of a pixel, -1 for none."""
+    """Return (H, W) int the number of the uppermost shape that covers half of each pixel, -1 for none."""
     out = np.full((drawing.height, drawing.width), -1)
     for number, shape in enumerate(drawing.shapes):
         out[coverage(*pieces_of_rings(shape.oriented()), 0, 0, *out.shape) >= 0.5] = number

@@ -1,7 +1,7 @@
 """Soft areas of any form on even grounds: shadows, glows and blurred lights, as they are seen.
 
-A soft area of one colour leaves blends of that with its ground: colours on a straight line. How much of it a pixel has
-is read off that line. Beneath what covers it, it goes on smoothly.
+A soft area of one colour blends with its ground, so that all colours lie on a straight line. The share of the area in a
+pixel follows from the pixel's place on the line. Beneath the shapes that cover it, the area goes on smoothly.
 """
 
 from __future__ import annotations
@@ -13,39 +13,36 @@ from functools import cache
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, widened
-from cubicsplat_cli.artwork.gradients.parts import CLEAR, LEAST_PLATEAU, RING, Part, part_of, plateau, smooth_parts
-from cubicsplat_cli.artwork.gradients.shades import common_shade
-from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED
-from cubicsplat_cli.artwork.regions.fills import OPAQUE
-from cubicsplat_cli.artwork.shadows.casters import (
-    LEAST_PART,
-    LEAST_RANGE,
-    OFF_LINE,
-    ON_LINE,
-    Ground,
-    direction_from,
-    end_of,
+from cubicsplat_cli.artwork.gradients.areas import CONTACT, EXPLAINED
+from cubicsplat_cli.artwork.gradients.parts import (
+    LARGE_AREA,
+    LEAST_PLATEAU,
+    Part,
+    part_of,
+    plateau,
+    smooth_parts,
+    uneven_parts,
 )
+from cubicsplat_cli.artwork.gradients.shades import common_shade
+from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, OPAQUE, ROUNDED, SAME
+from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, ON_LINE, Ground, direction_from, end_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
 from cubicsplat_cli.record import record
 
-MOST_TRIED = 40  # grounds, the largest, looked at
-LEAST_AREA, LEAST_CUT = 200, 8  # px of an area, and where nothing is beside it
-ALIKE = 4.0  # levels by which the colours may differ that parts of one area tend to
-CLOSE = 4.0  # levels by which an area is off where it goes on at most
-ROUNDING = 0.5  # levels by which pixels are off what they were before they were rounded
-REACH = 6  # px beneath what covers an area in which it goes on as it changes beside that
-BESIDE = 32  # px around where an area is seen, beyond which it ends
-ROUNDS_SEEN = 2  # in which more is found that shows an area
-ROUNDS = 60  # of smoothing within what rounding leaves open
+MOST_TRIED = 40  # grounds, the largest
+LEAST_AREA = 200  # px of an area
+REACH = 6  # px from the visible pixels of an area, or of its ground, in which it goes on as it changes there
+BESIDE = 32  # px around the visible pixels of an area, beyond which it ends
+ROUNDS_SEEN = 2  # in which more pixels are found to show an area
+ROUNDS = 60  # of smoothing within the error of rounding
 
 
 @record
 class SoftArea:
-    """ground: what it lies on, where it is seen; colour: (4,), opaque, in levels, that this tends to; share: (H, W) how
-    much of that it has, everywhere."""
+    """ground: the ground with the pixels that show the area; colour: the opaque colour (4,) in levels towards which it
+    tends; share: (H, W) share of this colour, also in pixels that do not show the area."""
 
     ground: Ground
     colour: np.ndarray
@@ -53,50 +50,47 @@ class SoftArea:
 
     @property
     def mask(self) -> np.ndarray:
-        """(H, W) bool where it is seen."""
+        """(H, W) bool, the pixels that show the area."""
         return self.ground.mask
 
     @property
     def scale(self) -> float:
-        """Levels of a whole share."""
+        """Levels of a share of 1."""
         return float(np.abs(self.colour - self.ground.fill).max())
 
 
 def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftArea]:
-    """The soft areas of a picture (H, W, 4), premultiplied levels, other than gradients. parts, count: as of
+    """Return the soft areas of a picture (H, W, 4), premultiplied levels, other than gradients. parts, count: as of
     `smooth_parts`."""
     found, clear = list[tuple[Ground, np.ndarray]](), levels[..., 3] <= CLEAR
-    smooth = cache(lambda: smooth_parts(levels, tip=np.inf)[0] > 0)  # which few pictures come to; shadows bend
+    smooth = cache(lambda: smooth_parts(levels, tip=np.inf)[0] > 0)  # needed in few pictures; shadows bend
     for part, fill, piece in _pieces(levels, parts, count):
         work().at()
         direction = direction_from(piece.pixels.values, fill)
-        if direction is None or (fill[3] > CLEAR and _ends_at(clear, piece)) or _is_gradient(part, piece, smooth()):
+        if direction is None or (fill[3] > CLEAR and _is_cut(clear, piece)) or _is_gradient(part, piece, smooth()):
             continue
         colour = end_of(fill, direction)
         if np.abs(colour - fill).max() <= LEAST_RANGE:
-            continue  # nothing is as far from the fill as what was seen
-        own = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= ALIKE]
-        if not own:
-            own = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
-            found.append((own[0], colour))
-        own[0].mask[part.rows, part.columns] = True
+            continue  # no colour is as far from the fill as the pixels are
+        same = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= SAME]
+        if not same:
+            same = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
+            found.append((same[0], colour))
+        same[0].mask[part.rows, part.columns] = True
     areas: list[SoftArea] = []
     for ground, colour in found:
         # The middle of one area looks like the ground of another.
-        others = [each.mask for each in areas if (each.ground.fill != ground.fill).any()]
+        others = [area.mask for area in areas if (area.ground.fill != ground.fill).any()]
         if not any((mask & ground.mask).sum() > 0.5 * ground.mask.sum() for mask in others):
             areas.append(_area(levels, parts, ground, colour))
     return [area for area in areas if area.mask.any()]
 
 
 def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, Part]]:
-    """Parts, their even grounds (4,), and the pieces of these that are not even."""
-    if count == 0:
-        return
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
-    large = np.flatnonzero((sizes >= LEAST_PART) & (spreads > LEAST_RANGE))
-    for i in large[np.argsort(-sizes[large], kind="stable")][:MOST_TRIED].tolist():
-        part = part_of(levels, parts, i + 1, boxes[i])
+    """Yield parts, their even grounds (4,), and the pieces of them that are not even."""
+    numbers, boxes = uneven_parts(levels, parts, count, LARGE_AREA, LEAST_RANGE)
+    for number in numbers[:MOST_TRIED]:
+        part = part_of(levels, parts, number, boxes)
         fill, even = plateau(part)
         if even.mean() >= LEAST_PLATEAU:
             for piece in part.pieces(~even):
@@ -104,62 +98,58 @@ def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple
                     yield part, np.rint(fill), piece
 
 
-def _ends_at(clear: np.ndarray, piece: Part) -> bool:
-    """Whether a piece is cut off where nothing is, (H, W) bool, so that it may not go on there."""
+def _is_cut(clear: np.ndarray, piece: Part) -> bool:
+    """Return True if a piece is cut off by clear pixels, (H, W) bool, so that it cannot go on there."""
     near = piece.patch.grown(REACH, clear.shape)
-    return int((near.mask & clear[near.window]).sum()) >= LEAST_CUT
+    return int((near.mask & clear[near.window]).sum()) >= CONTACT
 
 
 def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
-    """Whether a piece of a part is a gradient that fades into the rest of that. smooth: (H, W) bool where gradients are
-    sought."""
+    """Return True if a piece of a part is a gradient that fades into the part. smooth: (H, W) bool, pixels in which
+    gradients are sought."""
     if smooth[piece.rows, piece.columns].mean() < EXPLAINED:
         return False
-    around = piece.patch.grown(RING, whole.levels.shape)
-    rows, columns = around.places()
-    own = whole.patch.at(rows, columns)
-    around.mask[rows[~own] - around.top, columns[~own] - around.left] = False
-    pixels = Part(whole.levels, around).pixels
+    pixels = whole.around(piece).pixels
     shade = common_shade(pixels, [])
     return shade is not None and bool(shade.explains(pixels).mean() >= EXPLAINED)
 
 
 def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea:
-    """The soft area on a ground, seen there and where it goes on between what covers it."""
+    """Return the soft area on a ground, with the pixels that show it there and between the shapes that cover it."""
     line = colour - ground.fill
     scale = float(np.abs(line).max())
     off = levels - ground.fill
     seen = off @ line / float(line @ line)
-    on_line = largest(np.abs(off - seen[..., None] * line)) <= OFF_LINE
+    on_line = largest(np.abs(off - seen[..., None] * line)) <= ROUNDED
     nothing = levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * seen)
-    own = ground.mask & on_line
-    if not (own & (seen > OFF_LINE)).any():
-        return SoftArea(replace(ground, mask=np.zeros_like(own)), colour, np.zeros(own.shape))
-    # What is see-through shows the ground; so does what is no darker than the area elsewhere, if it is not even.
+    shown = ground.mask & on_line
+    if not (shown & (seen > ROUNDED)).any():
+        return SoftArea(replace(ground, mask=np.zeros_like(shown)), colour, np.zeros(shown.shape))
+    # Translucent pixels show the ground, and so do uneven ones that are no darker than the area elsewhere.
     through = levels[..., 3] < OPAQUE
-    possible = on_line & (through | (seen <= float(seen[own].max()) + CLOSE))
+    possible = on_line & (through | (seen <= float(seen[shown].max()) + SAME))
     sizes, _, spreads = part_spreads(levels, parts, int(parts.max()))
     sizes, uneven = np.append(0, sizes), np.append(False, spreads > LEAST_RANGE)
 
     def share_of(pixels: np.ndarray) -> np.ndarray:
-        """(parts + 1,) the share of each part's pixels that these (H, W) have, 0 of edges."""
+        """Return (parts + 1,) the share of each part that some pixels (H, W) have, 0 for edges."""
         return np.bincount(parts.ravel(), pixels.ravel(), len(sizes)) / np.maximum(sizes, 1) * (sizes > 0)
 
     uneven |= share_of(through) > ON_LINE
-    field = _continued(seen, own | nothing, scale)
+    field = _continued(seen, shown | nothing, scale)
     for _ in range(ROUNDS_SEEN):
-        gap, shaded = np.abs(field - seen), field > OFF_LINE
-        alike = uneven | (share_of(possible * gap) <= CLOSE)
+        gap, shaded = np.abs(field - seen), field > ROUNDED
+        alike = uneven | (share_of(possible * gap) <= SAME)
         more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
-        own |= possible & ((shaded & (gap <= CLOSE)) | more[parts])
-        field = _continued(seen, own | nothing, scale)
-    return SoftArea(replace(ground, mask=own), colour, field / scale)
+        shown |= possible & ((shaded & (gap <= SAME)) | more[parts])
+        field = _continued(seen, shown | nothing, scale)
+    return SoftArea(replace(ground, mask=shown), colour, field / scale)
 
 
 def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
-    """(H, W) levels as they were before they were rounded, and on, up to `most`, where they are not known."""
-    rows, columns = (np.flatnonzero((known & (levels > OFF_LINE)).any(axis=axis)) for axis in (1, 0))
+    """Return (H, W) levels as they were before rounding, continued, up to `most`, into pixels that are not known."""
+    rows, columns = (np.flatnonzero((known & (levels > ROUNDED)).any(axis=axis)) for axis in (1, 0))
     box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     window, out = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
     out[window] = _continued_within(levels[window], known[window], most)
@@ -167,7 +157,7 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
 
 
 def _continued_within(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
-    """The same of a window."""
+    """Return the same of a window."""
     height, width = levels.shape
     at = np.flatnonzero(~known)
     found, places = nearest_paints(np.where(known, 0, -1), at, REACH, 1)
@@ -180,14 +170,14 @@ def _continued_within(levels: np.ndarray, known: np.ndarray, most: float) -> np.
     goal, fixed = smooth.copy(), known.copy()
     goal.ravel()[at], fixed.ravel()[at] = np.clip(values, 0.0, most), True
     out = _inwards(goal, fixed)
-    low, high = np.where(fixed, out - ROUNDING, -np.inf), np.where(fixed, out + ROUNDING, np.inf)
+    low, high = np.where(fixed, out - ALIKE, -np.inf), np.where(fixed, out + ALIKE, np.inf)
     for _ in range(ROUNDS):
         out = np.clip(ndimage.gaussian_filter(out, 1.0, truncate=3.0, mode="nearest"), low, high)
     return np.maximum(out, 0.0)
 
 
 def _inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Levels (H, W); where they are not known the mean of those that are, near ones more."""
+    """Return levels (H, W), with the mean of the known levels nearby in pixels that are not known."""
     out, left, sigma = levels.astype(float), ~known, 1.0
     weights, values = known.astype(float), np.where(known, levels, 0.0).astype(float)
     while left.any() and sigma < max(levels.shape):
