@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fine import arc
+from cubicsplat_cli.artwork.geometry.outlines import arc
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.record import record
 from cubicsplat_cli.svg.values import NUMBER

@@ -67,7 +67,7 @@ class State:
         previous: State | None = None,
         over: tuple[DrawnStack, np.ndarray] | None = None,
     ) -> State:
-        """Return the state of some layers. previous: one of the same goal, whose unchanged parts are not drawn again."""
+        """Return the state of some layers. previous: of the same goal; its unchanged parts are not drawn again."""
         pieces = _pieces_of(layers)
         return cls(layers, goal, pieces, DrawnStack(pieces, goal, previous.stack if previous else None, over), over)
 

@@ -70,7 +70,7 @@ class Ring:
 
 
 def path_numbers(steps: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Return (S,) how many numbers of path data pieces have between ends that lie apart by steps (S, 2); lines: bool."""
+    """Return the count (S,) of numbers in the path data of pieces whose ends are steps (S, 2) apart; lines: bool."""
     return np.where(lines, np.where((np.abs(steps) < 1e-9).any(axis=1), 1, 2), 6)
 
 
@@ -146,7 +146,7 @@ class Ellipse:
     parameters = coordinates
 
     def ring(self, arcs: int = 4) -> Ring:
-        """Return a ring of so many cubics, from the end of the first half-axis on, in the direction of growing angles."""
+        """Return a ring of so many cubics, from the end of the first half-axis on, towards growing angles."""
         unit = arc(0.0, 2.0 * math.pi, arcs)
         return ring_of_cubics(unit * [self.rx, self.ry] @ turn_matrix(self.angle) + [self.cx, self.cy])
 
@@ -280,7 +280,7 @@ def reversed_ring(ring: Ring) -> Ring:
 
 
 def divided(ring: Ring, piece: int, t: float) -> Ring:
-    """Return the same curve with a piece cut in two at a parameter, joined smoothly; of a line, both parts are lines."""
+    """Return the same curve with a piece cut in two at a parameter, joined smoothly. Parts of a line are lines."""
     a, b = cubic_parts(ring.cubics[piece], t)
     anchors = np.insert(ring.anchors, piece + 1, a[3], axis=0)
     controls = np.insert(ring.controls, piece + 1, b[1:3], axis=0)

@@ -236,7 +236,7 @@ def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
 
 
 def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> RingParameters:
-    """Return the parameters of a ring that stays its own mirror image: those of one half; its axis stays where it is."""
+    """Return the parameters of a ring that stays its own mirror image: those of one half. Its axis is fixed."""
     pieces = ring_pieces(found.ring, constraints)
     return RingParameters(pieces, ties=null_basis(pieces.joints.variables, _equations(pieces, found)))
 

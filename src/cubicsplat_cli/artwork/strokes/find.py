@@ -74,7 +74,7 @@ def _hopeful(shapes: tuple[Shape, ...], slack: float) -> list[int]:
 
 
 def length_of(*shapes: Shape) -> float:
-    """Return the length of the description of shapes, in numbers: how a stroke is drawn counts as a shape's fill does."""
+    """Return the length of the description of shapes, in numbers. A stroke's style counts as a fill does."""
     return sum(
         SHAPE_PARAMETERS + sum(outline.coordinates for outline in shape.outlines)
         if shape.stroke is None
