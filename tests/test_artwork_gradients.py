@@ -263,6 +263,7 @@ def test_stops_are_found_where_they_are():
     assert max(abs(a - b) for a, b in zip(found.stops[1].colour, (200, 100, 50, 255), strict=True)) <= 1
 
 
+@pytest.mark.slow
 def test_a_gradient_with_a_light_on_it_and_little_that_is_even_is_one():
     """The even rim is too small a part of it for the rest to be looked at as something else."""
     y, x = np.mgrid[:200, :200] + 0.5

@@ -256,7 +256,7 @@ def test_a_photo_as_a_jpeg_is_still_a_photo(scale):
 
 @pytest.mark.parametrize(
     ("filtered", "times"),
-    rest_slow(("NEAREST", 2), ("BICUBIC", 3), *product(("NEAREST", "BILINEAR", "BICUBIC", "LANCZOS"), (2, 3)), fast=2),
+    rest_slow(("BICUBIC", 3), *product(("NEAREST", "BILINEAR", "BICUBIC", "LANCZOS"), (2, 3)), fast=2),
 )
 def test_an_enlarged_picture_is_known_as_it_was(filtered, times):
     small = np.rint(255.0 * target("palette")).astype(np.uint8)

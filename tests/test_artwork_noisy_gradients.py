@@ -51,7 +51,7 @@ def flat(levels: np.ndarray) -> Flattened:
     return without_noisy_gradients(levels, condition)
 
 
-@pytest.mark.parametrize("kind", ["jpeg", "noise"])
+@pytest.mark.parametrize("kind", rest_slow("jpeg", "noise"))
 def test_a_linear_and_a_radial_gradient_are_found(kind):
     gradients = flat(suffered(drawing(), kind)).gradients
     assert len(gradients) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import io
 import os
 import re
 import sys
@@ -44,15 +45,16 @@ def test_the_time_left_for_all_counts_what_is_half_done_and_not_what_was_done_be
     assert (whole.text(), whole.left()) == ("10/10 pictures", "")
 
 
-@terminals
-def test_a_narrow_terminal_shows_percent_and_time_left_in_one_line(tmp_path, monkeypatch):
-    path = tmp_path / "a_photo_with_a_long_name.png"
-    Image.fromarray(smooth_pixels(40, 28)).save(path)
-    arguments = ["vectorize", path, "--style", "photo", "--curves", 12, "--steps", 2000, "--no-png"]
-    code, text = on_terminal(arguments, monkeypatch, COLUMNS="40", NO_COLOR="1")
-    assert code == 0
-    lines = [line for line in re.split(r"[\r\n]+", CONTROL.sub("", text)) if " %" in line]
-    assert any(re.search(r"a_photo_wi\.\.\.\s+\d+ %  [\d.]+ s left", line) for line in lines), lines
+def test_a_narrow_terminal_shows_percent_and_time_left_in_one_line(monkeypatch):
+    for name, value in {"TERM": "xterm-256color", "COLUMNS": "40", "NO_COLOR": "1"}.items():
+        monkeypatch.setenv(name, value)
+    stderr = io.StringIO()
+    stderr.isatty = lambda: True
+    with contextlib.redirect_stderr(stderr), LiveDisplay(1) as shown:
+        shown.begin("folder/a_photo_with_a_long_name.png")
+        shown.step(Progress(0.25, 10, 40, 20.0, 3.5, 0, 12.0), "folder/a_photo_with_a_long_name.png")
+    lines = [line for line in re.split(r"[\r\n]+", CONTROL.sub("", stderr.getvalue())) if " %" in line]
+    assert any(re.search(r"a_photo_wi\.\.\.\s+25 %  12 s left", line) for line in lines), lines
     assert max(len(line.rstrip()) for line in lines) <= 40
 
 

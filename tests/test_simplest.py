@@ -82,6 +82,7 @@ def test_a_budget_alone_does_not_decide_the_style(picture):
     assert report.style == "artwork" and report.output.bytes <= 1500
 
 
+@pytest.mark.slow
 def test_nodes_are_bounded(picture):
     usual = vectorize(picture, style="artwork", measure=False).report
     bounded = vectorize(picture, max_nodes=16, measure=False).report
