@@ -73,13 +73,13 @@ WITH_SETTINGS = [_case(k, s, name=NAMES[SETTINGS.index(s)]) for k in KINDS for s
 def _degenerate_cases() -> list[object]:
     """Every scene in settings taken in turn, other ones over a background than without: two of the three on a GPU, so
     that each kind of scene meets all of them there, and one elsewhere. The CPU's other instruction sets, whose code is
-    the same, get every sixth scene.
+    the same, get every third scene.
     """
     cases = []
     for i, (name, scene) in enumerate(DEGENERATE):
         first = i + (scene.background is None)
         for kind in KINDS:
-            if kind in OTHERS and (i + OTHERS.index(kind)) % 6:
+            if kind in OTHERS and (i + OTHERS.index(kind)) % 3:
                 continue
             turns = range(first, first + (2 if kind == "gpu" else 1))
             chosen = [SETTINGS[turn % len(SETTINGS)] for turn in turns]

@@ -147,6 +147,7 @@ def test_what_lies_over_a_gradient_does_not_divide_it():
     assert len(drawing.shapes) <= 6 and difference(drawing, body).mean() < 0.6
 
 
+@pytest.mark.slow
 def test_a_thin_line_between_a_gradient_and_a_fill_keeps_its_colour():
     # Its pixels are within 24 levels of blends of the two, and are none.
     ends = '<stop stop-color="#efefef"/><stop offset="1" stop-color="#d8d8d8"/>'

@@ -366,6 +366,7 @@ def test_a_blur_is_what_explains_the_picture_better(noise):
     assert not explained_by_blur(as_levels(target("noisy" if noise else "palette")), Condition(noise, blur=1.5))
 
 
+@pytest.mark.slow
 def test_a_blur_that_is_measured_but_not_there_is_not_drawn_through(monkeypatch):
     monkeypatch.setattr(prepare, "condition_of", lambda _, **__: Condition(blur=1.5))
     assert analysed(target("clean")).condition == CLEAN

@@ -134,6 +134,7 @@ def page(*inks: tuple[int, int, int]) -> np.ndarray:
     return np.asarray(image)
 
 
+@pytest.mark.slow
 def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
     clean = page((0, 0, 0), (0, 0, 238))
     picture = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from image_files import recoded
 
 from cubicsplat_cli.artwork.gradients.bands import banded_areas

@@ -299,6 +299,7 @@ def test_the_command_draws_strokes(run_cli, tmp_path):
     assert run_cli("render", str(tmp_path / "check.svg"), "-o", str(tmp_path / "drawn.png")).returncode == 0
 
 
+@pytest.mark.slow
 def test_the_library_draws_strokes_where_the_picture_is_flat():
     result = vectorize(picture_of(ICONS["triangle"]), mode="open", threads=1, measure=False)
     assert (result.report.style, result.report.strokes, result.report.segments) == ("artwork", 1, 7)

@@ -278,7 +278,7 @@ def test_the_command_shades_as_asked(run_cli, tmp_path):
     texts = {}
     for shading in ("none", "12"):
         out = tmp_path / f"{shading}.svg"
-        given = ("--style", "artwork", "--shading", shading, "--preset", "draft", "--threads", 1)
+        given = ("--style", "artwork", "--shading", shading, "--preset", "draft", "--steps", 60, "--threads", 1)
         done = run_cli("vectorize", tmp_path / "ball.png", "-o", out, *given)
         assert done.returncode == 0, done.stderr
         texts[shading] = out.read_text()

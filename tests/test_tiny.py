@@ -249,18 +249,18 @@ def test_its_json_knows_a_file_without_a_comment(hills_file, run_cli):
     """It is left alone, replaced and, once edited, kept like any other."""
     svg = hills_file.with_suffix(".svg")
     command = ("vectorize", hills_file, *OPTIONS, "--no-png", "--max-bytes")
-    assert run_cli(*command, "300gz").returncode == 0
+    assert run_cli(*command, "200gz").returncode == 0
     made = svg.read_bytes()
     assert b"<!--" not in made
-    assert strict_json(run_cli(*command, "300gz").stdout)["status"] == "unchanged"
-    assert strict_json(run_cli(*command, "250gz").stdout)["status"] == "done"
+    assert strict_json(run_cli(*command, "200gz").stdout)["status"] == "unchanged"
+    assert strict_json(run_cli(*command, "170gz").stdout)["status"] == "done"
     assert len(svg.read_bytes()) < len(made)
     svg.write_bytes(svg.read_bytes() + b" ")
-    done = run_cli(*command, "300gz")
+    done = run_cli(*command, "200gz")
     assert done.returncode == 2 and b"--force" in done.stderr
     svg.write_bytes(made)
     svg.with_suffix(".json").unlink()
-    assert b"was not written by cubicsplat" in run_cli(*command, "300gz").stderr
+    assert b"was not written by cubicsplat" in run_cli(*command, "200gz").stderr
 
 
 def test_a_file_that_fits_in_nothing_says_what_it_needs(hills):
