@@ -313,6 +313,7 @@ def test_what_a_shadow_of_any_outline_is_made_of():
     assert np.percentile(np.abs(found.levels[..., :3] - plain), 99) <= 8.0
 
 
+@pytest.mark.slow
 def test_a_glow_is_opaque_and_goes_through_holes():
     ring = box(40, 25, 140, 125, 20.0) - box(66, 51, 114, 99, 8.0)
     night, gold = (16, 20, 48), (255, 226, 122)
