@@ -61,6 +61,7 @@ def test_each_gradient_becomes_one_fill_up_to_its_edges_and_tips():
         assert (np.abs(own - fill).max(axis=1) > 24.0).mean() < 0.003, k
 
 
+@pytest.mark.slow
 def test_what_is_drawn_has_a_shape_for_each_gradient():
     prepared = PreparedInput(drawing()[0], Condition(0.0, False, BLUR), 1, 1, SIDE, SIDE)
     shapes = draw(prepared.levels / np.float32(255.0), prepared=prepared).shapes

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
@@ -44,7 +45,7 @@ def box(left: float, top: float, right: float, bottom: float):
 RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.2, 0.7)
 
 
-@pytest.mark.parametrize("top", [10.0, 60.0])
+@pytest.mark.parametrize("top", rest_slow(10.0, 60.0))
 def test_a_disc_of_which_half_shows_is_a_circle(top):
     # The bar hides the upper or the lower half; the disc's other half is as high as the part that shows.
     found = draw(picture(120, (disc(60.0, 60.0, 30.0), RED), (box(5.0, top, 115.0, top + 50.0), BLUE)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.api import vectorize
@@ -24,7 +25,7 @@ def page(paper: int, ink: int) -> np.ndarray:
     return np.repeat(np.asarray(image)[..., None], 3, axis=2)
 
 
-@pytest.mark.parametrize(("paper", "ink"), [(255, 20), (30, 220)])
+@pytest.mark.parametrize(("paper", "ink"), rest_slow((30, 220), (255, 20)))
 def test_small_text_stays_text(paper: int, ink: int) -> None:
     """Traced by pixels, its counters close and its thin strokes break: 28 dB."""
     made = vectorize(page(paper, ink), style="artwork", threads=1)
@@ -107,6 +108,7 @@ def test_what_falls_to_pieces_is_not_traced_finer() -> None:
     assert in_steps(levels, fills, STEPS, 1.0, 10_000).labels.shape == (20 * STEPS, 20 * STEPS)
 
 
+@pytest.mark.slow
 def test_what_has_more_regions_than_are_drawn_is_not_traced_finer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cubicsplat_cli.artwork.traced.MOST_REGIONS", 30)
     made = vectorize(page(255, 20), style="artwork", threads=1)

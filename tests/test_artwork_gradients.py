@@ -147,6 +147,7 @@ def test_what_lies_over_a_gradient_does_not_divide_it():
     assert len(drawing.shapes) <= 6 and difference(drawing, body).mean() < 0.6
 
 
+@pytest.mark.slow
 def test_a_thin_line_between_a_gradient_and_a_fill_keeps_its_colour():
     # Its pixels are within 24 levels of blends of the two, and are none.
     ends = '<stop stop-color="#efefef"/><stop offset="1" stop-color="#d8d8d8"/>'
@@ -263,6 +264,7 @@ def test_stops_are_found_where_they_are():
     assert max(abs(a - b) for a, b in zip(found.stops[1].colour, (200, 100, 50, 255), strict=True)) <= 1
 
 
+@pytest.mark.slow
 def test_a_gradient_with_a_light_on_it_and_little_that_is_even_is_one():
     """The even rim is too small a part of it for the rest to be looked at as something else."""
     y, x = np.mgrid[:200, :200] + 0.5

@@ -65,6 +65,7 @@ def test_no_region_of_a_page_is_lost_whatever_happened_to_the_picture(error, cap
     assert not caplog.text
 
 
+@pytest.mark.slow
 def test_regularities_are_sought_in_a_page_of_very_many_shapes(monkeypatch, caplog):
     """Of 900 like letters all but one are copies."""
     letters = 900

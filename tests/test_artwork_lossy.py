@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from image_files import encode
 from PIL import Image, ImageDraw, ImageFont
 
@@ -104,7 +105,7 @@ def test_a_jpeg_of_few_pixels_is_drawn(width, height):
     assert drawing.shapes and (drawing.width, drawing.height) == (width, height)
 
 
-@pytest.mark.parametrize("red", [253, 2])
+@pytest.mark.parametrize("red", rest_slow(253, 2))
 def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one(red):
     levels = np.full((160, 160, 3), 255, np.uint8)
     levels[20:140, 20:140] = [[(red, 230 - y, 60) for x in range(120)] for y in range(120)]
@@ -133,6 +134,7 @@ def page(*inks: tuple[int, int, int]) -> np.ndarray:
     return np.asarray(image)
 
 
+@pytest.mark.slow
 def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
     clean = page((0, 0, 0), (0, 0, 238))
     picture = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2))
@@ -150,7 +152,7 @@ def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
     assert blue[2] > 120.0 and blue[:2].max() < 40.0
 
 
-@pytest.mark.parametrize("sampling", [0, 1, 2])
+@pytest.mark.parametrize("sampling", rest_slow(2, 0, 1))
 def test_the_inks_of_text_come_back_whatever_size_its_chroma_was_stored_at(sampling):
     """Taken for halved, chroma that is not has a red of 239."""
     data = encode(Image.fromarray(page((34, 34, 34), (187, 0, 0))), "JPEG", quality=92, subsampling=sampling)
@@ -162,7 +164,7 @@ def test_the_inks_of_text_come_back_whatever_size_its_chroma_was_stored_at(sampl
     assert np.abs(palette[palette[:, 1].argsort(), :3] - [[187, 0, 0], [34, 34, 34], [255, 255, 255]]).max() <= 8.0
 
 
-@pytest.mark.parametrize(("kind", "quality"), [("JPEG", 80), ("JPEG", 92), ("WEBP", 80)])
+@pytest.mark.parametrize(("kind", "quality"), rest_slow(("JPEG", 80), ("WEBP", 80), ("JPEG", 92)))
 def test_thin_black_lines_on_a_strong_colour_are_black(kind, quality):
     """Chroma of half the size is too blue for them, so red ends at 0, and the rest looks like a dark red."""
     large = Image.new("RGB", (8 * 260, 8 * 180), "white")

@@ -122,6 +122,7 @@ def test_more_detail_keeps_more_pieces():
     assert pieces[0] < pieces[1] < pieces[2]
 
 
+@pytest.mark.slow
 def test_pieces_that_the_finish_has_made_even_are_merged_at_its_end():
     """Without merges at the end the house comes back with 330 coordinates."""
     svg = (Path(__file__).parent.parent / "samples/artwork/house.svg").read_text(encoding="utf-8")

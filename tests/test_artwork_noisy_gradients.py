@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from image_files import recoded
 
 from cubicsplat_cli.artwork.gradients.bands import banded_areas
@@ -51,7 +52,7 @@ def flat(levels: np.ndarray) -> Flattened:
     return without_noisy_gradients(levels, condition)
 
 
-@pytest.mark.parametrize("kind", ["jpeg", "noise"])
+@pytest.mark.parametrize("kind", rest_slow("jpeg", "noise"))
 def test_a_linear_and_a_radial_gradient_are_found(kind):
     gradients = flat(suffered(drawing(), kind)).gradients
     assert len(gradients) == 2

@@ -99,6 +99,7 @@ def test_blurred_lines_become_as_wide_as_they_were():
     assert ((255.0 - sharp[:, 10:-10, 0]) / (255.0 - FILL[0])).sum() == pytest.approx(share[:, 10:-10].sum(), rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "width", "blur", "texture", "quality"),
     rest_slow(("triangle", 2.0, 0.8, 4.0, 90), ("house", 2.34, 1.0, 5.0, 85), ("grid", 5.0, 1.3, 6.0, 90)),

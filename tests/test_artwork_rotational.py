@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from hypothesis import given
 from hypothesis import strategies as st
 from red_rings import assert_jacobian, red_outline, red_picture
@@ -59,7 +60,7 @@ def test_a_gear_is_so_by_its_teeth():
     assert unlike(red_outline(drawn(path_of(teeth))), 9) < 1e-6
 
 
-@pytest.mark.parametrize("off", [0.5, -0.5])
+@pytest.mark.parametrize("off", rest_slow(0.5, -0.5))
 def test_a_star_with_a_tip_that_is_longer_or_shorter_stays_so(off):
     points = STAR * np.where(np.arange(10) == 2, 1.0 + off / 50.0, 1.0)[:, None]
     ring = red_outline(drawn(path_of(points)))

@@ -260,7 +260,7 @@ def test_pens_are_strokes_by_themselves_and_filled_shapes_are_none():
     assert drawing.coordinates < read_drawing(vectorize(with_pens(WAVY), strokes=False, threads=1).svg).coordinates
 
 
-@pytest.mark.parametrize("without", [{"strokes": False}, {"stacking": "cutout"}, {"curves": 3}])
+@pytest.mark.parametrize("without", [{"stacking": "cutout"}, {"curves": 3}])
 def test_no_strokes_where_none_are_wanted_or_they_would_be_too_many_shapes(without):
     result = vectorize(picture_of(ICONS["arrow"]), style="artwork", threads=1, measure=False, **without)
     assert result.report.strokes == 0
@@ -299,6 +299,7 @@ def test_the_command_draws_strokes(run_cli, tmp_path):
     assert run_cli("render", str(tmp_path / "check.svg"), "-o", str(tmp_path / "drawn.png")).returncode == 0
 
 
+@pytest.mark.slow
 def test_the_library_draws_strokes_where_the_picture_is_flat():
     result = vectorize(picture_of(ICONS["triangle"]), mode="open", threads=1, measure=False)
     assert (result.report.style, result.report.strokes, result.report.segments) == ("artwork", 1, 7)

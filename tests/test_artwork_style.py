@@ -167,6 +167,7 @@ def test_a_picture_narrower_than_a_block_has_a_style(sides):
         assert choose_style(halves.swapaxes(0, 1) if turned else halves).name == "artwork"
 
 
+@pytest.mark.slow
 def test_of_a_large_picture_bands_are_looked_at():
     large = np.zeros((3000, 1200, 3), np.float32)
     large[1400:] = np.random.default_rng(2).random((1600, 1200, 3)).astype(np.float32)

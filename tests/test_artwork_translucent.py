@@ -73,6 +73,7 @@ def test_two_discs_that_overlap_are_two_circles():
         assert (circle.cx, circle.cy, circle.r) == pytest.approx((x, 60.0, 30.0), abs=0.03)
 
 
+@pytest.mark.slow
 def test_the_uppermost_of_three_discs_is_the_one_that_was_drawn_last():
     discs = [
         (disc(47, 50, 26), (*RED[:3], 153)),

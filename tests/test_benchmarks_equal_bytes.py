@@ -33,11 +33,11 @@ def test_the_best_file_is_as_small_as_it_must_be_and_no_worse_than_a_plain_one(w
 
 def test_each_picture_has_a_row_for_each_format_and_size(waves, tmp_path, run_benchmark):
     waves.save(tmp_path / "waves.png")
-    done = run_benchmark("equal_bytes", tmp_path, "--bytes", "250,500", "--side", 32, "--json")
+    done = run_benchmark("equal_bytes", tmp_path, "--bytes", "200,300", "--side", 24, "--json")
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
     assert [(row["format"], row["most"]) for row in rows] == [
-        (form, most) for most in (250, 500) for form in ("cubicsplat", *formats())
+        (form, most) for most in (200, 300) for form in ("cubicsplat", *formats())
     ]
     assert all(row["bytes"] is None or row["bytes"] <= row["most"] for row in rows)
     ours = [row["psnr_db"] for row in rows if row["format"] == "cubicsplat"]

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import smooth_pixels
+from conftest import rest_slow, smooth_pixels
 from PIL import Image
 
 # Writes a grey file for every so many shapes, as primitive does.
@@ -28,7 +28,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "in"
 
 
-@pytest.mark.parametrize("code", [0, 3])
+@pytest.mark.parametrize("code", rest_slow(3, 0))
 def test_every_kind_and_number_of_shapes_has_a_row(folder, run_benchmark, code):
     program = folder.parent / "primitive"
     program.write_text(PROGRAM.format(python=sys.executable, code=code))

@@ -66,6 +66,7 @@ def test_a_file_has_as_many_decibels_as_are_asked_for(noisy):
     assert result.report.timing.steps <= 2 * SHORT["steps"]
 
 
+@pytest.mark.slow
 def test_a_fit_that_ends_below_the_level_grows_until_it_has_it(noisy, monkeypatch):
     """Where the looks take it that far more is left to rise than is."""
     monkeypatch.setattr(budget, "LOOKS", ((0.5, 3.0),))

@@ -48,15 +48,15 @@ def test_results_do_not_depend_on_the_order_of_threads(engine, mode, settings):
     scene, target = scene_and_target(mode)
     picture = engine.render(scene, settings)
     _, want = engine.gradients(scene, settings, target=target, importance="loo")
-    for order in (1, 7, 12345):
+    for order in (7, 12345):
         other = CudaEngine(driver=EmulatedDriver(order=order))
         assert torch.equal(other.render(scene, settings), picture)
         for name, value in other.gradients(scene, settings, target=target, importance="loo")[1].items():
             assert close(value, want[name], 1e-5), name
 
 
-@pytest.mark.parametrize(("mode", "channels"), rest_slow((Mode.CLOSED, 3), *product(Mode, (3, 4))))
-def test_results_do_not_depend_on_the_last_places(engine, mode, channels):
+@pytest.mark.parametrize(("mode", "channels", "every"), rest_slow((Mode.CLOSED, 3, 3), *product(Mode, (3, 4), (1,))))
+def test_results_do_not_depend_on_the_last_places(engine, mode, channels, every):
     """A GPU fuses products and sums, and its roots and quotients are approximate; the self-test passes it."""
     program = Program(mode, channels)
     rough = CudaEngine(program=program, driver=EmulatedDriver(extra=APPROXIMATE))
@@ -64,7 +64,7 @@ def test_results_do_not_depend_on_the_last_places(engine, mode, channels):
         scene, target = scene_and_target(mode, background=PAPER if channels == 3 else None)
         assert not torch.equal(rough.render(scene, settings), engine.render(scene, settings))
         assert_like_cpu(rough, scene, settings, target)
-    for name, scene in DEGENERATE:
+    for name, scene in DEGENERATE[::every]:
         if Program.of(packed(scene)) == program:
             pictures = [e.render(packed(scene), RELAXED) for e in (rough, engine)]
             assert close(*pictures, 1e-3), name
@@ -264,6 +264,7 @@ def emulated_engine(*_, **__):
     return CudaEngine(driver=EmulatedDriver())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fill", rest_slow("linear", "flat"))
 def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(fill):
     """A whole fit with the CUDA engine in the CPU engine's place, exact finish included."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from conftest import rest_slow
 from hypothesis import given
 from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
@@ -146,7 +147,7 @@ def test_new_curves_come_where_the_error_is_in_the_pictures_colour(mode, channel
 
 
 @MODES
-@pytest.mark.parametrize("seeding", ["blobs", "discs"])
+@pytest.mark.parametrize("seeding", rest_slow("discs", "blobs"))
 def test_reallocation_stays_on_the_device_and_never_waits_for_it(mode, seeding):
     """torch's "meta" device stands for a GPU: it has no values to wait for, and refuses to be mixed with the CPU."""
     target, importance = torch.rand(40, 50, 3, device="meta"), torch.rand(10, device="meta")

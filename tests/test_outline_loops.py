@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from outline_loops import corners_of, laid_out
 from scipy import ndimage
 
@@ -36,7 +37,7 @@ def test_the_work_for_a_jagged_loop_grows_with_its_corners_and_not_with_their_sq
     assert seconds[1] < 10.0 * seconds[0]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", rest_slow(*range(4), fast=2))
 def test_a_hull_holds_what_is_within_all_its_half_planes(seed):
     rng = np.random.default_rng(seed)
     labels = np.ascontiguousarray(rng.integers(0, 3, (23, 31)), np.int32)

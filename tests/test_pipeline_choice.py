@@ -211,6 +211,7 @@ def test_where_the_style_is_doubtful_a_drawing_is_tried(doubtful, made):
     assert any(progress.stage == "finding regions" for progress in told) == doubtful
 
 
+@pytest.mark.slow
 def test_a_doubtful_drawing_is_given_up_where_its_sketch_is_no_nearer_than_an_early_look_at_the_photo():
     only, told = only_made(task_for(waves(160, 160), steps=60), replace(MEASURED, doubtful=True))
     assert only.style.name == "photo" and is_finished(told)
@@ -261,6 +262,7 @@ def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
     assert edges < tones - 2.0 and edges_seen > tones_seen + 2.0
 
 
+@pytest.mark.slow
 def test_the_sketch_of_a_blurred_picture_is_compared_blurred():
     class Seen(Exception):
         pass

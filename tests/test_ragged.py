@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -163,7 +164,7 @@ def test_wrong_tables_are_named(mode, table, words):
         scene.validate()
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", rest_slow(*MODES))
 def test_reference_gradients_match_finite_differences(mode):
     scene = in_double(ragged_scene(mode, 4, 13, 11, 3, background=PAPER), requires_grad=True)
     target = random_target(scene).double()
@@ -213,7 +214,7 @@ def widened(scene: Scene) -> Scene:
 
 @on_cpu_and_gpu
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("subdivide", [False, True])
+@pytest.mark.parametrize("subdivide", rest_slow(True, False))
 def test_padding_changes_nothing(engine, mode, subdivide):
     if subdivide and engine.name == "cuda":
         pytest.skip("the CPU's alone")
@@ -262,8 +263,9 @@ def wanted(mode, background, seed, raster):
 
 
 @pytest.mark.parametrize("engine", ENGINES, indirect=True)
-@pytest.mark.parametrize("background", [PAPER, None])
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(
+    ("mode", "background"), rest_slow(*zip(MODES, (PAPER, None), strict=True), *product(MODES, (PAPER, None)), fast=2)
+)
 def test_the_engine_matches_the_reference(engine, mode, background):
     for seed, raster in enumerate((RELAXED, EXACT)):
         check_against_reference(engine, *wanted(mode, background, seed, raster))

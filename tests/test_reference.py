@@ -158,10 +158,10 @@ def test_exact_coverage_of_a_disc_sums_to_its_area():
 def test_exact_coverage_of_a_fill_matches_supersampled_winding(seed):
     scene = random_scene(Mode.CLOSED, 1, 4, 14, 12, seed=seed, scale=0.6)
     vertices = reference_coverage.flatten(scene.points, Mode.CLOSED, 8)[0]
-    x = (torch.arange(14 * 40, dtype=torch.float64) + 0.5) / 40
-    y = (torch.arange(12 * 40, dtype=torch.float64) + 0.5) / 40
+    x = (torch.arange(14 * 24, dtype=torch.float64) + 0.5) / 24
+    y = (torch.arange(12 * 24, dtype=torch.float64) + 0.5) / 24
     grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
-    inside = (reference_coverage.winding(vertices, grid) != 0).double().view(12, 40, 14, 40).mean(dim=(1, 3))
+    inside = (reference_coverage.winding(vertices, grid) != 0).double().view(12, 24, 14, 24).mean(dim=(1, 3))
     covered = reference_coverage.coverage_exact(vertices, ZERO, Mode.CLOSED, 14, 12)
     assert 0.05 < covered.mean() < 0.95
     assert (covered - inside).abs().max() < 1.0 / 64.0

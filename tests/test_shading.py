@@ -265,6 +265,7 @@ def test_flat_pictures_and_textures_have_no_shading():
     assert shaded_objects(noise) is None
 
 
+@pytest.mark.slow
 def test_photos_stay_photos_where_shading_may_be():
     photo = data.chelsea()[90:154, 140:204]
     plain, shaded = (vectorize(photo, preset="draft", threads=1, shading=how) for how in ("none", "auto"))
@@ -277,7 +278,7 @@ def test_the_command_shades_as_asked(run_cli, tmp_path):
     texts = {}
     for shading in ("none", "12"):
         out = tmp_path / f"{shading}.svg"
-        given = ("--style", "artwork", "--shading", shading, "--preset", "draft", "--threads", 1)
+        given = ("--style", "artwork", "--shading", shading, "--preset", "draft", "--steps", 60, "--threads", 1)
         done = run_cli("vectorize", tmp_path / "ball.png", "-o", out, *given)
         assert done.returncode == 0, done.stderr
         texts[shading] = out.read_text()
@@ -285,6 +286,7 @@ def test_the_command_shades_as_asked(run_cli, tmp_path):
     assert 1 <= texts["12"].count("<path") - 3 <= 12  # two shapes and the clip
 
 
+@pytest.mark.slow
 def test_a_drawing_gives_way_to_a_shaded_one_that_its_sketch_cannot_reach(monkeypatch):
     finished = []
 

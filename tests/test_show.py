@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import smooth_pixels
+from conftest import rest_slow, smooth_pixels
 from PIL import Image, ImageDraw
 
 from cubicsplat_cli import vectorize
@@ -196,7 +196,7 @@ def test_names_are_text(sample):
     assert "<i>x" not in text
 
 
-@pytest.mark.parametrize("name", ["chelsea.png", "astronaut.jpg"])
+@pytest.mark.parametrize("name", rest_slow("astronaut.jpg", "chelsea.png"))
 def test_a_page_is_at_most_three_times_what_it_shows(name):
     data = (ROOT / "samples" / name).read_bytes()
     result = vectorize(data, style="photo", curves=256, steps=4, measure=False)

@@ -82,6 +82,7 @@ def test_a_budget_alone_does_not_decide_the_style(picture):
     assert report.style == "artwork" and report.output.bytes <= 1500
 
 
+@pytest.mark.slow
 def test_nodes_are_bounded(picture):
     usual = vectorize(picture, style="artwork", measure=False).report
     bounded = vectorize(picture, max_nodes=16, measure=False).report
@@ -100,7 +101,7 @@ def test_the_simplest_drawing_that_reaches_a_level(picture):
 
 def test_what_fits_in_nothing_says_what_it_needs(picture):
     with pytest.raises(InputError, match=r"not even the simplest drawing fits; allow at least \d+ bytes"):
-        vectorize(picture, style="artwork", max_bytes="100")
+        vectorize(picture[:40, :40], style="artwork", max_bytes="100")
 
 
 def test_where_the_time_is_up_the_drawing_so_far_says_what_it_has(picture):

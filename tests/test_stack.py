@@ -143,6 +143,7 @@ def rows_of(matrix, first, last):
     return SparseRows(starts, matrix.columns[own], matrix.values[own], matrix.count)
 
 
+@pytest.mark.slow
 def test_the_step_of_a_crowd_is_found_to_a_hundredth():
     """Of squares that all lie over each other: their factor fills up, and is not computed."""
     rng = np.random.default_rng(0)

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from conftest import smooth_pixels
+from conftest import rest_slow, smooth_pixels
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 from test_artwork_cutout import FILLS, SIZE, Circle, Ellipse, Rectangle, blob, drawing_of, masks, polygon, square
@@ -149,7 +149,7 @@ def grown(drawing: Drawing, reach: float) -> tuple[Drawing, Drawing]:
 
 
 @pytest.mark.parametrize("name", OVERLAPS)
-@pytest.mark.parametrize("reach", [0.5, 3.0])
+@pytest.mark.parametrize("reach", rest_slow(3.0, 0.5))
 def test_shapes_reach_so_far_beneath_those_drawn_later_and_nowhere_else(name, reach):
     cut, lapped = grown(drawing_of(*OVERLAPS[name]), reach)
     by_paint = {}
