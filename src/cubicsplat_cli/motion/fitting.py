@@ -124,7 +124,7 @@ class Effort:
 
 
 class ClipFit:
-    """What the fits of all groups of a clip share. picture: the first; the rest as in `fit_clip`."""
+    """The state that the fits of all groups of a clip share. picture: the first; the rest as in `fit_clip`."""
 
     def __init__(
         self, picture: np.ndarray, settings: FitSettings, precision: int, bytes_per_second: float, count: int | None

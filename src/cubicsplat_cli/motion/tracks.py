@@ -47,7 +47,7 @@ class KnotTrack:
         return int(self.knots[:, ~self.still].sum())
 
     def lines(self, times: np.ndarray) -> Lines:
-        """Which knots each frame lies between."""
+        """Return the knots around each frame."""
         numbers, last = np.arange(len(times))[:, None], len(times) - 1
         before = np.maximum.accumulate(np.where(self.knots, numbers, 0), axis=0)
         after = np.minimum.accumulate(np.where(self.knots, numbers, last)[::-1], axis=0)[::-1]

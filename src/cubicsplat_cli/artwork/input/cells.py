@@ -188,7 +188,7 @@ def _most_colours(cells: int) -> int:
 
 
 def _are_meant(cells: Cells) -> bool:
-    """Whether cells are what a picture is made of: pixel art, and no photo or drawing that has them by chance."""
+    """True if cells are what a picture is made of: pixel art, and no photo or drawing that has them by chance."""
     numbers, count = cells.numbers, len(cells.colours)
     small = max(numbers.shape) <= SMALL
     if count == 1:
@@ -267,7 +267,7 @@ def _soft(levels: np.ndarray) -> float:
 
 
 def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:
-    """Whether some of the colours of cells (R, C, 4), levels, are there to smooth edges."""
+    """Return whether some of the colours of cells (R, C, 4), levels, are there to smooth edges."""
     blend = _between(levels) | _between(levels.swapaxes(0, 1)).swapaxes(0, 1)
     share = np.bincount(numbers[blend], minlength=count) / np.bincount(numbers.ravel(), minlength=count)
     edge = ~(ndimage.alike(numbers, (3, 1)) & ndimage.alike(numbers, (1, 3)))

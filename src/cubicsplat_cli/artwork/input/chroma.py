@@ -72,7 +72,7 @@ def missing_fills(missing: np.ndarray, palette: np.ndarray) -> np.ndarray:
 
 
 def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:
-    """Whether a colour (4,), in levels, is what one fill of a palette (P, 4) becomes where its chroma is less that of
+    """True if a colour (4,), in levels, is what one fill of a palette (P, 4) becomes where its chroma is less that of
     another one, as beside that it is in chroma that was made sharp again.
     """
     seen = palette @ LUMA_CHROMA
@@ -177,7 +177,7 @@ def with_sharp_chroma(seen: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
 
 @record
 class Mixture:
-    """What pixels are blends of. labels, other: (H, W) int32 two fills; share: (H, W) of the second one."""
+    """The blends that pixels are. labels, other: (H, W) int32, two fills; share: (H, W), of the second one."""
 
     labels: np.ndarray
     other: np.ndarray
@@ -200,8 +200,10 @@ class Mixture:
 def mixture_of(
     seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = SNAP
 ) -> Mixture:
-    """What the pixels of a picture (H, W, 4) are blends of: of labels' fills (P, 4), alike, with one beside them; of
-    blurred edges as it was before.
+    """Return the picture (H, W, 4) as blends of two fills (P, 4) a pixel: the fill of its label and one beside it.
+
+    labels: (H, W) int. sigma: levels, the error of a pixel. blur: standard deviation in px; blurred edges become sharp.
+    snap: shares this near to 0 or 1 become that.
     """
     mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
     reach = 1 if not blur else 2

@@ -84,7 +84,7 @@ class Condition:
 
     @property
     def only_blurred(self) -> bool:
-        """Whether there is a blur, and no noise."""
+        """Return whether there is a blur, and no noise."""
         return self.blur > 0.0 and not (self.noise or self.jpeg)
 
     @property
@@ -156,15 +156,16 @@ def _within(levels: np.ndarray) -> np.ndarray:
 
 
 def _quiet(spans: np.ndarray) -> np.ndarray:
-    """Which pixels are away from edges, bool, of those with such spans. Where noise or dithering is all over, they span
-    more than otherwise."""
+    """Return the pixels away from edges, bool. spans: the range of values around each pixel, in levels, which is larger
+    in pictures full of noise or dithering.
+    """
     least = spans < QUIET[0]
     found = next((quiet for quiet in (spans < limit for limit in QUIET) if 2 * quiet.sum() > quiet.size), least)
     return found if found.sum() > 2 * least.sum() else least
 
 
 def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise: float) -> bool:
-    """Whether a picture has the blocks of a JPEG, or, without noise everywhere, rings like one or a lossy WebP."""
+    """True if a picture has the blocks of a JPEG, or, without noise everywhere, rings like one or a lossy WebP."""
     near = quiet & ndimage.maximum_filter(~quiet, 2 * NEAR + 1)
     if rough[near].sum() <= LEAST_ROUGH * near.sum():
         return False
@@ -175,7 +176,7 @@ def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: 
 
 
 def _blocky(found: np.ndarray, luma: np.ndarray) -> bool:
-    """Whether the coefficients of a picture's blocks, found, are nearly 0 more often than those half a block away."""
+    """True if the coefficients of a picture's blocks, found, are nearly 0 more often than those half a block away."""
     own, number = _zeros(found)
     apart, _ = _zeros(_coefficients(luma, BLOCK // 2))
     return number >= FEWEST_BLOCKS and own > MORE_ZEROS * apart and (own - apart) * number**0.5 > ERROR
@@ -208,14 +209,14 @@ def _even(levels: np.ndarray, busy: np.ndarray) -> float:
 
 
 def _indexed(levels: np.ndarray) -> bool:
-    """Whether a picture has no more colours than a GIF or a PNG with a palette, which is rough by rounding, and more
+    """True if a picture has no more colours than a GIF or a PNG with a palette, which is rough by rounding, and more
     than grey."""
     colours = levels[..., :3]
     return bool((colours != colours[..., :1]).any()) and len(np.unique(packed(colours))) <= MOST_INDEXED
 
 
 def _rings(levels: np.ndarray, rough: np.ndarray, near: np.ndarray) -> bool:
-    """Whether rough pixels go up and down near edges, in a picture that is not blurred, which reaches as far."""
+    """Return whether rough pixels go up and down near edges, in a picture that is not blurred, which reaches as far."""
     if (rough & _swinging(levels))[near].sum() < LEAST_RINGING * near.sum():
         return False
     return (edge_blur(levels) or 0.0) < LEAST_BLUR_OF_JPEG

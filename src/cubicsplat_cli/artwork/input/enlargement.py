@@ -46,7 +46,7 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _repeated(levels: np.ndarray) -> int:
-    """How often each pixel is repeated along rows and columns, where that is more than shapes on a grid."""
+    """Return how often each pixel is repeated along rows and columns; 1 for shapes that merely lie on a grid."""
     for times in range(MOST_REPEATED, 1, -1):
         height, width = (side // times * times for side in levels.shape[:2])
         if min(height, width) < 8 * times:
@@ -72,7 +72,7 @@ def _steepest(levels: np.ndarray) -> np.ndarray:
 
 
 def _sharp(lines: np.ndarray) -> bool:
-    """Whether lines (H, n, 4) go from one even colour to another within two steps, in too many places: any kernel that
+    """True if lines (H, n, 4) go from one even colour to another within two steps, in too many places: any kernel that
     spans a pixel of the smaller picture takes three and more, none of them small.
     """
     steps = largest(np.abs(np.diff(lines, axis=0)))
@@ -101,7 +101,7 @@ def _undone(levels: np.ndarray, factor: int, kernel: Callable[[np.ndarray], np.n
 
 
 def _exact(lines: np.ndarray, small: np.ndarray, enlarging: sparse.csr_matrix) -> bool:
-    """Whether lines (H, n, 4) are small ones (h, n, 4) made larger."""
+    """Return whether lines (H, n, 4) are small ones (h, n, 4) made larger."""
     off, edge = _off(lines, small, enlarging)
     return bool(edge.sum() >= FEWEST and (off[edge] <= OFF).mean() >= EXACT)
 

@@ -1,10 +1,9 @@
-"""How even a picture is: a drawing's neighbouring pixels are alike or have an edge between them; few differ a little.
+"""Measure how even a picture is: neighbouring pixels of a drawing are alike, or an edge lies between them.
 
-In a photo most of them do. What noise and JPEG add is gone in the means of blocks. In pictures of a few px hardly
-anything is even: there the differences of pixels a few px apart tell. Past the blends on an edge there are two inks: a
-drawing's differences are those of noise, or they are large and of any size. A photo's become ever rarer with their
-size. Which describes them in less is told by their likelihoods under either. In numpy alone, since photos are asked
-this too.
+In a photo most neighbours differ a little. Means of blocks remove what noise and JPEG add. Small pictures have few even
+areas, so there the differences of pixels a few px apart are measured, past the blends on an edge. A drawing's
+differences are those of noise, or large and of any size; a photo's become ever rarer with their size. The likelihoods
+of both models are compared. This module needs numpy alone, because photos are measured too.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class Evenness:
 
 
 def even(levels: np.ndarray) -> tuple[bool, Evenness]:
-    """Whether a picture (H, W, C) in 0..255 of more than SMALL px is as even as drawings are, and what says so.
+    """Return whether a picture (H, W, C) in 0..255 of more than SMALL px is as even as drawings are, and what says so.
 
     What is clear counts as one even colour.
     """
@@ -113,7 +112,7 @@ class Contrasts:
 
     @property
     def drawn(self) -> bool:
-        """Whether the picture is a drawing."""
+        """Return whether the picture is a drawing."""
         in_all = self.saved + FOR_AN_EDGE * self.edges
         return self.saved > LEAST_SAVED and in_all > LEAST_IN_ALL and self.edges <= MOST_EDGES
 

@@ -65,7 +65,7 @@ def levels_of(light: np.ndarray) -> np.ndarray:
 
 
 def _blended_in_light(colours: np.ndarray) -> bool:
-    """Whether the edges of a picture (H, W, 3) are straighter, and their colours nearer to blends, in linear light."""
+    """True if the edges of a picture (H, W, 3) are straighter, and their colours nearer to blends, in linear light."""
     parts = [_steps(c) for c in (colours, colours.swapaxes(0, 1))]
     found = np.concatenate([part[:: 1 + len(part) // MOST] for part in parts]).astype(np.float64)
     (places, off), (in_light, off_in_light) = _places(found), _places(light_of(found))

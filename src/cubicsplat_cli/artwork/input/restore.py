@@ -70,7 +70,7 @@ def seen_as(condition: Condition, *, sharp: bool = False) -> np.ndarray:
 
 
 def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
-    """Whether a picture (H, W, 4) in levels, restored and blurred again, is about as near to how it came as it is
+    """True if a picture (H, W, 4) in levels, restored and blurred again, is about as near to how it came as it is
     restored as if nothing had blurred it, with blends of two fills one pixel wide; or nearer.
     """
     blur = (condition.blur, condition.blur, 0.0)
@@ -206,7 +206,7 @@ def _short(palette: np.ndarray) -> np.ndarray:
 
 
 def _borders(labels: np.ndarray) -> int:
-    """How many neighbours among the pixels of a map (H, W), also across corners, differ."""
+    """Count the neighbours in a map (H, W), also across corners, that differ."""
     ahead = (labels[1:], labels[:, 1:], labels[1:, 1:], labels[1:, :-1])
     behind = (labels[:-1], labels[:, :-1], labels[:-1, :-1], labels[:-1, 1:])
     return sum(int((one != other).sum()) for one, other in zip(ahead, behind, strict=True))

@@ -53,7 +53,7 @@ class Softness:
 
     @property
     def drifts(self) -> bool:
-        """Whether colours drift, with some grain, and no gradients explain it."""
+        """Return whether colours drift, with some grain, and no gradients explain it."""
         if self.drift <= MOST_DRIFT or _grain(self.levels, self.mask) < LEAST_GRAIN:
             return False
         left = float((self.mask & ~in_gradients(self.levels, TRIES)).sum()) / max(float(self.mask.sum()), 1.0)
@@ -102,7 +102,7 @@ def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
 
 
 def _is_noisy(values: np.ndarray) -> bool:
-    """Whether what differs from pixel to pixel in most of the picture has a standard deviation beyond NOISY levels."""
+    """True if what differs from pixel to pixel in most of the picture has a standard deviation beyond NOISY levels."""
     second = _bends(values)
     return 2 * np.count_nonzero(second > NOISY * SECOND_MEDIAN) > second.size
 

@@ -72,7 +72,7 @@ def outlines_of_all(
 
 
 def _searched(searches: Sequence[_Search], detail: float) -> list[Outline]:
-    """What each search finds. What all of them have fitted next is fitted together, by as many threads as there are."""
+    """Return the result of each search. The next fits of all searches are done together, on all threads."""
     found: dict[int, Outline] = {}
     answers: dict[int, Outline | None] = dict.fromkeys(range(len(searches)))
     while answers:
@@ -187,7 +187,7 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
 
 
 def _shows_beyond(box: Rectangle, ends: np.ndarray, extent: Extent) -> bool:
-    """Whether a box would show in a pixel beyond the ends (2, 2), low and high, of what shows: beneath a thin line it
+    """True if a box would show in a pixel beyond the ends (2, 2), low and high, of what shows: beneath a thin line it
     would come out on the other side.
     """
     (rows, columns), own = enclosed(box.ring(), extent)
@@ -198,7 +198,7 @@ def _shows_beyond(box: Rectangle, ends: np.ndarray, extent: Extent) -> bool:
 
 
 def _is_dot(contour: Contour, extent: Extent) -> bool:
-    """Whether a contour runs around very few px, all of which show."""
+    """Return whether a contour runs around very few px, all of which show."""
     few = len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
     return few and bool(np.isfinite(contour.sigma).all())
 
@@ -238,7 +238,7 @@ def _with_corners(
 
 
 def _every_side_shows(contour: Contour, outline: Outline) -> bool:
-    """Whether something of each side of a rectangle with round corners shows: hidden ones might be anywhere."""
+    """Return whether something of each side of a rectangle with round corners shows: hidden ones might be anywhere."""
     if not isinstance(outline, Rectangle) or outline.radius <= 0.0:
         return True
     half = 0.5 * np.array([outline.width, outline.height])

@@ -73,7 +73,7 @@ def round_votes(regions: Regions, found: EdgePositions, clear: np.ndarray) -> di
 
 
 def _full(cracks: np.ndarray) -> bool:
-    """Whether what a loop of cracks (n, 3) encloses is as full as an ellipse, which no rectangle is: by its area and
+    """True if what a loop of cracks (n, 3) encloses is as full as an ellipse, which no rectangle is: by its area and
     second moments, in integrals along the loop.
     """
     along = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[cracks[:, 2]]

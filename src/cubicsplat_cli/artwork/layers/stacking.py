@@ -160,7 +160,7 @@ def _candidates(facts: _Facts) -> list[tuple[int, int]]:
 
 
 def _shows_through(facts: _Facts, a: int, b: int) -> bool:
-    """Whether one lies in a hole of a region that the other encloses: then that region has a hole."""
+    """Return whether one lies in a hole of a region that the other encloses: then that region has a hole."""
     for outer, inner in ((a, b), (b, a)):
         around = [inner, *facts.enclosing(inner)]
         if outer in around:
@@ -172,7 +172,7 @@ def _shows_through(facts: _Facts, a: int, b: int) -> bool:
 
 
 def _held(facts: _Facts, outer: np.ndarray, inner: np.ndarray) -> bool:
-    """Whether one of some regions encloses one of others."""
+    """Return whether one of some regions encloses one of others."""
     some = set(outer.tolist())
     return any(not some.isdisjoint(facts.enclosing(i)) for i in inner.tolist())
 

@@ -171,7 +171,7 @@ def _paint(regions: Regions, grounds: dict[int, int]) -> Paint | None:
 
 
 def _plausible(regions: Regions, overlay: _Candidate) -> bool:
-    """Whether an overlay makes the description shorter: fewer outlines than what it covers has without it."""
+    """Return whether an overlay makes the description shorter: fewer outlines than what it covers has without it."""
     cover = np.isin(regions.labels, list(overlay.grounds))
     return overlay.sure > 0 and ndimage.label(cover)[1] < len(overlay.grounds)
 
@@ -210,7 +210,7 @@ def _around(labels: np.ndarray, at: np.ndarray) -> list[int]:
 def goes_on(
     labels: np.ndarray, found: EdgePositions, at: np.ndarray, edges: tuple[tuple[int, int], ...]
 ) -> bool | None:
-    """Whether the edge between one pair of regions goes straight on as that between another pair at a meeting; None
+    """True if the edge between one pair of regions goes straight on as that between another pair at a meeting; None
     where one of the two is too short or too rough to tell.
     """
     one, other = (_arm(labels, found, at, pair) for pair in edges)

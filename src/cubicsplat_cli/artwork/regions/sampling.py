@@ -1,4 +1,4 @@
-"""What the blends on edges tell: the anti-aliasing of the program that drew a picture, and where its borders lie.
+"""Read from the blends on edges the anti-aliasing of the program that drew a picture, and where its borders lie.
 
 Some programs take 4 x 4 samples a pixel (tiny-skia, and with it resvg): then level and upright edges are known to a
 quarter of a pixel only, and their places within that are anybody's guess. Others come close to the exact area.
@@ -35,7 +35,7 @@ COVERS = np.array([np.zeros(4), np.full(4, FULL)])  # levels of nothing and of a
 
 
 def aliased(levels: np.ndarray) -> bool:
-    """Whether the edges of a picture (H, W, 4) in levels were drawn from one sample a pixel: in steps, without blends.
+    """True if the edges of a picture (H, W, 4) in levels were drawn from one sample a pixel: in steps, without blends.
 
     Edges that are level or upright, and those of pixels that were made larger, have no steps of a pixel.
     """
@@ -47,7 +47,7 @@ def aliased(levels: np.ndarray) -> bool:
 
 
 def _steps_and_blends(levels: np.ndarray) -> tuple[int, int]:
-    """How many steps and blends edges of a picture (H, W, 4) have that run rather level."""
+    """Count the steps and blends that nearly level edges of a picture (H, W, 4) have."""
     every = 1 + levels[..., 0].size // LOOKED_AT
     upper, here, lower = (levels[k : len(levels) - 2 + k : every] for k in range(3))
     y, x = np.nonzero(largest(np.abs(lower - upper))[:, :-1] > EDGE)

@@ -115,7 +115,7 @@ def _trained(engine: Engine, program: Program, coverage: str) -> tuple[float, ..
 
 
 def numbers(engine: Engine, program: Program) -> Iterator[tuple[str, tuple[float, ...]]]:
-    """What an engine computes of the scene, in each coverage: pictures with gradients, and training steps."""
+    """Yield what an engine computes of the scene, in each coverage: pictures with gradients, and training steps."""
     # With gradient fills a step does nothing else.
     cases = [("gradients", _drawn)] + [("training", _trained)] * (not program.painted)
     for coverage, (doing, of) in product(COVERAGES, cases):
