@@ -23,7 +23,7 @@ from cubicsplat_cli.record import record
 
 REACH = 14.0  # px along an outline from which its tangent is taken
 STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
-HANDLES = np.geomspace(0.25, 1.4, 5)  # lengths of handles that are tried, over the distance between the ends
+HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, over the distance between the ends
 MOST_TRIED = 8  # cubics, those that bend least
 SAMPLES = 33  # places along a cubic where its curvature is measured
 ALLOWED = 1  # px that an outline may cover or leave wrongly
@@ -35,7 +35,7 @@ LEAST_REACH = 1.0  # px that a side goes on until it meets another
 # Straight sides within this angle belong to a limb or a band, which goes on by DEPTH of its width: ten limbs of artists
 # went 0.25 to 0.87, 0.6 in the median. Beyond FARTHEST px the headings of the sides are too uncertain.
 PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
-RAY = np.geomspace(2.5, 35.0, 8)  # px along a tangent at which a corner is tried
+RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
 DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an outline, at which this is tried
 # Px beneath the run at which corners are tried, and places along it. The second try, at more places near the run,
 # serves runs that something narrow hides.
