@@ -83,15 +83,13 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
 
 def judged(state: State, trial: State, changed: np.ndarray, detail: float) -> State:
     """Return a trial, a state in which some outlines (outlines,) bool have changed and are settled, without the changes
-    that make the whole description longer or turn an outline over; the state itself where that leaves none.
+    that make the whole description longer or turn an outline over.
     """
     refused = changed & (trial.clockwise != state.clockwise)
     gains = state.gains(trial, changed)
     for k in np.flatnonzero(changed):
         cost = PRICE * (trial.outlines[k].outline().parameters - state.outlines[k].outline().parameters)
         refused[k] |= gains[k] * detail < cost
-    if refused[changed].all():
-        return state
     return settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused) if refused.any() else trial
 
 
