@@ -219,7 +219,8 @@ def test_the_last_epochs_of_the_joint_fit_have_exact_coverage(monkeypatch: pytes
     relaxed, exact = RasterSettings("relaxed", 0.8, 12), RasterSettings("exact", 1.0, 12)
     used = []
     monkeypatch.setattr(JointFit, "step", lambda fit, frames, _: used.extend([fit.raster] * len(frames)))
-    joint = JointFit(random_tracks(np.random.default_rng(2), frames=2), [disc(9.0, 9.0)] * 2, CpuEngine(1), relaxed)
+    frames = [np.full((20, 20, 3), 0.5, np.float32)] * 2
+    joint = JointFit(random_tracks(np.random.default_rng(2), frames=2), frames, CpuEngine(1), relaxed)
     joint.run(10, (0.1, 0.1), np.random.default_rng(0), exact, 0.2)
     assert used == [relaxed] * 16 + [exact] * 4
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.progress import nothing, work
-from cubicsplat_cli.raster.cpu import CpuEngine, FrameSteps, NativeTrack, address_of, native
+from cubicsplat_cli.raster.cpu import CpuEngine, FrameSteps, NativeTrack, address_of, native, pointer_on
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
@@ -72,17 +72,13 @@ class Lines:
 
         steps: (C,), to whose multiples the values of knots are rounded first.
         """
-        before, after, share = self.rows(frame, curves)
-        found = np.empty((len(before), values.shape[2]), np.float32)
-        native("clip", "cs_between_knots", *found.shape, values, before, after, share, steps, found, result=None)
-        return found
-
-    def rows(self, frame: int, curves: np.ndarray | slice = EVERY) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n,) of some curves the knots before and after a frame, by the rows of values (F N, C), and the share."""
         count = self.before.shape[1]
         numbers = np.arange(count)[curves]
         before, after = (knots[frame, curves] * count + numbers for knots in (self.before, self.after))
-        return before, after, np.ascontiguousarray(self.share[frame, curves])
+        share = np.ascontiguousarray(self.share[frame, curves])
+        found = np.empty((len(before), values.shape[2]), np.float32)
+        native("clip", "cs_between_knots", *found.shape, values, before, after, share, steps, found, result=None)
+        return found
 
 
 @dataclass(eq=False)
@@ -203,6 +199,8 @@ class JointFit:
         }
         self.held = tracks.by_name["opacities"].values == 0.0
         self.canvas, _ = tracks.at(0, self.lines)
+        pictures = [self.canvas.addresses(pointer_on("cpu"), {"target": frame})["target"] for frame in frames]
+        self.targets = np.array(pictures, np.uintp)
         self.native = (NativeTrack * len(TRACKS))(*(self._native(name) for name in TRACKS))
 
     def _native(self, name: str) -> NativeTrack:
@@ -241,8 +239,7 @@ class JointFit:
 
         rates: (n, 2), step sizes of Adam: px of shapes and offsets, and of colours and opacities, in their range.
         """
-        targets = np.array([address_of(self.frames[frame]) for frame in frames], np.uintp)
-        given = np.ascontiguousarray(frames, np.int64), targets, np.ascontiguousarray(rates, np.float64)
+        given = np.ascontiguousarray(frames, np.int64), self.targets[frames], np.ascontiguousarray(rates, np.float64)
         steps = FrameSteps(
             self.tracks.by_name["shapes"].knots.shape[1], self.native, len(frames), *map(address_of, given), KEEP_MEAN,
             KEEP_SQUARE, EPSILON,

@@ -6,9 +6,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from cubicsplat_cli.raster.cpu import Blunting, address_of
+from cubicsplat_cli.raster.cpu import Blunting, pointer_on
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import segments_from_points
 from cubicsplat_cli.scene.arrays import Array, namespace
@@ -57,30 +55,28 @@ class Regulariser:
         """
         if not self.due(progress):
             return None
+        pointer = pointer_on(points.device)
         if self._blunting is None:
             weight = self.recipe.spike_penalty
             self.spikes = namespace(points).empty_like(points)
+            gradient = pointer(self.spikes, "spikes", tuple(points.shape), "float32")
             # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
             turns, slivers = TURNS * weight / self.joins, SLIVERS * weight / (self.size[0] * self.size[1])
             self._blunting = Blunting(
                 turns, slivers, turn=SPIKE_TURN, arm=LEAST_ARM, thinnest=THINNEST, opposite=OPPOSITE, edges=EDGES,
-                every=HELD, gradient=_address(self.spikes),
+                every=HELD, gradient=gradient,
             )  # fmt: skip
         if isinstance(loss, float):
             self._blunting.loss = loss
         else:
             self._loss = namespace(loss).astype(loss, namespace(loss).float64)
-            self._blunting.loss_at = _address(self._loss)
+            self._blunting.loss_at = pointer(self._loss, "loss", (), "float64")
         return self._blunting
 
     def crossing_gradient(self, points: Array, ring_ends: Array | None) -> Array | None:
         """That of the penalty on self-crossings, (N, K, 2); None without one."""
         weight = self.recipe.crossing_penalty * self.size[0] * self.size[1]
         return crossing_gradient(points, self.mode, weight, ring_ends) if weight > 0.0 else None
-
-
-def _address(array: Array) -> int:
-    return address_of(array) if isinstance(array, np.ndarray) else array.data_ptr()
 
 
 def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array | None = None) -> Array:
