@@ -68,7 +68,7 @@ class Slivers {
         if (!any_close(all_[i], first, first + edges)) continue;
         any = true;
         for (int j = first; j < first + edges; ++j)
-          if (lines_.close[j]) push(i, j);
+          if (lines_.close[j]) push(all_[i], all_[j]);
       }
     if (!any) return;
     for (int r = 0; r < rings.count; ++r)
@@ -108,25 +108,18 @@ class Slivers {
     return any != 0;
   }
 
-  int left(int i) {
-    if (left_[i] == kUnknown) left_[i] = winding_left(all_.data(), count_, all_[i]);
-    return left_[i];
-  }
-
-  // What the middle of edge i and edge j, close to it, do to each other.
-  void push(int i, int j) {
-    Side &one = all_[i], &other = all_[j];
-    const float distance = beside(other, one.mx, one.my), share = foot(one, other);
-    if (distance == 0.0f || !on_canvas(one.mx, one.my, frame_.scene.width, frame_.scene.height)) return;
-    if (share < 0.0f || share > 1.0f) return;
-    // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
-    const int within = distance > 0 ? 1 : 0;
-    if (left(i) != within || left(j) != within) return;
-    const float force = distance > 0 ? -one.length : one.length;
-    const float by[2] = {-other.uy * force, other.ux * force};
+  // Adds what two close edges do to each other to the gradients of their ends.
+  void push(Side& one, Side& other) {
+    const auto left = [&](const Side& side) {
+      int& known = left_[&side - all_.data()];
+      if (known == kUnknown) known = winding_left(all_.data(), count_, side);
+      return known;
+    };
+    Push push;
+    if (!pushes(one, other, frame_.scene.width, frame_.scene.height, left, &push)) return;
     for (int c = 0; c < 2; ++c) {
-      one.of_start[c] += 0.5f * by[c], one.of_end[c] += 0.5f * by[c];
-      other.of_start[c] -= (1.0f - share) * by[c], other.of_end[c] -= share * by[c];
+      one.of_start[c] += 0.5f * push.by[c], one.of_end[c] += 0.5f * push.by[c];
+      other.of_start[c] -= (1.0f - push.share) * push.by[c], other.of_end[c] -= push.share * push.by[c];
     }
   }
 

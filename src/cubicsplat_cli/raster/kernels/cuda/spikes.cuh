@@ -38,21 +38,16 @@ CS_INLINE void vertex_of(const Rings& rings, const float* points, int m, float t
                w[3] * points[2 * end_point + axis];
 }
 
-// What the middle of the one edge and the other edge, close to it, do to each other.
+// Adds what two close edges do to each other to the gradients of their ends.
 CS_INLINE void push(const Frame& f, const Side* all, int count, Side& one, Side& other) {
-  const float distance = beside(other, one.mx, one.my), share = foot(one, other);
-  if (distance == 0.0f || !on_canvas(one.mx, one.my, f.width, f.height)) return;
-  if (!(share >= 0.0f && share <= 1.0f)) return;
-  // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
-  const int within = distance > 0.0f ? 1 : 0;
-  if (winding_left(all, count, one) != within || winding_left(all, count, other) != within) return;
-  const float force = distance > 0.0f ? -one.length : one.length;
-  const float by[2] = {-other.uy * force, other.ux * force};
+  const auto left = [&](const Side& side) { return winding_left(all, count, side); };
+  Push push;
+  if (!pushes(one, other, f.width, f.height, left, &push)) return;
   for (int c = 0; c < 2; c++) {
-    atomicAdd(&one.of_start[c], 0.5f * by[c]);
-    atomicAdd(&one.of_end[c], 0.5f * by[c]);
-    atomicAdd(&other.of_start[c], (share - 1.0f) * by[c]);
-    atomicAdd(&other.of_end[c], -share * by[c]);
+    atomicAdd(&one.of_start[c], 0.5f * push.by[c]);
+    atomicAdd(&one.of_end[c], 0.5f * push.by[c]);
+    atomicAdd(&other.of_start[c], (push.share - 1.0f) * push.by[c]);
+    atomicAdd(&other.of_end[c], -push.share * push.by[c]);
   }
 }
 

@@ -66,6 +66,27 @@ CS_INLINE float foot(const Side& one, const Side& other) {
   return ((one.mx - other.ax) * other.ux + (one.my - other.ay) * other.uy) / other.length;
 }
 
+// What the middle of one edge and another edge, close to it, do to each other: the derivative by the middle, and by the
+// other edge's foot the opposite, at a share of its length.
+struct Push {
+  float share, by[2];
+};
+
+// True if two edges `runs_against` each other on the canvas as the sides of a sliver. left: the winding number to the
+// left of an edge.
+template <class Left>
+CS_INLINE bool pushes(const Side& one, const Side& other, int width, int height, const Left& left, Push* out) {
+  const float distance = beside(other, one.mx, one.my), share = foot(one, other);
+  if (distance == 0.0f || !on_canvas(one.mx, one.my, width, height)) return false;
+  if (!(share >= 0.0f && share <= 1.0f)) return false;
+  // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
+  const int within = distance > 0.0f ? 1 : 0;
+  if (left(one) != within || left(other) != within) return false;
+  const float force = distance > 0.0f ? -one.length : one.length;
+  *out = {share, {-other.uy * force, other.ux * force}};
+  return true;
+}
+
 // Adds the derivatives of the turn at a join, if it is too far, to those of the three points around it.
 CS_INLINE void add_turn(const float* before, const float* join, const float* after, float turn, float* to_before,
                         float* to_join, float* to_after) {
