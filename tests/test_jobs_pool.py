@@ -25,7 +25,7 @@ def job(name: str) -> Job:
     return Job(name, Path(name), Outputs(None, None, None))
 
 
-def work_or_die(pipe, _request: Request, threads: int) -> None:
+def work_or_die(pipe, _request: Request, threads: int, _server: None) -> None:
     """Does every job in no time; dies of the jobs called so, of "once" at the first attempt only."""
     while (work := pipe.recv()) is not None:
         if work.name == "fatal":
@@ -36,7 +36,7 @@ def work_or_die(pipe, _request: Request, threads: int) -> None:
         pipe.send(("outcome", Outcome(work, DONE, {"threads": threads})))
 
 
-def dead_on_arrival(_pipe, _request: Request, _threads: int) -> None:
+def dead_on_arrival(_pipe, _request: Request, _threads: int, _server: None) -> None:
     os._exit(9)
 
 

@@ -122,8 +122,9 @@ def nothing(*_: object) -> None:
 
 @contextmanager
 def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
-    """Within, call `tell` with the text of each warning that the library logs."""
-    handler = logging.Handler(logging.WARNING)
+    """Within, call `tell` with the text of each warning that the library logs in this thread."""
+    handler, thread = logging.Handler(logging.WARNING), threading.get_ident()
+    handler.addFilter(lambda record: record.thread == thread)
     handler.emit = lambda record: tell(record.getMessage())  # type: ignore[method-assign]
     log.addHandler(handler)
     try:

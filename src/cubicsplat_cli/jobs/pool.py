@@ -3,6 +3,8 @@
 Each worker gets one job at a time through a pipe. If a worker dies, its job alone is tried once more in a new one. On
 Linux workers are forked from a process that has done all imports, which take seconds, and nothing else: threads and
 engines do not survive a fork. On other systems each worker imports for itself.
+
+If there is a GPU, one more process does the fits of all workers on it (`photo.remote`).
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, Outcome, attempt
 from cubicsplat_cli.progress import Observer, Progress, interrupt
+from cubicsplat_cli.raster.cuda.libcuda import gpus
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
 ATTEMPTS = 2
 _POLL_SECONDS = 0.2  # between two checks for a stop while nothing happens
 _STOP = "stop"
+SERVER = "fits on the GPU"  # the name of the process
 PRELOADED = ["cubicsplat_cli.jobs.warm"]  # by the process that workers are forked from
 
 
@@ -54,15 +58,19 @@ def run_in_workers(
     workers: int,
     observer: Observer,
     stopping: Callable[[], bool],
-    work: Callable[[Connection, Request, int], None] | None = None,
+    work: Callable[[Connection, Request, int, str | None], None] | None = None,
+    gpu: bool | None = None,
 ) -> Iterator[Outcome]:
     """Yield the outcomes of the jobs in the order in which they end; take the next job when a worker is free.
 
     Once `stopping()` is true no job begins any more, and the fits under way end early with the best they have. work:
-    the function of a worker, of its end of a pipe, a request and a number of threads (default: do the jobs from the
-    pipe).
+    the function of a worker, of its end of a pipe, a request, a number of threads, and the address of the process that
+    fits on the GPU (default: do the jobs from the pipe). gpu: start that process (default: if the request may use a GPU
+    and there is one).
     """
-    pool = _Pool(request, share_threads(request.settings.threads, workers), observer, work or _work)
+    if gpu is None:
+        gpu = request.settings.device != "cpu" and gpus() > 0
+    pool = _Pool(request, share_threads(request.settings.threads, workers), observer, work or _work, gpu)
     try:
         yield from pool.run(jobs, stopping)
     finally:
@@ -84,10 +92,12 @@ class _Pool:
     request: Request
     threads: list[int]
     observer: Observer
-    work: Callable[[Connection, Request, int], None]
+    work: Callable[[Connection, Request, int, str | None], None]
+    gpu: bool
     workers: list[_Worker] = field(default_factory=list)
     again: deque[Job] = field(default_factory=deque)
     deaths: dict[str, int] = field(default_factory=dict)
+    fitting: tuple[BaseProcess, Connection, str] | None = None  # the process of the GPU, and its address
 
     def run(self, jobs: Iterator[Job], stopping: Callable[[], bool]) -> Iterator[Outcome]:
         stopped = False
@@ -117,6 +127,10 @@ class _Pool:
             worker.pipe.close()
         for worker in self.workers:
             worker.process.join()
+        if self.fitting is not None:
+            process, pipe, _ = self.fitting
+            pipe.close()
+            process.join()
 
     def _hand_out(self, jobs: Iterator[Job]) -> None:
         """Give a job to each free slot; start its worker if there is none."""
@@ -134,15 +148,19 @@ class _Pool:
                 worker.pipe.send(job)
 
     def _start(self, slot: int) -> _Worker:
-        context = _context()
-        ours, theirs = context.Pipe()
-        process = context.Process(target=self.work, args=(theirs, self.request, self.threads[slot]), daemon=True)
-        with _interrupts_blocked():
-            process.start()
-        theirs.close()
-        worker = _Worker(slot, process, ours)
+        worker = _Worker(
+            slot, *_started(self.work, self.request, self.threads[slot], self._server() if self.gpu else None)
+        )
         self.workers.append(worker)
         return worker
+
+    def _server(self) -> str:
+        """Return the address of the living process that fits on the GPU."""
+        if self.fitting is None or self.fitting[1].poll():  # its end of the pipe is closed
+            process, pipe = _started(_serve)
+            process.name = SERVER
+            self.fitting = process, pipe, pipe.recv()
+        return self.fitting[2]
 
     def _listen(self, worker: _Worker) -> Outcome | None:
         """Take one message of a worker; return the outcome if it has ended its job."""
@@ -180,6 +198,17 @@ class _Pool:
                     worker.pipe.send(_STOP)
 
 
+def _started(main: Callable[..., None], *arguments: Any) -> tuple[BaseProcess, Connection]:
+    """Start a process by its main function, of its end of a pipe and the arguments; return it with our end."""
+    context = _context()
+    ours, theirs = context.Pipe()
+    process = context.Process(target=main, args=(theirs, *arguments), daemon=True)
+    with _interrupts_blocked():
+        process.start()
+    theirs.close()
+    return process, ours
+
+
 def _context() -> SpawnContext | ForkServerContext:
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
@@ -214,10 +243,17 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _work(pipe: Connection, request: Request, threads: int) -> None:
-    """Do the jobs from the pipe, one after the other, until there are no more; the main function of a worker."""
+def _work(pipe: Connection, request: Request, threads: int, server: str | None) -> None:
+    """Do the jobs from the pipe, one after the other, until there are no more; the main function of a worker.
+
+    server: the address of the process that fits on the GPU; None if this one does.
+    """
     jobs: SimpleQueue[Job | None] = SimpleQueue()
     stops = _Stops()
+    if server is not None:
+        from cubicsplat_cli.photo.remote import FitServer, use_server
+
+        use_server(FitServer(server, lambda: stops.let_through(False)))
     signal.signal(signal.SIGINT, stops.signalled)
     threading.Thread(target=_receive, args=(pipe, jobs, stops), daemon=True).start()
     try:
@@ -246,6 +282,13 @@ def _receive(pipe: Connection, jobs: SimpleQueue[Job | None], stops: _Stops) -> 
     except (EOFError, OSError):
         # The command that started this process is gone; its next run does the job anew.
         os._exit(1)
+
+
+def _serve(pipe: Connection) -> None:
+    """Fit on the GPU for all workers; the main function of the process that does."""
+    from cubicsplat_cli.photo.remote import serve
+
+    serve(pipe)
 
 
 class _Stops:

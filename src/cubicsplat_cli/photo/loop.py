@@ -144,11 +144,15 @@ class FitLoop:
                 while self.progress < progress:
                     self.advance(progress)
         except KeyboardInterrupt:
-            self.log.interrupted = self.stopped = True
+            self.interrupt()
         except DeviceError as error:
             self._rescue(error)
             self.stopped = True
         return not self.stopped
+
+    def interrupt(self) -> None:
+        """Do no further step, as after a Ctrl-C: only `finish` may follow."""
+        self.log.interrupted = self.stopped = True
 
     def relax(self, share: float = 1.0) -> bool:
         """Do as `run_to` up to the exact finish, or a share of the way there."""

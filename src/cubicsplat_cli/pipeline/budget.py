@@ -30,6 +30,7 @@ from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 if TYPE_CHECKING:
     from cubicsplat_cli.photo.inputs import FitInputs, FitResult
     from cubicsplat_cli.photo.loop import FitLoop
+    from cubicsplat_cli.photo.remote import RemoteFit
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals; at equal bytes none or two are worse
@@ -71,22 +72,22 @@ class Photo:
         start = None if request.init is None else request.init.scene
         return FitInputs(self.task.weights(self.fine), start, request.freeze)
 
-    def begin(self, settings: FitSettings) -> FitLoop:
+    def begin(self, settings: FitSettings) -> FitLoop | RemoteFit:
         """Begin a fit that runs in parts."""
         from cubicsplat_cli.photo.inputs import FitInputs
-        from cubicsplat_cli.photo.loop import FitLoop
+        from cubicsplat_cli.photo.remote import begin_fit
 
         task, rough = self.task, None
         if self.rough is not self.fine:
             rough = self.rough.target(), FitInputs(task.weights(self.rough))
-        return FitLoop(self.fine.target(), settings, self.inputs, task.on_progress, task.recorder, rough=rough)
+        return begin_fit(self.fine.target(), settings, self.inputs, task.on_progress, task.recorder, rough=rough)
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """Fit curves from a scene on."""
-        from cubicsplat_cli.photo.loop import fit
+        from cubicsplat_cli.photo.remote import begin_fit
 
         task, inputs = self.task, replace(self.inputs, start=scene)
-        return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)
+        return begin_fit(self.fine.target(), settings, inputs, task.on_progress, task.recorder).finish()
 
     def writer(self, scene: Scene) -> Callable[[str, str], str]:
         """Return a function that writes the SVG of a scene, at the picture's size, for a title and a comment."""

@@ -57,7 +57,7 @@ def candidates(task: Task, style: Style | None = None) -> Iterator[Made]:
 def _first(task: Task, style: Style | None) -> Made:
     """Make the result of the requested or measured style; if that fails, of the other style."""
     if task.request.settings.device == "cuda":
-        from cubicsplat_cli.raster.cuda.driver import require_gpu
+        from cubicsplat_cli.photo.remote import require_gpu
 
         require_gpu()  # a drawing would not need one
     if (fill := only_fill(task.picture)) is not None:

@@ -110,10 +110,10 @@ class QuickPhoto:
 
     def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float]) -> None:
         self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
-        from cubicsplat_cli.photo.loop import FitLoop  # most drawings need none
+        from cubicsplat_cli.photo.remote import begin_fit  # most drawings need none
 
         small = resize_picture(task.target, QUICK_SIDE).target()
-        self._fitting = FitLoop(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
+        self._fitting = begin_fit(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
 
     def beyond(self, least: float) -> float | None:
         """Return the level, dB; None if it is `least` or less, which may be clear long before the end.

@@ -24,7 +24,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.read import gzip_size
 from cubicsplat_cli.photo.inputs import FitInputs, FitResult
-from cubicsplat_cli.photo.loop import fit
+from cubicsplat_cli.photo.remote import begin_fit
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
@@ -90,7 +90,8 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
 
     def fitted(start: int, first: bool) -> tuple[float, FitResult]:
         seeded, recorder = settings.with_(seed=settings.seed + start), None if start else task.recorder
-        result = fit(pixels, seeded, task.on_progress if first else interrupted, recorder, FitInputs(weights))
+        on_progress = task.on_progress if first else interrupted
+        result = begin_fit(pixels, seeded, FitInputs(weights), on_progress, recorder).finish()
         if result.interrupted:
             stop.set()
         with closing(CpuEngine(settings.threads)) as engine:

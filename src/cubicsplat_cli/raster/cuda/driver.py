@@ -39,7 +39,7 @@ class Driver(ABC):
 
     device: torch's. shared_per_block: bytes of shared memory that a block may take without asking. shared_per_sm: bytes
     that the blocks of a multiprocessor share. tested: programs that have passed the self-test. lock: held while a
-    program is loaded and tested.
+    program is loaded and tested, and while a graph is captured or dropped.
     """
 
     device: torch.device
@@ -68,7 +68,10 @@ class Driver(ABC):
 
     @abstractmethod
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
-        """Records the launches of `body` without running them; the result replays them with the same arguments."""
+        """Records the launches of `body` without running them; the result replays them with the same arguments.
+
+        The caller holds the lock, here and where it drops the result: torch keeps a list of all graphs.
+        """
 
     @abstractmethod
     def active(self) -> AbstractContextManager[Any]:

@@ -95,7 +95,8 @@ class CudaEngine(Engine):
 
     def close(self) -> None:
         """Frees the prepared steps and their memory, and forgets a fault; the next step prepares its own again."""
-        self._plans.clear()
+        with self._driver.lock:
+            self._plans.clear()
         with self._driver.active():
             self._status.zero_()
         self._number = 0
@@ -273,8 +274,9 @@ class CudaEngine(Engine):
             self._plans.move_to_end(key)
             return self._plans[key]
         kernels = self._load(Program.of(scene))
-        while len(self._plans) >= PLANS_KEPT:
-            self._plans.popitem(last=False)
+        with self._driver.lock:
+            while len(self._plans) >= PLANS_KEPT:
+                self._plans.popitem(last=False)
         step, buffers = self._attach_workspace(frame)
         order = None
         if places := order_places(frame):
@@ -290,5 +292,6 @@ class CudaEngine(Engine):
             plan.ran = True
             return
         if plan.replay is None:
-            plan.replay = self._driver.capture(lambda: self._launch(plan.kernels, plan.frame, plan.blunted))
+            with self._driver.lock:
+                plan.replay = self._driver.capture(lambda: self._launch(plan.kernels, plan.frame, plan.blunted))
         plan.replay()
