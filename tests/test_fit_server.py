@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -120,6 +121,22 @@ def test_fits_at_once_give_the_bits_of_fits_one_after_the_other(device):
     assert alone[0] != alone[1]
 
 
+@pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
+def test_steps_in_a_row_give_the_bits_of_single_steps():
+    settings, found = replace(SETTINGS, curves=4, steps=160), []
+    for at_once in (1, CudaEngine.at_once):
+        engine = CudaEngine(driver=EmulatedDriver())
+        engine.at_once = at_once
+        loop = FitLoop(picture(0, 16, 12), settings, opened=lambda *_, e=engine, **__: e)
+        calls = []
+        steps = engine.steps
+        engine.steps = lambda *a, steps=steps, calls=calls: (calls.append(len(a[3])), steps(*a))[1]
+        found.append(values(loop.finish()))
+        assert sum(calls) == settings.steps
+        assert max(calls) == (1 if at_once == 1 else 4)
+    assert found[0] == found[1]
+
+
 def test_a_failing_fit_fails_alone_with_its_own_error_and_traceback():
     with served(), ThreadPoolExecutor(2) as threads:
         good = threads.submit(lambda: values(remote.begin_fit(picture(1), SETTINGS).finish()))
@@ -186,6 +203,17 @@ def test_fits_that_a_gpu_cannot_do_stay_in_their_process():
             (SETTINGS, FitInputs(ground=picture(0))),
         ):
             assert isinstance(remote.begin_fit(picture(0), settings, inputs), FitLoop)
+
+
+def test_a_server_whose_gpu_is_broken_ends(monkeypatch):
+    def broken(priority):
+        raise RuntimeError("CUDA error: an illegal memory access was encountered")
+
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    monkeypatch.setattr("torch.cuda.Stream", broken)
+    monkeypatch.setattr("os._exit", sys.exit)
+    with pytest.raises(SystemExit):
+        remote._own_stream()
 
 
 def test_without_its_server_a_client_ends(tmp_path):

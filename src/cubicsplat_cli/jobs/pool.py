@@ -136,6 +136,9 @@ class _Pool:
         """Give a job to each free slot; start its worker if there is none."""
         workers = {worker.slot: worker for worker in self.workers}
         for slot in range(len(self.threads)):
+            under_way = [worker.job.name for worker in self.workers if worker.job is not None]
+            if self.gpu and under_way and (self.again or under_way[0] in self.deaths):
+                return  # a job that is tried again has the GPU to itself, so that it takes no other with it
             if slot in workers and workers[slot].job is not None:
                 continue
             job = self.again.popleft() if self.again else next(jobs, None)

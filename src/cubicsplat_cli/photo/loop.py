@@ -274,14 +274,15 @@ class FitLoop:
         schedule, elapsed, due = self.schedule, self.log.elapsed, self.stepper.regulariser.due
         phases = [first := schedule.phase(progress)]
         single = not self.stepper.runs or self.recorder is not None or schedule.reallocation_due(progress)
-        if single or (first.exact and self.best.empty):
+        ahead = self.engine.runs_ahead  # then there is nothing to compare the best curves with
+        if single or (first.exact and (ahead or self.best.empty)):
             return phases
         while len(phases) < self.engine.at_once:
             then = schedule.progress(self.step + len(phases), elapsed)
             phase = schedule.phase(then)
             if phase.exact != first.exact or due(then) != due(progress) or schedule.reallocation_due(then):
                 break
-            if then >= until or self.log.due(then):
+            if then >= until or self.log.due(then) or (ahead and (self.step + len(phases)) % LOOK_EVERY == 0):
                 break
             phases.append(phase)
         return phases

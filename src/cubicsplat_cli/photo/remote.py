@@ -10,6 +10,7 @@ progress and warnings until it sends the result or the error. To interrupt a met
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -227,11 +228,17 @@ def serve_fit(connection: Connection, opened: Callable[..., Engine]) -> None:
 def _own_stream() -> AbstractContextManager[Any]:
     """Return a context in which torch works on a stream of this thread's own; without a GPU it does nothing.
 
-    torch hands out streams of each priority in turn. These have the high priority, so that they are never the streams
-    on which graphs are captured. It also lets the small kernels between steps go before the steps of other fits.
+    Ends the process if an earlier fit has broken its GPU context, which nothing mends. The pool starts another one.
     """
     import torch
 
     if not torch.cuda.is_available():
         return nullcontext()
-    return torch.cuda.stream(torch.cuda.Stream(priority=-1))
+    try:
+        # torch hands out streams of each priority in turn. With the high priority this is never a stream on which a
+        # graph is captured, and the small kernels between steps go before the steps of other fits.
+        stream = torch.cuda.Stream(priority=-1)
+        stream.synchronize()
+    except RuntimeError:
+        os._exit(1)
+    return torch.cuda.stream(stream)

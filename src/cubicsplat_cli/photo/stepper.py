@@ -168,7 +168,8 @@ class Stepper:
             if shapes is not None and not shapes.has_axes:
                 self.training.tied = shapes.values, shapes.moments, shapes.ages, shapes.map()
         by_points = shapes is None or self.training.tied is not None
-        self.runs = self._by_engine and self.objective.pixelwise and curves.fills is None and by_points
+        alone = self._by_engine or (self.engine.runs_ahead and recipe.shared_opacity == 0.0)
+        self.runs = alone and self.objective.pixelwise and curves.fills is None and by_points
         self.runs = self.runs and recipe.crossing_penalty == 0.0
 
     def step(self, phase: Phase, progress: float, *, measured: bool) -> float | Array:
@@ -203,7 +204,7 @@ class Stepper:
         losses = self.engine.steps(
             self.scene, self.schedule.raster(phases[0]), self.training, np.array(paces, np.float32), seconds, best
         )
-        self.loss = float(losses[-1])
+        self.loss = losses[-1] if self.engine.runs_ahead else float(losses[-1])
         return len(losses)
 
     def _prepare(self, phase: Phase, progress: float, *, measured: bool) -> None:

@@ -303,10 +303,10 @@ class Engine(ABC):
     def steps(
         self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
         best: Checkpoint | None = None,
-    ) -> np.ndarray:  # fmt: skip
+    ) -> Array:  # fmt: skip
         """Do steps in a row. paces: (n, 6) float32, the edge width and rates of each, in place of those of the settings
         and of the training. No step begins after so many seconds, nor after a value that is not finite. best: is kept
-        up to date, in place. Return the losses before the steps that were done.
+        up to date, in place. Return the losses before the steps that were done, of the kind that `step` returns.
         """
         raise EngineError(f"{self._failed}: it does one step at a time")
 

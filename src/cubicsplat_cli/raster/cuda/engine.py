@@ -9,12 +9,14 @@ reads the loss of a step. See docs/cuda.md.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -42,7 +44,7 @@ from cubicsplat_cli.raster.cuda.frame import (
     workspace,
 )
 from cubicsplat_cli.raster.cuda.selftest import self_test
-from cubicsplat_cli.raster.engine import Backward, Engine, EngineScene, Training
+from cubicsplat_cli.raster.engine import RATED, Backward, Checkpoint, Engine, EngineScene, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene.arrays import Array, as_torch
 from cubicsplat_cli.settings import Mode
@@ -75,6 +77,7 @@ class CudaEngine(Engine):
 
     name = "cuda"
     runs_ahead = True
+    at_once = 16
     most_looks = MOST_LOOKS
 
     def __init__(
@@ -136,6 +139,17 @@ class CudaEngine(Engine):
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
+        pace = settings.edge_width, *training.rates.sizes
+        return self.steps(scene, settings, training, np.array([pace], np.float32))[0]
+
+    def steps(
+        self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray,
+        seconds: float = math.inf, best: Checkpoint | None = None,
+    ) -> Tensor:  # fmt: skip
+        """See `Engine.steps`. It does not wait: all steps are queued whatever their time, the losses come as a float64
+        tensor (n,) on the GPU, and a `best` cannot be kept.
+        """
+        assert best is None
         frame = self._training_frame(scene, settings, training)
         values = self._training_values(scene, settings, training)
         pictures = (training.target, training.weights, training.image_gradient)
@@ -145,12 +159,19 @@ class CudaEngine(Engine):
             plan = self._plan(frame, scene, blunted, (scene, *pictures, *found, training.state))
             if training.image is None and (image := self._picture_for(scene, training.wanted_importance)) is not None:
                 values.image = image.data_ptr()
-            loss = torch.empty((), dtype=torch.float64, device=self.device)
-            values.loss = loss.data_ptr()
-            self._set_step(plan.kernels, values, plan.step)
-            self._repeat(plan)
-        self._number += 1
-        return loss
+            losses = torch.empty(len(paces), dtype=torch.float64, device=self.device)
+            for index, (edge_width, *rates) in enumerate(paces.tolist()):
+                values.edge_width, values.rates[:RATED], values.number = edge_width, rates, self._number
+                if (penalty := training.blunting) is not None:
+                    values.blunting = penalty
+                    penalty.left = (penalty.left or penalty.every) - 1
+                    if index > 0:
+                        values.blunting.loss_at = values.loss  # of the step before
+                values.loss = losses.data_ptr() + index * losses.itemsize
+                self._set_step(plan.kernels, values, plan.step)
+                self._repeat(plan)
+                self._number += 1
+        return losses
 
     def fault(self, wait: bool = True) -> tuple[int, int] | None:
         """See `Engine.fault`; the steps are counted from 0 since `close`."""
@@ -255,13 +276,10 @@ class CudaEngine(Engine):
         return frame
 
     def _training_values(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepValues:
-        values = step_values(scene, settings, training.wanted_importance, self._number, training.penalty)
+        values = step_values(scene, settings, training.wanted_importance, penalty=training.penalty)
         set_rates(values, training.rates)
         names = ("image", "importance", "points_gradient", "rate_scale")
         put(values, scene.addresses(self._pointer, {name: getattr(training, name) for name in names}))
-        if (penalty := training.blunting) is not None:
-            values.blunting = penalty
-            penalty.left = (penalty.left or penalty.every) - 1
         return values
 
     def _plan(self, frame: StepFrame, scene: EngineScene, blunted: int, kept: tuple[object, ...]) -> _Plan:
