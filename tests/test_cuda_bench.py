@@ -34,6 +34,7 @@ def test_fits_and_the_whole_command_are_timed(tool, run_cli):
 
     assert tool.fit_seconds("cpu", 24, 16, steps=12, curves=3) > 0
     assert tool.command_seconds("cpu", 24, 16, run, steps=12, curves=3) > 0
+    assert tool.command_seconds("cpu", 24, 16, run, pictures=2, jobs=2, steps=12, curves=3) > 0
 
 
 def without_a_gpu():

@@ -121,6 +121,18 @@ def test_fits_at_once_give_the_bits_of_fits_one_after_the_other(device):
     assert alone[0] != alone[1]
 
 
+@pytest.mark.gpu
+def test_fits_at_once_on_a_gpu_come_as_far_as_alone():
+    """A GPU adds gradients in any order, so fits differ a little."""
+    settings = FitSettings.from_preset(curves=64, steps=400, device="cuda")
+    pictures = [picture(number, 300, 200) for number in range(8)]
+    alone = [FitLoop(target, settings).finish().history[-1]["psnr_db"] for target in pictures]
+    with served(open_engine), ThreadPoolExecutor(8) as threads:
+        together = list(threads.map(lambda target: remote.begin_fit(target, settings).finish(), pictures * 3))
+    assert {result.device["name"] for result in together} == {"cuda"}
+    assert [result.history[-1]["psnr_db"] for result in together] == pytest.approx(alone * 3, abs=0.7)
+
+
 @pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
 def test_steps_in_a_row_give_the_bits_of_single_steps():
     settings, found = replace(SETTINGS, curves=4, steps=160), []

@@ -44,6 +44,8 @@ from cubicsplat_cli.settings import FitSettings, Mode
 
 ROUNDS = 7
 FIT_TARGET_S, FIT_GOAL_S, COMMAND_TARGET_S = 1.0, 0.5, 5.0
+FOLDER, FOLDER_TARGET_S, FOLDER_GOAL_S = 36, 14.0, 9.0  # pictures of a folder, and the time for all at the best --jobs
+FOLDER_JOBS = (1, 3, 6, 8, 12)
 
 
 @dataclass(frozen=True)
@@ -192,16 +194,22 @@ def in_a_process(arguments: list[str]) -> None:
 
 
 def command_seconds(
-    device: str, width: int = 768, height: int = 512, run: Callable[[list[str]], object] = in_a_process, **changes: int
-) -> float:
-    """Time of the whole command, the second of two, from the start of its process to the files and its end."""
+    device: str, width: int = 768, height: int = 512, run: Callable[[list[str]], object] = in_a_process,
+    pictures: int = 1, **changes: int,
+) -> float:  # fmt: skip
+    """Time of the whole command, the second of two, from the start of its process to the files and its end.
+
+    pictures: several are of a folder; each is the same one, turned by another part of its width.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        picture_file = Path(folder) / "picture.png"
-        Image.fromarray(np.rint(255 * synthetic_picture(width, height)).astype(np.uint8)).save(picture_file)
-        options = ["--device", device, "--force", "--quiet"]
+        pixels = np.rint(255 * synthetic_picture(width, height)).astype(np.uint8)
+        for index in range(pictures):
+            turned = np.roll(pixels, index * width // pictures, axis=1)
+            Image.fromarray(turned).save(Path(folder) / f"picture{index:02}.png")
+        options = ["--device", device, "--force", "--quiet", "--style", "photo"]
         for name, value in {"curves": 512, **changes}.items():
             options += [f"--{name}", str(value)]
-        command = ["vectorize", str(picture_file), *options]
+        command = ["vectorize", folder, *options]
         taken = []
         for _ in range(2):
             start = time.perf_counter()
@@ -270,11 +278,15 @@ def main(arguments: list[str] | None = None, opened: Callable[[], CudaEngine] = 
         "fit_s": fit_seconds("cuda"),
         "fit_without_spike_penalty_s": fit_seconds("cuda", spike_penalty=0.0),
         "command_s": command_seconds("cuda"),
+        "folder_s": {jobs: command_seconds("cuda", pictures=FOLDER, jobs=jobs) for jobs in FOLDER_JOBS},
     }
     print(f"compiling one program {whole['compile_s']:.2f} s")
     print(f"standard fit {whole['fit_s']:.2f} s  {verdict(whole['fit_s'], FIT_TARGET_S, FIT_GOAL_S)}")
     print(f"  without the penalty on spikes {whole['fit_without_spike_penalty_s']:.2f} s")
     print(f"whole command {whole['command_s']:.2f} s  {verdict(whole['command_s'], COMMAND_TARGET_S)}")
+    for jobs, seconds in whole["folder_s"].items():
+        aim = verdict(seconds, FOLDER_TARGET_S, FOLDER_GOAL_S)
+        print(f"folder of {FOLDER} pictures, --jobs {jobs}: {seconds:.1f} s  {aim}")
     if chosen.json:
         report = {"engine": engine.describe(), "results": results, "whole": whole}
         chosen.json.write_text(json.dumps(report, indent=1))
