@@ -19,7 +19,7 @@ from emulated import EmulatedDriver, EmulatedKernels, compiler
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.jobs.plan import plan
-from cubicsplat_cli.jobs.pool import SERVER, run_in_workers
+from cubicsplat_cli.jobs.pool import run_in_workers
 from cubicsplat_cli.jobs.results import prepare_files
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED
 from cubicsplat_cli.photo import remote
@@ -300,7 +300,7 @@ def test_the_pictures_of_a_server_that_dies_are_tried_again(folder, tmp_path):
     killed: list[int] = []
 
     def kill_once() -> None:
-        servers = [child for child in multiprocessing.active_children() if child.name == SERVER]
+        servers = [child for child in multiprocessing.active_children() if child.name == "serve"]
         if not killed:
             killed.extend(server.pid for server in servers)
             servers[0].kill()

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, Outcome, attempt
+from cubicsplat_cli.photo.remote import FitServer, serve, use_server
 from cubicsplat_cli.progress import Observer, Progress, interrupt
 from cubicsplat_cli.raster.cuda.libcuda import gpus
 from cubicsplat_cli.request import Request
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 ATTEMPTS = 2
 _POLL_SECONDS = 0.2  # between two checks for a stop while nothing happens
 _STOP = "stop"
-SERVER = "fits on the GPU"  # the name of the process
 PRELOADED = ["cubicsplat_cli.jobs.warm"]  # by the process that workers are forked from
 
 
@@ -128,9 +128,8 @@ class _Pool:
         for worker in self.workers:
             worker.process.join()
         if self.fitting is not None:
-            process, pipe, _ = self.fitting
-            pipe.close()
-            process.join()
+            self.fitting[1].close()
+            self.fitting[0].join()
 
     def _hand_out(self, jobs: Iterator[Job]) -> None:
         """Give a job to each free slot; start its worker if there is none."""
@@ -160,8 +159,7 @@ class _Pool:
     def _server(self) -> str:
         """Return the address of the living process that fits on the GPU."""
         if self.fitting is None or self.fitting[1].poll():  # its end of the pipe is closed
-            process, pipe = _started(_serve)
-            process.name = SERVER
+            process, pipe = _started(serve)
             self.fitting = process, pipe, pipe.recv()
         return self.fitting[2]
 
@@ -205,7 +203,7 @@ def _started(main: Callable[..., None], *arguments: Any) -> tuple[BaseProcess, C
     """Start a process by its main function, of its end of a pipe and the arguments; return it with our end."""
     context = _context()
     ours, theirs = context.Pipe()
-    process = context.Process(target=main, args=(theirs, *arguments), daemon=True)
+    process = context.Process(target=main, name=main.__name__, args=(theirs, *arguments), daemon=True)
     with _interrupts_blocked():
         process.start()
     theirs.close()
@@ -254,8 +252,6 @@ def _work(pipe: Connection, request: Request, threads: int, server: str | None) 
     jobs: SimpleQueue[Job | None] = SimpleQueue()
     stops = _Stops()
     if server is not None:
-        from cubicsplat_cli.photo.remote import FitServer, use_server
-
         use_server(FitServer(server, lambda: stops.let_through(False)))
     signal.signal(signal.SIGINT, stops.signalled)
     threading.Thread(target=_receive, args=(pipe, jobs, stops), daemon=True).start()
@@ -285,13 +281,6 @@ def _receive(pipe: Connection, jobs: SimpleQueue[Job | None], stops: _Stops) -> 
     except (EOFError, OSError):
         # The command that started this process is gone; its next run does the job anew.
         os._exit(1)
-
-
-def _serve(pipe: Connection) -> None:
-    """Fit on the GPU for all workers; the main function of the process that does."""
-    from cubicsplat_cli.photo.remote import serve
-
-    serve(pipe)
 
 
 class _Stops:

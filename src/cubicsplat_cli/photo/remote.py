@@ -6,6 +6,8 @@ meanwhile; they need neither torch nor the GPU.
 
 Each fit has a connection. The client sends the name and the arguments of a method of `FitLoop`, and the server sends
 progress and warnings until it sends the result or the error. To interrupt a method, the client sends None.
+
+Imports nothing heavy, since the command that starts these processes needs none of it.
 """
 
 from __future__ import annotations
@@ -19,19 +21,19 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult
-from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import FrameRecorder, Progress, log, nothing, warnings_to
-from cubicsplat_cli.raster.engine import Engine
-from cubicsplat_cli.raster.engines import open_engine
-from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection, Listener
+
+    import numpy as np
+
+    from cubicsplat_cli.photo.inputs import FitInputs, FitResult
+    from cubicsplat_cli.photo.loop import FitLoop
+    from cubicsplat_cli.raster.engine import Engine
+    from cubicsplat_cli.scene import Scene
+    from cubicsplat_cli.settings import FitSettings
 
 GPU_CHECK = "require_gpu"  # the name of the only request that is no method of a fit
 
@@ -55,7 +57,7 @@ def use_server(server: FitServer | None) -> None:
 def begin_fit(
     target: np.ndarray,
     settings: FitSettings,
-    inputs: FitInputs = NO_INPUTS,
+    inputs: FitInputs | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     recorder: FrameRecorder | None = None,
     *,
@@ -65,6 +67,10 @@ def begin_fit(
 
     Fits on the CPU, fits over a picture, and fits whose frames are recorded stay in this process.
     """
+    from cubicsplat_cli.photo.inputs import NO_INPUTS
+    from cubicsplat_cli.photo.loop import FitLoop
+
+    inputs = inputs or NO_INPUTS
     if not _servers or settings.device == "cpu" or recorder is not None or inputs.ground is not None:
         return FitLoop(target, settings, inputs, on_progress, recorder, rough=rough)
     return RemoteFit(_servers[0], on_progress or nothing, target, settings, inputs, rough)
@@ -151,24 +157,27 @@ class RemoteFit:
 
     def importance(self) -> np.ndarray:
         """See `FitLoop.importance`."""
-        return np.asarray(self._call("importance"))
+        importance: np.ndarray = self._call("importance")
+        return importance
 
     def resize(self, kept: np.ndarray, count: int) -> None:
         """See `FitLoop.resize`."""
         self._call("resize", kept, count)
 
 
-def serve(pipe: Connection, opened: Callable[..., Engine] = open_engine) -> None:
+def serve(pipe: Connection, opened: Callable[..., Engine] | None = None) -> None:
     """Send the address of a new listener through the pipe, and do the fits of its clients until the pipe closes: the
-    main function of the server process. opened: opens the engine of a fit.
+    main function of the server process. opened: opens the engine of a fit (default: `open_engine`).
     """
     from multiprocessing import current_process
     from multiprocessing.connection import Listener
 
+    from cubicsplat_cli.raster.engines import open_engine
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # clients say which fits to interrupt
     with Listener(authkey=bytes(current_process().authkey)) as listener:
         pipe.send(listener.address)
-        threading.Thread(target=_accept, args=(listener, opened), daemon=True).start()
+        threading.Thread(target=_accept, args=(listener, opened or open_engine), daemon=True).start()
         with suppress(EOFError, OSError):
             pipe.recv()
 
@@ -189,6 +198,8 @@ def _accept(listener: Listener, opened: Callable[..., Engine]) -> None:
 def serve_fit(connection: Connection, opened: Callable[..., Engine]) -> None:
     """Do one fit as its client asks, until the client closes the connection."""
     from multiprocessing.pool import ExceptionWithTraceback  # type: ignore[attr-defined]
+
+    from cubicsplat_cli.photo.loop import FitLoop
 
     def report(progress: Progress) -> None:
         if connection.poll():
