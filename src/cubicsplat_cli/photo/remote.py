@@ -105,15 +105,19 @@ class _Connected(AbstractContextManager["_Connected"]):
         self._connection.close()
 
     def call(self, name: str, *arguments: Any, on_progress: Callable[[Progress], None] = nothing) -> Any:
-        """Return the result of a request, or raise its error. A KeyboardInterrupt ends it early, with a result."""
+        """Return the result of a request, or raise its error.
+
+        A KeyboardInterrupt ends a fit early, with a result. It is raised if the request has ended.
+        """
+        unsent = [(name, arguments)]
         try:
-            with self._whole():
-                self._connection.send((name, arguments))
             while True:
                 kind: str = ""
                 content: Any = None
                 try:
                     with self._whole():
+                        while unsent:
+                            self._connection.send(unsent.pop())
                         kind, content = self._connection.recv()
                     if kind == "progress":
                         on_progress(content)
