@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from decimal import Decimal
 from xml.etree import ElementTree
@@ -41,91 +41,72 @@ from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 _KEY_DECIMALS = 12  # evenly spaced knots are written without times, and lie where they do
 _SCALE = re.compile(r"scale\(\.(0{0,5})1\)")
 _DISPLAY, _MOVE = "display", "transform"
+_SHOWN, _MOVED = {"attributeName": _DISPLAY}, {"attributeName": _MOVE, "type": "translate"}
 _OF_A_FRAME = 0.01  # by which a change may be early or late
 
 
 def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int = 0) -> str:
-    """The SVG text of a clip: a path for each curve, back to front, and in it what changes.
+    """Return the SVG text of a clip: a path for each curve, back to front, that holds what changes.
 
-    Nothing is written of what does not. plays: how often the clip is shown, 0 for ever; it ends with its last frame.
-    Values are linear between knots. A group of frames after a cut is a <g> that is displayed in its time.
+    plays: how often the clip is shown, 0 for ever; it ends with its last frame. Values are linear between knots. Each
+    group of frames between cuts is a <g> that is displayed in its time.
     """
     root = empty_document(clip.width, clip.height, title, comment)
     if clip.background is not None:
         box = {"id": BACKGROUND_ID, "width": str(clip.width), "height": str(clip.height)}
         ElementTree.SubElement(root, "rect", {**box, "fill": short_colour(*clip.background)})
-    head, end = document(root).removesuffix("\n").rsplit("\n", 1)
-    lines = [line for index, group in enumerate(clip.groups) for line in _group(clip, group, index, plays)]
-    return "\n".join([head, *lines, end, ""])
-
-
-def _group(clip: GridClip, group: GridGroup, index: int, plays: int) -> Iterator[str]:
-    paint = ' fill-rule="nonzero"'
+    shared = {"fill-rule": "nonzero"}
     if clip.mode is Mode.OPEN:
-        paint = ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
-    scale = f' transform="scale({format_number(1, clip.precision)})"' if clip.precision else ""
-    hidden = ' display="none"' if index else ""
-    yield f"<g{paint}{scale}{hidden}>"
-    if len(clip.groups) > 1:
-        yield _display(clip, index, plays)
-    timing = _Timing(clip, group, plays)
-    for curve in reversed(group.curves):
-        yield _path(clip, curve, timing, still=index == 0)
-    yield "</g>"
-
-
-def _display(clip: GridClip, index: int, plays: int) -> str:
-    """The element that shows a group in its time and hides it in that of the others."""
-    ends = [round(group.end / clip.key_s) for group in clip.groups[:-1]]
-    keys, values = [0], ["none" if index else "inline"]
-    if index:
-        keys, values = [*keys, ends[index - 1]], [*values, "inline"]
-    if index < len(ends):
-        keys, values = [*keys, ends[index]], [*values, "none"]
-    times = ";".join(format_number(key, clip.key_decimals) for key in keys)
-    return (
-        f'<animate attributeName="display" calcMode="discrete" values="{";".join(values)}" keyTimes="{times}"'
-        f"{_attributes(repeated(clip.duration, plays))}/>"
-    )
+        shared = {"fill": "none", "stroke-linecap": "round", "stroke-linejoin": "round"}
+    if clip.precision:
+        shared["transform"] = f"scale({format_number(1, clip.precision)})"
+    begins = ["0", *(format_number(round(group.end / clip.key_s), clip.key_decimals) for group in clip.groups[:-1])]
+    for index, group in enumerate(clip.groups):
+        parent = ElementTree.SubElement(root, "g", shared | ({_DISPLAY: "none"} if index else {}))
+        shown = ["inline" if number == index else "none" for number in range(len(clip.groups))]
+        _add_steps(parent, _SHOWN, shown, begins, _repeated(clip.duration, plays))
+        # A later group began its last round before the clip did, so it has one more.
+        later = group.begin > 0.0
+        timing = {"begin": _seconds(group.begin - clip.duration)} if later else {}
+        timing |= _repeated(clip.duration, plays + 1 if later and plays else plays)
+        parent.extend(_path(clip, curve, timing, still=index == 0) for curve in reversed(group.curves))
+    return document(root).replace(" />", "/>")
 
 
 def _seconds(value: float) -> str:
     return format_number(round(value * 10**TIME_DECIMALS), TIME_DECIMALS) + "s"
 
 
-def repeated(duration: float, plays: int) -> dict[str, str]:
-    """The attributes of duration and repetition; what ends stays as it is then. plays: 0 for ever."""
+def _repeated(duration: float, plays: int) -> dict[str, str]:
+    """Return the attributes of duration and repetition; what ends stays as it is then. plays: 0 for ever."""
     count = {} if plays == 1 else {"repeatCount": str(plays or "indefinite")}
     return {"dur": _seconds(duration), **count, **({"fill": "freeze"} if plays else {})}
 
 
-def _attributes(attributes: dict[str, str]) -> str:
-    return "".join(f' {name}="{value}"' for name, value in attributes.items())
+Attributes = dict[str, str]
 
 
-class _Timing:
-    """The times of the knots of a group, as attributes."""
-
-    def __init__(self, clip: GridClip, group: GridGroup, plays: int) -> None:
-        self._clip, self._whole = clip, 10**clip.key_decimals
-        # What belongs to a later group began its last round before the clip did, and so has one more.
-        later = group.begin > 0.0
-        self._begin = f' begin="{_seconds(group.begin - clip.duration)}"' if later else ""
-        self._repeated = _attributes(repeated(clip.duration, plays + 1 if later and plays else plays))
-
-    def attributes(self, track: GridTrack, values: Sequence[str]) -> str:
-        """` values="..." keyTimes="..." begin="..." dur="..." ...`."""
-        keys, texts = track.keys.tolist(), [*values]
-        if keys[-1] < self._whole:
-            # A path of values ends when its round does.
-            keys, texts = [*keys, self._whole], [*texts, texts[-1]]
-        even = np.rint(np.linspace(0, self._whole, len(keys))).astype(int).tolist()
-        times = "" if keys == even else ";".join(format_number(key, self._clip.key_decimals) for key in keys)
-        return f' values="{";".join(texts)}"' + (f' keyTimes="{times}"' if times else "") + self._begin + self._repeated
+def _add_animation(
+    element: ElementTree.Element, target: Attributes, values: Sequence[str], times: Sequence[str], timing: Attributes
+) -> None:
+    """Add an animation of an attribute. times: of the values, in shares of the duration; empty: evenly spaced."""
+    keys = {"keyTimes": ";".join(times)} if times else {}
+    tag = "animateTransform" if "type" in target else "animate"
+    ElementTree.SubElement(element, tag, {**target, "values": ";".join(values), **keys, **timing})
 
 
-def _path(clip: GridClip, curve: dict[str, GridTrack], timing: _Timing, *, still: bool) -> str:
-    """One curve. still: whether it belongs to the first frame, which viewers show that know no animation."""
+def _add_steps(
+    element: ElementTree.Element, target: Attributes, values: Sequence[str], times: Sequence[str], timing: Attributes
+) -> None:
+    """Add an animation that changes an attribute at once where a value differs from the one before, if any does."""
+    changes = [0, *(place for place in range(1, len(values)) if values[place] != values[place - 1])]
+    if len(changes) > 1:
+        chosen, begins = ([texts[place] for place in changes] for texts in (values, times))
+        _add_animation(element, {**target, "calcMode": "discrete"}, chosen, begins, timing)
+
+
+def _path(clip: GridClip, curve: dict[str, GridTrack], timing: dict[str, str], *, still: bool) -> ElementTree.Element:
+    """Return one curve. still: whether it belongs to the first frame, which viewers without animation show."""
     paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
     texts = {
         paint: (COLOUR, [short_colour(*colour) for colour in curve[COLOUR].values.tolist()]),
@@ -134,17 +115,21 @@ def _path(clip: GridClip, curve: dict[str, GridTrack], timing: _Timing, *, still
     }
     if clip.mode is Mode.OPEN:
         texts["stroke-width"] = (WIDTH, _numbers(curve[WIDTH], clip.width_decimals - clip.precision))
-    attributes, children = "", ""
+    element = ElementTree.Element("path")
+    for name, (_, values) in texts.items():
+        if still if len(values) > 1 else not (name.endswith("-opacity") and values == ["1"]):
+            element.set(name, values[0])
+    texts[_MOVE] = (OFFSET, [joined(offset) for offset in curve[OFFSET].values.tolist()])
     for name, (track, values) in texts.items():
-        moves = len(values) > 1
-        if (still or not moves) and not (name.endswith("-opacity") and values[0] == "1" and not moves):
-            attributes += f' {name}="{values[0]}"'
-        if moves:
-            children += f'<animate attributeName="{name}"{timing.attributes(curve[track], values)}/>'
-    if len(curve[OFFSET].keys) > 1:
-        moved = timing.attributes(curve[OFFSET], [joined(offset) for offset in curve[OFFSET].values.tolist()])
-        children += f'<animateTransform attributeName="transform" type="translate"{moved}/>'
-    return f"<path{attributes}>{children}</path>" if children else f"<path{attributes}/>"
+        if len(values) > 1:
+            keys, whole = curve[track].keys.tolist(), 10**clip.key_decimals
+            if keys[-1] < whole:
+                # A path of values ends when its round does.
+                keys, values = [*keys, whole], [*values, values[-1]]
+            even = keys == np.rint(np.linspace(0, whole, len(keys))).astype(int).tolist()
+            times = [] if even else [format_number(key, clip.key_decimals) for key in keys]
+            _add_animation(element, _MOVED if name == _MOVE else {"attributeName": name}, values, times, timing)
+    return element
 
 
 def _numbers(track: GridTrack, decimals: int) -> list[str]:
@@ -279,7 +264,8 @@ def write_moving_drawing(
     shortest = float(np.diff(np.append(begins, duration)).min())
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
     keys = np.rint(begins / duration * 10**decimals).astype(int).tolist()
-    ending = repeated(duration, plays)
+    times = [format_number(key, decimals) for key in keys]
+    ending = _repeated(duration, plays)
     for index in range(len(named)):
         element = root.find(f".//*[@id='s{index}']")
         if element is None:  # smaller than the grid
@@ -289,16 +275,10 @@ def write_moving_drawing(
         moves = _offsets(moving, index, precision)
         if shown[0] == "none":
             element.set(_DISPLAY, "none")
-        tracks = [("animate", {"attributeName": _DISPLAY}, shown)]
-        tracks.append(("animateTransform", {"attributeName": _MOVE, "type": "translate"}, moves))
         if len(set(moves)) > 1 and _MOVE in element.attrib:
             element = _wrapped(root, element)
-        for tag, attributes, values in tracks:
-            changes = [0, *(place for place in range(1, len(values)) if values[place] != values[place - 1])]
-            if len(changes) > 1:
-                times = ";".join(format_number(keys[place], decimals) for place in changes)
-                said = {**attributes, "calcMode": "discrete", "values": ";".join(values[place] for place in changes)}
-                ElementTree.SubElement(element, tag, {**said, "keyTimes": times, **ending})
+        for attributes, values in ((_SHOWN, shown), (_MOVED, moves)):
+            _add_steps(element, attributes, values, times, ending)
     return document(root).replace(" />", "/>")
 
 
