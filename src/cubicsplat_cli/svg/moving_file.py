@@ -35,7 +35,7 @@ from cubicsplat_cli.svg.moving import (
 )
 from cubicsplat_cli.svg.paths import subpaths
 from cubicsplat_cli.svg.scene_reader import control_points
-from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID
+from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, path_values
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 
 _KEY_DECIMALS = 12  # evenly spaced knots are written without times, and lie where they do
@@ -108,10 +108,11 @@ def _add_steps(
 def _path(clip: GridClip, curve: dict[str, GridTrack], timing: dict[str, str], *, still: bool) -> ElementTree.Element:
     """Return one curve. still: whether it belongs to the first frame, which viewers without animation show."""
     paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
+    shapes = curve[SHAPE].values.reshape(len(curve[SHAPE].keys), -1, 2)
     texts = {
         paint: (COLOUR, [short_colour(*colour) for colour in curve[COLOUR].values.tolist()]),
         f"{paint}-opacity": (OPACITY, _numbers(curve[OPACITY], OPACITY_DECIMALS)),
-        "d": (SHAPE, path_values(curve[SHAPE].values, closed=clip.mode is Mode.CLOSED)),
+        "d": (SHAPE, path_values(shapes.tolist(), closed=clip.mode is Mode.CLOSED)),
     }
     if clip.mode is Mode.OPEN:
         texts["stroke-width"] = (WIDTH, _numbers(curve[WIDTH], clip.width_decimals - clip.precision))
@@ -134,31 +135,6 @@ def _path(clip: GridClip, curve: dict[str, GridTrack], timing: dict[str, str], *
 
 def _numbers(track: GridTrack, decimals: int) -> list[str]:
     return [format_number(value, decimals) for value in track.values[:, 0].tolist()]
-
-
-def path_values(points: np.ndarray, *, closed: bool) -> list[str]:
-    """Path data of one curve at its knots, (k, 2 K) int64, all of one structure, as SMIL needs to go from one to the
-    next: each segment is relative in all of them, or in none, whichever is shorter.
-    """
-    points = points.reshape(len(points), -1, 2)
-    segments = points.shape[1] // 3
-    texts = ["M" + joined(start) for start in points[:, 0].tolist()]
-    before = ""
-    for segment in range(segments):
-        ends = (3 * segment + np.array([1, 2, 3])) % points.shape[1] if closed else 3 * segment + np.array([1, 2, 3])
-        absolute = points[:, ends]
-        relative = absolute - points[:, 3 * segment, None]
-        forms = {
-            "c": [joined(numbers) for numbers in relative.reshape(len(points), -1).tolist()],
-            "C": [joined(numbers) for numbers in absolute.reshape(len(points), -1).tolist()],
-        }
-        sizes = {letter: sum(map(len, form)) - (letter == before) for letter, form in forms.items()}
-        letter = min(sizes, key=lambda each: sizes[each])
-        for index, numbers in enumerate(forms[letter]):
-            separator = letter if letter != before else "" if numbers[0] == "-" else " "
-            texts[index] += separator + numbers
-        before = letter
-    return [text + ("z" if closed else "") for text in texts]
 
 
 def read_clip(text: str) -> GridClip:
