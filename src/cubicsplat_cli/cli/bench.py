@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, takes_options, write_csv
+from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, option, takes_options, write_csv
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -27,15 +27,12 @@ bench = typer.Typer(help="Measure the speed of a training step, and quality.")
 _MOST_SIDE = 16_384
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
-CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
-ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="closed, open or both.")]
-Cache = Annotated[
-    Path | None,
-    typer.Option("--cache", metavar="DIR", help="Keep each result here, and take it from here the next time."),
-]
-Limit = Annotated[int | None, typer.Option("--limit", metavar="N", help="Take the first so many pictures only.")]
-Csv = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Also write one row per fit as a table.")]
-Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as Markdown.")]
+CurvesList = Annotated[str, option("--curves N,...", "Numbers of curves.")]
+ModeList = Annotated[str, option("--mode MODE,...", "closed, open or both.")]
+Cache = Annotated[Path | None, option("--cache DIR", "Keep each result here, and take it from here the next time.")]
+Limit = Annotated[int | None, option("--limit N", "Take the first so many pictures only.")]
+Csv = Annotated[Path | None, option("--csv FILE", "Also write one row per fit as a table.")]
+Markdown = Annotated[bool, option("--markdown", "Print the tables as Markdown.")]
 
 
 @bench.command("step", cls=Command)
@@ -45,11 +42,9 @@ def step(
         Path | None,
         typer.Argument(metavar="[IMAGE]", help="Picture to fit.  [default: a drawn one]", show_default=False),
     ] = None,
-    size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the drawn picture.")] = "768x512",
-    warmup_steps: Annotated[
-        int, typer.Option("--warmup-steps", metavar="N", help="Steps before the timed ones.")
-    ] = 300,
-    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Timed steps, in each of the two phases.")] = 100,
+    size: Annotated[str, option("--size WxH", "Size of the drawn picture.")] = "768x512",
+    warmup_steps: Annotated[int, option("--warmup-steps N", "Steps before the timed ones.")] = 300,
+    steps: Annotated[int, option("--steps N", "Timed steps, in each of the two phases.")] = 100,
     json: Json = False,
     **fit: Any,
 ) -> None:
@@ -84,11 +79,7 @@ def quality(
     cache: Cache = None,
     sheet: Annotated[
         Path | None,
-        typer.Option(
-            "--sheet",
-            metavar="FILE",
-            help="Also write a PNG to look at: original, SVG and error of the first four pictures.",
-        ),
+        option("--sheet FILE", "Also write a PNG to look at: original, SVG and error of the first four pictures."),
     ] = None,
     json: Json = False,
     csv: Csv = None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, write_csv
+from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, option, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.formatting import mean, one_line
@@ -47,22 +47,13 @@ Candidate = Annotated[
 ]
 Scale = Annotated[
     int | None,
-    typer.Option(
-        "--scale", metavar="K", help="Also draw an SVG this many times as large, tile by tile, and average it down."
-    ),
+    option("--scale K", "Also draw an SVG this many times as large, tile by tile, and average it down."),
 ]
-Threads = Annotated[
-    int | None, typer.Option("--threads", metavar="N", help="CPU threads of the engine.  [default: one per core]")
-]
-Metrics = Annotated[str, typer.Option("--metrics", metavar="NAME,...", help=f"Of {', '.join(NAMES)}.")]
-Csv = Annotated[
-    Path | None, typer.Option("--csv", metavar="FILE", help="Also write the figures as a table, one row a pair.")
-]
+Threads = Annotated[int | None, option("--threads N", "CPU threads of the engine.  [default: one per core]")]
+Metrics = Annotated[str, option("--metrics NAME,...", f"Of {', '.join(NAMES)}.")]
+Csv = Annotated[Path | None, option("--csv FILE", "Also write the figures as a table, one row a pair.")]
 Page = Annotated[
-    Path | None,
-    typer.Option(
-        "--report", metavar="OUT", help="Also write a page that shows the pair: OUT.html; of two folders a folder."
-    ),
+    Path | None, option("--report OUT", "Also write a page that shows the pair: OUT.html; of two folders a folder.")
 ]
 
 

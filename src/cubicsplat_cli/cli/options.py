@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from typer import Argument, Exit, Option, echo
+from typer import Exit, Option, echo
 from typer.core import TyperCommand, TyperGroup
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -22,24 +22,22 @@ from cubicsplat_cli.options import COMMON, FILES, GROUPS, RENAMED, Setting, sett
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
+
+def option(names: str, text: str, group: str | None = None, **facts: Any) -> Any:
+    """Return an option for Typer. names: such as `--output -o OUT`, OUT being its value. text, group: of the help."""
+    flags = [word for word in names.split() if word.startswith("-")]
+    values = [word for word in names.split() if not word.startswith("-")]
+    return Option(*flags, metavar="".join(values) or None, help=text, rich_help_panel=group, **facts)
+
+
 Renderer = Annotated[
     Literal["auto", "cairosvg", "resvg"],
-    Option("--renderer", case_sensitive=False, help="What draws an SVG; auto is cairosvg where it works."),
+    option("--renderer", "What draws an SVG; auto is cairosvg where it works.", case_sensitive=False),
 ]
-MaxPixels = Annotated[int, Option("--max-pixels", metavar="N", help="Refuse larger pictures.")]
-Json = Annotated[bool, Option("--json", help="Print everything as JSON.")]
-Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.", rich_help_panel=FILES)]
-Verbose = Annotated[
-    bool, Option("--verbose", "-v", help="Print settings and plain progress too.", rich_help_panel=FILES)
-]
-Pictures = Annotated[
-    list[str],
-    Argument(
-        metavar="IN...",
-        help="Pictures, folders, patterns such as 'photos/*.png', or - for standard input.",
-        show_default=False,
-    ),
-]
+MaxPixels = Annotated[int, option("--max-pixels N", "Refuse larger pictures.")]
+Json = Annotated[bool, option("--json", "Print everything as JSON.")]
+Quiet = Annotated[bool, option("--quiet -q", "Print results and errors only.", FILES)]
+Verbose = Annotated[bool, option("--verbose -v", "Print settings and plain progress too.", FILES)]
 
 _PRESENT = {  # the present names of options by their earlier names
     f"--{earlier}".replace("_", "-"): f"--{name}".replace("_", "-")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Quiet, Renderer
+from cubicsplat_cli.cli.options import Quiet, Renderer, option
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
 from cubicsplat_cli.files.paths import (
@@ -35,34 +35,25 @@ def render(
     ],
     output: Annotated[
         str | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT",
-            help="PNG (or .pdf, .ps, .eps, .dxf, .xml) to write, a folder for it, or - for standard output."
+        option(
+            "--output -o OUT",
+            "PNG (or .pdf, .ps, .eps, .dxf, .xml) to write, a folder for it, or - for standard output."
             "  [default: the input's name with .png, or -]",
-            show_default=False,
         ),
     ] = None,
-    scale: Annotated[
-        float, typer.Option("--scale", metavar="FACTOR", help="Pixels per unit of the SVG; above 0.")
-    ] = 1.0,
+    scale: Annotated[float, option("--scale FACTOR", "Pixels per unit of the SVG; above 0.")] = 1.0,
     width: Annotated[
-        int | None,
-        typer.Option("--width", metavar="PX", help="Draw so wide; as high as its shape asks, without --height."),
+        int | None, option("--width PX", "Draw so wide; as high as its shape asks, without --height.")
     ] = None,
     height: Annotated[
-        int | None,
-        typer.Option("--height", metavar="PX", help="Draw so high; as wide as its shape asks, without --width."),
+        int | None, option("--height PX", "Draw so high; as wide as its shape asks, without --width.")
     ] = None,
     dxf_tolerance: Annotated[
-        float, typer.Option("--dxf-tolerance", metavar="PX", help="How far a DXF may be off the outlines.")
+        float, option("--dxf-tolerance PX", "How far a DXF may be off the outlines.")
     ] = DXF_TOLERANCE,
     renderer: Renderer = "auto",
     quiet: Quiet = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace an existing file that cubicsplat did not write.")
-    ] = False,
+    force: Annotated[bool, option("--force", "Replace an existing file that cubicsplat did not write.")] = False,
 ) -> None:
     """Draw SVGs as PNGs, or write one for another program.
 
