@@ -448,3 +448,13 @@ def test_only_rounded_rectangles_among_paths_are_turned():
 
 def test_small_round_corners_stay_a_rect():
     assert [e.tag.rpartition("}")[2] for e in written(shape(Rectangle(5, 5, 20, 9, 3)))] == ["rect"]
+
+
+def test_a_radius_that_rounds_to_nothing_leaves_a_rectangle():
+    text = write_drawing(
+        Drawing(200, 100, (shape(Rectangle(2, 2, 196, 96, 9), Rectangle(10, 10, 20, 30, 1e-3)),)),
+        title="t",
+        comment="c",
+    )
+    hole = read_drawing(text).shapes[0].outlines[1].ring()
+    assert hole.lines.all() and sorted(map(tuple, hole.anchors)) == [(10, 10), (10, 40), (30, 10), (30, 40)]

@@ -189,7 +189,7 @@ def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) 
     """Return the fill of an element with these rings, and its gradient or None."""
     match = _REFERENCE.fullmatch(given.get("fill", ""))
     if match is None:
-        return _fill(given, "fill"), None
+        return fill_of(given, "fill"), None
     if given.get("fill-opacity", "1") != "1":
         raise ValueError("has a fill-opacity beside a gradient; give its stops the opacity")
     low, high = extent_of(rings)
@@ -200,7 +200,7 @@ def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) 
 def _strokes(element: OwnElement) -> list[Shape]:
     """Return one stroke, or one for each subpath of a path."""
     given = element.attributes
-    fill, width = _fill(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
+    fill, width = fill_of(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
     if width <= 0.0:
         raise ValueError("has a stroke without a width")
     cap, join = given.get("stroke-linecap", BUTT), given.get("stroke-linejoin", MITER)
@@ -214,7 +214,7 @@ def _strokes(element: OwnElement) -> list[Shape]:
     return [Shape(fill, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
 
 
-def _fill(given: dict[str, str], kind: str) -> Rgba:
+def fill_of(given: dict[str, str], kind: str) -> Rgba:
     """Return the colour and opacity of a "fill" or "stroke"."""
     return (*hex_colour(given.get(kind, "")), round(255.0 * _opacity(given, kind)))
 

@@ -224,7 +224,7 @@ def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bo
     if isinstance(outline, (Circle, Ellipse)):
         _add_ellipse(path, outline, precision, clockwise)
         return
-    if isinstance(outline, Rectangle) and outline.radius > 0.0 and outline.angle == 0.0:
+    if isinstance(outline, Rectangle) and to_steps(outline.radius, precision) > 0 and outline.angle == 0.0:
         add_rounded(path, outline, precision, clockwise=clockwise)
         return
     ring = rings.of(outline.ring(), clockwise)
