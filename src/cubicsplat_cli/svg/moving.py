@@ -11,8 +11,8 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.motion.tracks import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Tracks
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.quantise import MAX_COORDINATE, check_precision
+from cubicsplat_cli.settings import PRECISION, Mode
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.values import levels_of, unit_colour
 
 SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
@@ -33,13 +33,8 @@ class GridTrack:
     values: np.ndarray
 
     def at(self, keys: np.ndarray) -> np.ndarray:
-        """(F, n) float64: the values at these times, which need not be whole."""
-        if len(self.keys) == 1:
-            return np.broadcast_to(self.values[0].astype(np.float64), (len(keys), self.values.shape[1]))
-        after = np.clip(np.searchsorted(self.keys, keys), 1, len(self.keys) - 1)
-        share = (keys - self.keys[after - 1]) / (self.keys[after] - self.keys[after - 1])
-        first, last = self.values[after - 1], self.values[after]
-        return first + np.clip(share, 0.0, 1.0)[:, None] * (last - first)
+        """Return the values (F, n) float64 at times (F,), which need not be whole."""
+        return np.stack([np.interp(keys, self.keys, values) for values in self.values.T], axis=1)
 
 
 @record
@@ -128,7 +123,7 @@ def to_grid_clip(clip: Sequence[Tracks], precision: int, off: float = 0.5) -> Gr
 
     Raises InputError for a value that is out of range, UsageError for a precision outside 0..6.
     """
-    check_precision(precision)
+    PRECISION.check("precision", precision)
     start, first = float(clip[0].times[0]), clip[0].scene
     duration = round(clip[-1].end - start, TIME_DECIMALS)
     shortest = min(float(np.diff(np.append(group.times, group.end)).min()) for group in clip)

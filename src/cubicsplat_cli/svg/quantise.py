@@ -65,18 +65,13 @@ class GridScene:
         return len(self.opacities) > 1 and bool((self.opacities == self.opacities[0]).all())
 
 
-def check_precision(precision: int) -> None:
-    """Raise UsageError unless `precision` is a whole number in 0..6."""
-    PRECISION.check("precision", precision)
-
-
 def to_grid(scene: Scene, precision: int) -> GridScene:
     """Round a scene to the numbers of a file with `precision` decimals.
 
     Raises InputError, which names the first curve with a value that is not finite or out of range; UsageError for a
     precision outside 0..6.
     """
-    check_precision(precision)
+    PRECISION.check("precision", precision)
     scene.validate()
     scene = scene.as_numpy()
     points, ring_ends = scene.points, None
