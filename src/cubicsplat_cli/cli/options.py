@@ -41,7 +41,7 @@ Verbose = Annotated[bool, option("--verbose -v", "Print settings and plain progr
 
 _PRESENT = {  # the present names of options by their earlier names
     f"--{earlier}".replace("_", "-"): f"--{name}".replace("_", "-")
-    for earlier, name in {"measures": "metrics", **RENAMED}.items()
+    for earlier, name in {"measures": "metrics", "no_completion": "completion=off", **RENAMED}.items()
 }
 _KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "text": str}
 _READ: dict[Any, Callable[[Any], Any]] = {list[str]: list} | {
@@ -76,15 +76,6 @@ def takes_options(
     return decorate
 
 
-def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """Return the values of all settings by name. overrides: of --set. Raises UsageError for a senseless one."""
-    values = {name: value for name, value in options.items() if not name.startswith("no_")}
-    for _, each, spec in _settings():
-        if spec.only_off and options.get(f"no_{each.name}"):
-            values[each.name] = False if spec.kind == "flag" else spec.choices[-1]
-    return {**values, **dict(_override(text) for text in overrides)}
-
-
 def print_names(overrides: list[str]) -> list[str]:
     """Return the values of --set; for `--set help` print all names, defaults and meanings, and end the command."""
     if "help" not in overrides:
@@ -98,8 +89,11 @@ def print_names(overrides: list[str]) -> list[str]:
     raise Exit
 
 
-def _override(text: str) -> tuple[str, Any]:
-    """Return name and value of `NAME=VALUE`; hyphens and underscores in names are the same."""
+def override(text: str) -> tuple[str, Any]:
+    """Return name and value of `NAME=VALUE`, of --set; hyphens and underscores in names are the same.
+
+    Raises UsageError for a senseless one.
+    """
     said, equals, value = text.partition("=")
     if not equals:
         raise UsageError(f"--set takes NAME=VALUE, such as importance=visibility, not {text!r}")
@@ -120,44 +114,33 @@ def _settings(owners: tuple[type[Any], ...] = _OWNERS) -> Iterator[tuple[type[An
 def _parameters(owners: tuple[type[Any], ...]) -> Iterator[inspect.Parameter]:
     """Yield the options of all settings, in the order of the help."""
     for owner, each, spec in _settings(owners):
-        if spec.only_off:
-            facts: dict[str, Any] = {"help": spec.help, "rich_help_panel": spec.group, "hidden": spec.hidden}
-            yield _parameter(
-                f"no_{each.name}", False, Annotated[bool, Option(f"--no-{spec.option or each.name}", **facts)]
-            )
-        if (spec.only_off and spec.kind == "flag") or (spec.by_set and not spec.hidden_option):
+        if spec.by_set and not spec.hidden_option:
             continue
         # The preset decides the defaults of its recipe.
         default = None if owner is Recipe or each.default == () else getattr(each.default, "value", each.default)
         from_preset = owner is FitSettings and default is None and not spec.optional
         text = spec.help + ("  [default: from the preset]" if from_preset else "")
-        yield _parameter(each.name, default, _annotation(each.name, spec, default, text))
-
-
-def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        annotation = _annotation(each.name, spec, default, text)
+        yield inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
     """Return the annotation for Typer. `Setting.check` checks limits, so that all errors have the same form."""
-    facts: dict[str, Any] = {
-        "help": text,
-        "rich_help_panel": spec.group,
-        "show_default": default is not True and default != "",
-        "hidden": spec.hidden or spec.by_set or spec.only_off,
-    }
+    facts: dict[str, Any] = {"show_default": default is not True and default != ""}
     kind: Any = object if spec.auto else str if spec.parse is not None else _KINDS.get(spec.kind)
     if spec.kind == "choice":
         kind = Literal[spec.choices]
         facts["case_sensitive"] = False
-    elif spec.kind != "flag":
-        facts["metavar"] = spec.metavar
     if spec.auto:
         facts["parser"] = _number_or_word
-    option = "--" + (spec.option or name).replace("_", "-")
-    if spec.kind == "flag" and default is not False:
-        option += f"/--no-{option[2:]}"
-    return Annotated[kind | None if default is None else kind, Option(option, **facts)]
+    names = spec.option if spec.option.startswith(" ") else "--" + (spec.option or name).replace("_", "-")
+    if spec.kind == "flag" and default is not False and "/" not in names:
+        names += f"/--no-{names[2:]}"
+    if spec.kind not in ("choice", "flag"):
+        facts["metavar"] = spec.metavar
+    hidden = spec.hidden or spec.by_set
+    made = Option(names, help=text, rich_help_panel=spec.group, hidden=hidden, **facts)
+    return Annotated[kind | None if default is None else kind, made]
 
 
 def _number_or_word(text: str) -> Any:

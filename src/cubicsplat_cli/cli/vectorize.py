@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Quiet, Verbose, chosen, option, print_names, takes_options
+from cubicsplat_cli.cli.options import Quiet, Verbose, option, override, print_names, takes_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import parse_formats
 from cubicsplat_cli.files.paths import format_of
@@ -68,7 +68,7 @@ def vectorize(
         # Path("") is the current folder, which an unset shell variable does not mean.
         raise UsageError("a file name is empty; is a variable not set?")
     _JOBS.check("jobs", jobs)
-    values = chosen(options, overrides)
+    values = {**options, **dict(map(override, overrides))}
     values["png"] = values["png"] and values["measure"] and not svg_only
     if svg_only:
         values["metrics"] = False
