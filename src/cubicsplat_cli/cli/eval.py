@@ -158,8 +158,8 @@ def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
     scale = comparison.scale
     if scale is None:
         return
-    pixels = f"{comparison.reference.width * scale.factor} x {comparison.reference.height * scale.factor} px"
-    changes: list[tuple[str, Change | None]] = [(candidate.renderer or "", scale.file), ("engine", scale.engine)]
+    pixels = f"{scale.width} x {scale.height} px"
+    changes: list[tuple[str, Change | None]] = [(candidate.renderer or "", scale.svg), ("engine", scale.engine)]
     for name, change in changes:
         if change is not None:
             typer.echo(f"  {scale.factor}x, {pixels}  {name}  {_change_text(change)}")
@@ -202,7 +202,7 @@ def _means(pairs: ComparedPairs) -> dict[str, Any]:
         "psnr_db": mean(quality.psnr_db for quality in qualities),
         "ssim": mean(quality.ssim for quality in qualities),
         **{name: mean(comparison.measures[name] for comparison in pairs.compared) for name in further},
-        "svg_change_db": mean(scale.file.change_db for scale in scales),
+        "svg_change_db": mean(scale.svg.change_db for scale in scales),
         "engine_change_db": mean(scale.engine.change_db for scale in scales if scale.engine is not None),
     }
     return {name: plain(value, name) for name, value in means.items()}
@@ -237,8 +237,8 @@ def _row(comparison: Comparison) -> dict[str, Any]:
         "identical": quality.identical,
         **comparison.measures,
         "scale": None if scale is None else scale.factor,
-        "scaled_psnr_db": None if scale is None else scale.file.scaled.psnr_db,
-        "scaled_ssim": None if scale is None else scale.file.scaled.ssim,
+        "scaled_psnr_db": None if scale is None else scale.svg.scaled.psnr_db,
+        "scaled_ssim": None if scale is None else scale.svg.scaled.ssim,
         "engine_psnr_db": None if engine is None else engine.native.psnr_db,
         "engine_scaled_psnr_db": None if engine is None else engine.scaled.psnr_db,
     }

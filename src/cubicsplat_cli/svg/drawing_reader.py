@@ -242,11 +242,11 @@ def _primitive(element: OwnElement) -> Circle | Ellipse | Rectangle:
         return Circle(*lengths)
     x, y, *sides = lengths
     if element.name == "ellipse":
-        return Ellipse(x, y, sides[0], sides[1], _angle(element.attributes))
-    return Rectangle(x, y, sides[0], sides[1], sides[2], _angle(element.attributes))
+        return Ellipse(x, y, sides[0], sides[1], angle_of(element.attributes))
+    return Rectangle(x, y, sides[0], sides[1], sides[2], angle_of(element.attributes))
 
 
-def _angle(given: dict[str, str]) -> float:
+def angle_of(given: dict[str, str]) -> float:
     """Return the rotation of an element about its centre, in radians, clockwise as seen."""
     match = _ROTATION.fullmatch(given.get("transform", "rotate(0 0 0)"))
     if match is None:
@@ -260,7 +260,7 @@ def _rotated(path: AnyPath, given: dict[str, str]) -> AnyPath:
         return path
     if not isinstance(path, Rectangle):
         raise ValueError("has a transform of a path other than a rounded rectangle")
-    return replace(path, angle=_angle(given))
+    return replace(path, angle=angle_of(given))
 
 
 def _letters(subpath: Sequence[PathSegment]) -> str:

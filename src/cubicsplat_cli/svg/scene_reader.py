@@ -18,7 +18,7 @@ from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient, mean_fill
 from cubicsplat_cli.scene.shapes import shape_points
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
+from cubicsplat_cli.svg.drawing_reader import angle_of, drawing_of, holds_drawing
 from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, own_elements
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
@@ -27,7 +27,6 @@ from cubicsplat_cli.svg.values import hex_colour, parse_number, unit_colour
 
 _WIDTH_DECIMALS, _GRADIENT_DECIMALS = 9, 7  # more than any file has
 _SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
-_ROTATION = re.compile(r"rotate\((-?[\d.]+) [-\d.]+ [-\d.]+\)")
 _BACKGROUND_ATTRIBUTES = ("id", "x", "y", "width", "height", "fill")
 _GROUP_ATTRIBUTES = {
     "id": CURVES_ID,
@@ -221,11 +220,9 @@ def _points_of_shape(element: OwnElement) -> np.ndarray:
     x, y, a, b = (parse_number(given.get(attribute, "")) for attribute in _SHAPES[name][:4])
     if name == "rect":
         x, y, a, b = x + a / 2.0, y + b / 2.0, a / 2.0, b / 2.0
-    rotation = _ROTATION.fullmatch(given.get("transform", "rotate(0 0 0)"))
-    if rotation is None or min(a, b) < 0.0:
+    if min(a, b) < 0.0:
         raise ValueError(f"has a <{name}> that is none of a photo")
-    angle = math.radians(float(rotation[1]))
-    first = max(a, 1e-3)  # a first axis of no length would have no direction
+    angle, first = angle_of(given), max(a, 1e-3)  # a first axis of no length would have no direction
     values = np.array([[x, y, first * math.cos(angle), first * math.sin(angle), b]])
     return shape_points("ellipse" if name == "ellipse" else "rectangle", values)[0]
 
