@@ -15,8 +15,10 @@ from cubicsplat_cli.clip_request import ARTWORK, FIT_SETTINGS, FRAMES, LOTTIE, S
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
 from cubicsplat_cli.files.paths import check_outputs, is_folder, make_folder_of, same_file
+from cubicsplat_cli.files.write import write_atomically, write_stdout
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
 from cubicsplat_cli.from_options import clip_request_of
+from cubicsplat_cli.progress import StageTimer, command_began
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import FitSettings
 
@@ -66,8 +68,6 @@ def animate(
     _check(places, Path(clip), request)
     report = _run(Path(clip), places, request, reporter)
     if json:
-        from cubicsplat_cli.files.write import write_stdout
-
         write_stdout(json_text.dumps(report.public(), separators=(",", ":"), allow_nan=False).encode() + b"\n")
     if report.interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)
@@ -119,7 +119,6 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
     from cubicsplat_cli.files.clips import open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
     from cubicsplat_cli.pipeline.animation import ClipTask
-    from cubicsplat_cli.progress import StageTimer, command_began
 
     job = str(clip)
     with reporter.showing(1):
@@ -145,8 +144,6 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
 
 def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
     """Write the result, before anything is measured; remove frames of an earlier, longer clip."""
-    from cubicsplat_cli.files.write import write_atomically
-
     files = {
         (places.result / name if name else places.result): data
         for name, data in animation.files(str(request.format)).items()
@@ -161,8 +158,6 @@ def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
 
 def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Places) -> None:
     """Write the page, if there is one, and last the figures."""
-    from cubicsplat_cli.files.write import write_atomically
-
     if places.page is not None:
         from cubicsplat_cli.html_report.animation import player_page
 

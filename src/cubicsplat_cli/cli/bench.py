@@ -16,6 +16,10 @@ import typer
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, option, takes_options, write_csv
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.files.names import pictures_in
+from cubicsplat_cli.files.paths import check_outputs
+from cubicsplat_cli.files.write import write_atomically
+from cubicsplat_cli.metrics import to_json
 from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -113,7 +117,6 @@ def quality(
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     """Write a sheet of the first four pictures, with all configurations of a picture below one another."""
     from cubicsplat_cli.bench.quality import sheet_png
-    from cubicsplat_cli.files.write import write_atomically
 
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
     rows = [(run, svg) for picture in shown[:4] for run, svg in runs.done if run.picture == picture.name]
@@ -155,15 +158,11 @@ def check_png(path: Path | None, option: str) -> None:
         return
     if path.suffix.lower() != ".png":
         raise UsageError(f"the {option} must end in .png, but --{option} is {path}")
-    from cubicsplat_cli.files.paths import check_outputs
-
     check_outputs([path], force=False)
 
 
 def pictures_of(folder: Path, limit: int | None) -> list[Path]:
     """Return the first pictures of a folder, up to a limit. Raises the errors of `pictures_in`."""
-    from cubicsplat_cli.files.names import pictures_in
-
     check_limit(limit)
     return pictures_in(folder)[:limit]
 
@@ -180,8 +179,6 @@ def run_fits(jobs: Sequence[FitJob], cache: Path | None, reporter: Reporter) -> 
 
 def print_json(report: dict[str, Any]) -> None:
     """Print a report to stdout."""
-    from cubicsplat_cli.metrics import to_json
-
     typer.echo(to_json(report), nl=False)
 
 

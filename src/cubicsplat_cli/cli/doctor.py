@@ -12,6 +12,7 @@ import typer
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.metrics import to_json
 
 _PACKAGES = (
     "numpy", "torch", "array-api-compat", "Pillow", "scikit-image", "scipy", "svgwrite", "cairosvg", "resvg_py",
@@ -25,8 +26,6 @@ def doctor(json: Json = False) -> None:
 
     Versions, renderers and engines; exits with 1 when something needed does not work.
     """
-    from cubicsplat_cli.metrics import to_json
-
     report = examine()
     if json:
         typer.echo(to_json(report), nl=False)

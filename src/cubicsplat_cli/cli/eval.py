@@ -13,7 +13,8 @@ import typer
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, option, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.names import STDIO
+from cubicsplat_cli.files.names import STDIO, match_folders
+from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 from cubicsplat_cli.formatting import mean, one_line
 from cubicsplat_cli.metrics import NAMES, USUAL, chosen_metrics, figures_text, head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
@@ -111,7 +112,6 @@ def _compare(reference: Path, candidate: Path, reporter: Reporter, max_pixels: i
     """Compare one pair, and print its notes. options: of `compare_with`."""
     from cubicsplat_cli.evaluate.comparison import compare_with
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 
     target = load_picture(reference, max_pixels=max_pixels, smaller="compare smaller copies")
     name = "stdin" if str(candidate) == STDIO else str(candidate)
@@ -127,8 +127,6 @@ def _folders(
     reference: Path, candidate: Path, compare: Compare, reporter: Reporter, shown: Sequence[str]
 ) -> ComparedPairs:
     """Compare all pairs of two folders, failures or not. shown: metrics to print; without any print nothing."""
-    from cubicsplat_cli.files.names import match_folders
-
     matched, missing, extra = match_folders(reference, candidate)
     pairs = ComparedPairs(failed=[(path, f"nothing in {candidate} has its name") for path in missing], extra=extra)
     for first, second in matched:

@@ -20,7 +20,8 @@ from cubicsplat_cli.files.paths import (
     make_folder_of,
     same_file,
 )
-from cubicsplat_cli.files.write import write_stdout
+from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
+from cubicsplat_cli.files.write import encode_png, write_atomically, write_stdout
 from cubicsplat_cli.formatting import did_you_mean, file_size, one_line, printable
 from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.request import DXF_TOLERANCE
@@ -147,8 +148,6 @@ def _draw(
         check_ownership([path], force=force)
 
     from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-    from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
-    from cubicsplat_cli.files.write import encode_png, write_atomically
 
     svg = unpacked(read_stdin(), "stdin") if source is None else read_file(source)
     name = "stdin" if source is None else str(source)
