@@ -17,6 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.write import check_writable, write_atomically
 from cubicsplat_cli.formatting import csv_text, did_you_mean
 from cubicsplat_cli.options import COMMON, FILES, GROUPS, RENAMED, Setting, settings_of
 from cubicsplat_cli.request import Request
@@ -169,16 +170,12 @@ def check_csv(path: Path | None) -> None:
         return
     if path.suffix.lower() != ".csv":
         raise UsageError(f"the table must end in .csv, but --csv is {path}")
-    from cubicsplat_cli.files.write import check_writable
-
     check_writable(path)
 
 
 def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write the rows if the user asked for a table."""
     if path is not None:
-        from cubicsplat_cli.files.write import write_atomically
-
         write_atomically(path, csv_text(rows).encode())
 
 
