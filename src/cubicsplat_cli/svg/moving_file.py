@@ -1,6 +1,7 @@
-"""A clip as one SVG 1.1 document that SMIL animates: no script, and its first frame for viewers that stand still; and
-read back from there. Any other file is refused with one line. The drawing of a flat clip as such a document, whose
-shapes are shown, hidden and moved; and its frames as still SVGs.
+"""Animated SVGs: moving curves, and drawings whose shapes are shown, hidden and moved.
+
+SMIL animates them, without a script; viewers that do not know it show the first frame. Files of curves are read back,
+any other file is refused with one line. Of drawings each frame can be had as a still SVG.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ from cubicsplat_cli.svg.scene_reader import control_points
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, path_values
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 
-_KEY_DECIMALS = 12  # evenly spaced knots are written without times, and lie where they do
+_KEY_DECIMALS = 12  # of times that are read; evenly spaced knots are written without times
 _SCALE = re.compile(r"scale\(\.(0{0,5})1\)")
 _DISPLAY, _MOVE = "display", "transform"
 _SHOWN, _MOVED = {"attributeName": _DISPLAY}, {"attributeName": _MOVE, "type": "translate"}
-_OF_A_FRAME = 0.01  # by which a change may be early or late
+_OF_A_FRAME = 0.01  # by which a change of a drawing may be early or late
 
 
 def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int = 0) -> str:
@@ -138,7 +139,7 @@ def _numbers(track: GridTrack, decimals: int) -> list[str]:
 
 
 def read_clip(text: str) -> GridClip:
-    """The clip of a file that `write_clip` wrote. Raises InputError for anything else."""
+    """Return the clip of a file that `write_clip` wrote. Raises InputError for anything else."""
     try:
         return _clip(ElementTree.fromstring(text.encode()))
     except (ElementTree.ParseError, ValueError, KeyError, IndexError, ArithmeticError, TypeError) as error:
@@ -168,7 +169,7 @@ def _clip(root: ElementTree.Element) -> GridClip:
 
 
 def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
-    """Start and end of the display of a group, in seconds."""
+    """Return the start and end of the display of a group, s."""
     display = group.find(f"{SVG}animate")
     if display is None:
         return 0.0, clip.duration
@@ -209,7 +210,7 @@ def _whole(text: str, decimals: int) -> int:
 
 
 def _points(d: str, mode: Mode) -> list[int]:
-    """The control points of a path of one ring of cubics."""
+    """Return the coordinates of the control points of a path of one ring of cubics."""
     (ring,) = subpaths(d)
     return [int(value) for point in control_points(ring, mode) for value in point]
 
@@ -223,19 +224,18 @@ def write_moving_drawing(
     comment: str = "",
     plays: int = 0,
 ) -> str:
-    """The SVG text. begins: (F,) s from the start. duration: s. plays: 0 for ever.
+    """Return the SVG text of a moving drawing. begins: (F,) of the frames, s from the start. plays: 0 for ever.
 
-    Each shape is one element, in the order of all shapes; it is where it was drawn first, and shown and moved by
-    animations that change it at once. Viewers that know none show the first frame.
+    Each shape is one element, in the order of the drawing, at its first place. Animations show, hide and move it at
+    once.
     """
     drawing = moving.drawing
     precision = suggested_precision(drawing.width, drawing.height)
     named = tuple(replace(shape, name=f"s{index}", group="") for index, shape in enumerate(drawing.shapes))
-    # Each shape shall be an element of its own, whatever its colour.
+    # Shapes that abut get an element each, whatever their colour.
     text = write_drawing(
         replace(drawing, shapes=named, abutting=True), precision=precision, title=title, comment=comment
     )
-    ElementTree.register_namespace("", SVG[1:-1])
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
     shortest = float(np.diff(np.append(begins, duration)).min())
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
@@ -259,7 +259,7 @@ def write_moving_drawing(
 
 
 def _offsets(moving: MovingDrawing, index: int, precision: int) -> list[str]:
-    """The translation of a shape at each frame as text; while it is hidden that of the frame before, or after."""
+    """Return the translation of a shape at each frame; a hidden shape has that of the frame before, or after."""
     frames = np.flatnonzero(moving.shown[:, index])
     latest = frames[np.clip(np.searchsorted(frames, np.arange(len(moving.shown)), side="right") - 1, 0, None)]
     steps = np.rint(moving.offsets[latest, index] * 10**precision).astype(int)
@@ -267,7 +267,7 @@ def _offsets(moving: MovingDrawing, index: int, precision: int) -> list[str]:
 
 
 def _wrapped(root: ElementTree.Element, element: ElementTree.Element) -> ElementTree.Element:
-    """A group around an element that has a transform of its own; what moves and hides is the group."""
+    """Return a group around an element that has a transform of its own; the group moves and hides."""
     group = ElementTree.Element("g")
     if _DISPLAY in element.attrib:
         group.set(_DISPLAY, element.attrib.pop(_DISPLAY))
@@ -277,8 +277,7 @@ def _wrapped(root: ElementTree.Element, element: ElementTree.Element) -> Element
 
 
 def still(text: str, seconds: float) -> str:
-    """The SVG that a file of `write_moving_drawing` shows at a time, s, without animations and hidden elements."""
-    ElementTree.register_namespace("", SVG[1:-1])
+    """Return the SVG that a file of `write_moving_drawing` shows at a time, s, without what is hidden or animates."""
     root = ElementTree.fromstring(text)
     for parent in [*root.iter()]:
         for element in [*parent]:
@@ -295,6 +294,7 @@ def still(text: str, seconds: float) -> str:
 
 
 def _value(animation: ElementTree.Element, seconds: float) -> str:
+    """Return the value of an animation in steps at a time, s."""
     share = seconds / float(animation.attrib["dur"].removesuffix("s"))
     keys = [float(key) for key in animation.attrib["keyTimes"].split(";")]
     latest = max(place for place, key in enumerate(keys) if key <= share + 1e-9)
