@@ -10,7 +10,7 @@ import typer
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Quiet, Renderer, option
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
+from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, files_in, names_a_folder
 from cubicsplat_cli.files.paths import (
     EXPORTS,
     check_ownership,
@@ -109,11 +109,7 @@ def _files(sources: list[str]) -> list[Path | None]:
         if name == STDIO or not is_folder(folder):
             files[None if name == STDIO else folder] = None
             continue
-        try:
-            inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SVG_SUFFIXES and not is_folder(p))
-        except OSError as error:
-            text = f"{printable(name)}: folder cannot be read ({error.strerror}); check its permissions"
-            raise InputError(text) from error
+        inside = files_in(folder, lambda path: path.suffix.lower() in SVG_SUFFIXES)
         if not inside:
             raise InputError(f"{printable(name)}: is a folder without SVGs; give one with .svg files")
         files.update(dict.fromkeys(inside))
