@@ -381,6 +381,8 @@ HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="0 
         '<rect width="1" height="2" fill="#fff" transform="skewX(3)"/>',
         '<rect width="1" height="nan" fill="#fff"/>',
         '<g><path d="M0 0h1v1z"/></g>',
+        '<g id="a"><g opacity=".5"><rect width="1" height="2" fill="#fff"/></g></g>',
+        '<g id="a"><polygon points="0 0 1 0 1 1" fill="#fff"/></g>',
         '<image href="file:///etc/passwd"/>',
         "<script/>",
     ],

@@ -155,7 +155,9 @@ def _scene(size: tuple[int, int], curves: Sequence[ShadingCurve]) -> Scene:
 
 
 def _shapes(element: OwnElement, gradients: GradientReader) -> list[Shape]:
-    """Return the shapes of an element, none if it is no shape."""
+    """Return the shapes of an element, none of a gradient, a title or a group."""
+    if element.place in ("svg/g/g", "svg/g/polygon"):
+        raise ValueError(f"has an unexpected <{element.name}> element")
     if element.name not in GEOMETRY:
         return []
     return _strokes(element) if element.attributes.get("fill") == "none" else _fills(element, gradients)
