@@ -192,7 +192,7 @@ def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[
 
 
 def control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
-    """Return those of a chain of cubics, the start of a closed one once. Raises ValueError for other segments."""
+    """Return the control points of cubics in a row, the start of a ring once. Raises ValueError for other segments."""
     if mode is Mode.CLOSED:
         if not subpath or subpath[-1].command != "Z":
             raise ValueError("has a closed curve whose path does not end with z")
