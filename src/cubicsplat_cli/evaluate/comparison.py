@@ -15,7 +15,7 @@ from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.metrics import Input, Quality, gap_db
 from cubicsplat_cli.record import record
-from cubicsplat_cli.settings import MAX_PIXELS, SCALE
+from cubicsplat_cli.settings import MAX_PIXELS
 
 
 @record
@@ -98,10 +98,8 @@ def compare_with(
     if no renderer works, or a metric misses a package.
     """
     notes = [f"{reference.source}: {note}" for note in reference.notes]
-    if scale is not None:
-        SCALE.check("scale", scale)
-        if not is_svg:
-            raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
+    if scale is not None and not is_svg:
+        raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
     drawn_by, figures = None, None
     if is_svg:
         drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
