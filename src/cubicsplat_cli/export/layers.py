@@ -32,14 +32,14 @@ def layers(svg: str | bytes) -> dict[str, str]:
     root = ElementTree.fromstring(text)
     definitions: dict[str, ElementTree.Element] = {}
     by_paint: dict[tuple[str, str], tuple[Rgba, list[ElementTree.Element]]] = {}
-    for checked, element in zip(elements, root.iter(), strict=True):
-        element.tag = checked.name
+    for parsed, element in zip(elements, root.iter(), strict=True):
+        element.tag = parsed.name
         fill, opacity = element.get("fill", ""), element.get("fill-opacity", "1")
         if "Gradient" in element.tag:
             definitions[f"url(#{element.get('id')})"] = element
         elif element.tag in GEOMETRY:
-            with checked.checked():
-                by_paint.setdefault((fill, opacity), (_colour(checked, gradients), []))[1].append(element)
+            with parsed.checked():
+                by_paint.setdefault((fill, opacity), (_colour(parsed, gradients), []))[1].append(element)
     title, mark = root.findtext("title", ""), made_mark(sha256_of(text))
     made = {}
     for number, ((fill, _), (rgba, shapes)) in enumerate(by_paint.items(), start=1):
