@@ -177,7 +177,7 @@ def _magnified(run: FitFigures, svg: bytes, path: Path, threads: int | None) -> 
     name = f"{run.picture}.svg"
     found = compare_with(picture, str(path), svg, name, is_svg=True, scale=MAGNIFICATION, threads=threads).scale
     assert found is not None
-    file, engine = found.file, found.engine
+    file, engine = found.svg, found.engine
     return Magnified(
         run.picture,
         run.mode,

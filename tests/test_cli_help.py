@@ -138,7 +138,7 @@ def test_documented_defaults_are_the_real_ones(command):
     rows = option_rows(section(command))
     checked = 0
     for parameter in COMMANDS[command].params:
-        name = parameter.opts[0]
+        name = (parameter.opts or parameter.secondary_opts)[0]
         if name in rows and parameter.default not in (None, False, True, "", []):
             default = getattr(parameter.default, "value", parameter.default)
             assert rows[name][1] == str(default), name
@@ -150,7 +150,7 @@ def test_documented_choices_are_the_real_ones():
     rows = option_rows(section("vectorize"))
     for owner in (FitSettings, ArtworkSettings):
         for field, known in settings_of(owner):
-            if known.choices and not known.by_set and not known.only_off:
+            if known.choices and not known.by_set and not known.hidden:
                 option = f"--{field.name.replace('_', '-')}"
                 assert f"`{option} {'/'.join(known.choices)}`" == rows[option][0]
 

@@ -26,7 +26,8 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import OFFSET, SHAPE, shown_at, to_grid_clip
-from cubicsplat_cli.svg.moving_file import path_values, read_clip, write_clip
+from cubicsplat_cli.svg.moving_file import read_clip, write_clip
+from cubicsplat_cli.svg.scene_writer import path_values
 
 ALIKE_DB = 30.0  # Chromium's antialiasing against ours, where strokes are half of all pixels
 ANIMATION = re.compile(r"<animate.*?/>")
@@ -88,8 +89,8 @@ def test_all_values_of_a_path_have_one_structure():
         letters = {re.sub(r"[^A-Za-z]", "", value) for value in text.split(";")}
         assert len(letters) == 1
     # Relative where that is shorter for all of them.
-    points = np.array([[1000, 1000, 1001, 1002, 1003, 1004, 1005, 1006, 1000, 1001, 1001, 1000]])
-    assert path_values(points, closed=True) == ["M1000 1000c1 2 3 4 5 6-5-5-4-6-5-6z"]
+    points = [[1000, 1000], [1001, 1002], [1003, 1004], [1005, 1006], [1000, 1001], [1001, 1000]]
+    assert path_values([points], closed=True) == ["M1000 1000c1 2 3 4 5 6-5-5-4-6-5-6z"]
 
 
 def test_the_still_picture_is_the_first_frame():

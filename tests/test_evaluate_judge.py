@@ -15,12 +15,12 @@ from PIL import Image
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate.comparison import Change, compare_with
+from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.names import match_folders, pictures_in
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import csv_text, number, text_table
-from cubicsplat_cli.metrics import Quality, plain, to_json
+from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.scene_writer import write_svg
@@ -42,16 +42,16 @@ def test_scale_figures_of_file_and_engine():
     assert (found.candidate.kind, found.candidate.data, found.notes) == ("svg", SVG, [])
     scale = found.scale
     assert scale.factor == 3
-    assert scale.file.native == found.quality
+    assert scale.svg.native == found.quality
     own = render_scene(SCENE, threads=1)
     error = own - smooth_pixels(40, 28) / 255.0
     assert scale.engine.native.psnr_db == pytest.approx(-10 * math.log10((error**2).mean()), abs=0.02)
-    for change in (scale.file, scale.engine):
+    for change in (scale.svg, scale.engine):
         assert change.change_db == pytest.approx(change.scaled.psnr_db - change.native.psnr_db)
         assert 0 < abs(change.change_db) < 0.1
     fields = plain(found.public())["scale"]
     assert (fields["width"], fields["height"]) == (120, 84)
-    assert fields["svg"]["change_db"] == pytest.approx(scale.file.change_db, abs=1e-3)
+    assert fields["svg"]["change_db"] == pytest.approx(scale.svg.change_db, abs=1e-3)
     assert fields["engine"]["scaled"]["psnr_db"] == pytest.approx(scale.engine.scaled.psnr_db, abs=1e-3)
     assert "NaN" not in to_json(found.public())
 
@@ -72,8 +72,8 @@ def test_files_whose_engine_figures_would_be_wrong_have_none_and_a_note(data, pi
     large = load_picture(encode(Image.fromarray(smooth_pixels(80, 56)))) if picture else None
     found = judged(data, picture=large, scale=2)
     assert found.scale.engine is None
-    assert found.public()["scale"]["engine"] is None
-    assert found.scale.file.scaled.psnr_db > 5
+    assert plain(found.public())["scale"]["engine"] is None
+    assert found.scale.svg.scaled.psnr_db > 5
     assert said in found.notes[-1]
 
 
@@ -98,8 +98,8 @@ def test_notes_say_what_happened_to_either_picture():
 
 def test_change_is_unknown_where_a_picture_is_identical():
     perfect, good = Quality(None, 1.0, True), Quality(40.0, 0.9, False)
-    assert Change(perfect, good).change_db is None
-    assert Change(good, perfect).change_db is None
+    assert gap_db(perfect, good) is None
+    assert gap_db(good, perfect) is None
 
 
 # --- folders -----------------------------------------------------------------------------------------------

@@ -66,6 +66,23 @@ def test_only_cutouts_have_layers(layered):
         layers('<svg width="3" height="3"/>')
 
 
+@pytest.mark.parametrize(
+    ("paint", "said"),
+    [
+        ('fill="red"', "line 2 has the colour 'red', not #rgb or #rrggbb"),
+        ("", "line 2 has the colour '', not #rgb or #rrggbb"),
+        ('fill="#f00" fill-opacity="half"', "line 2 has 'half' where a number belongs"),
+        ('fill="#f00" fill-opacity="2"', "line 2 has the opacity 2, not one in 0..1"),
+        ('fill="url(#a)"', "line 2 is filled with #a, which is no gradient in it"),
+    ],
+)
+def test_an_edited_paint_is_refused_with_its_line(paint, said):
+    from cubicsplat_cli.export.layers import layers
+
+    with pytest.raises(cubicsplat.InputError, match=re.escape(said)):
+        layers(f'<svg width="9" height="9" viewBox="0 0 9 9">\n<path d="M0 0h1v1z" {paint}/></svg>')
+
+
 def test_the_command_writes_layers_and_removes_those_of_colours_that_are_gone(tmp_path, run_cli):
     sign().save(tmp_path / "a.png")
     out = tmp_path / "layers"

@@ -381,6 +381,8 @@ HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="0 
         '<rect width="1" height="2" fill="#fff" transform="skewX(3)"/>',
         '<rect width="1" height="nan" fill="#fff"/>',
         '<g><path d="M0 0h1v1z"/></g>',
+        '<g id="a"><g opacity=".5"><rect width="1" height="2" fill="#fff"/></g></g>',
+        '<g id="a"><polygon points="0 0 1 0 1 1" fill="#fff"/></g>',
         '<image href="file:///etc/passwd"/>',
         "<script/>",
     ],
@@ -448,3 +450,13 @@ def test_only_rounded_rectangles_among_paths_are_turned():
 
 def test_small_round_corners_stay_a_rect():
     assert [e.tag.rpartition("}")[2] for e in written(shape(Rectangle(5, 5, 20, 9, 3)))] == ["rect"]
+
+
+def test_a_radius_that_rounds_to_nothing_leaves_a_rectangle():
+    text = write_drawing(
+        Drawing(200, 100, (shape(Rectangle(2, 2, 196, 96, 9), Rectangle(10, 10, 20, 30, 1e-3)),)),
+        title="t",
+        comment="c",
+    )
+    hole = read_drawing(text).shapes[0].outlines[1].ring()
+    assert hole.lines.all() and sorted(map(tuple, hole.anchors)) == [(10, 10), (10, 40), (30, 10), (30, 40)]

@@ -33,10 +33,9 @@ class Setting:
     the value in the help. optional: the value may be None. auto: it may be the word "auto". group: of the help.
     of_drawings: implies the style artwork, as DRAWINGS do, in a group of both styles.
 
-    option: its name, if that is not the field's. hidden: the help leaves the option out. by_set: `--set NAME=VALUE`
-    sets the field. hidden_option: for by_set, the option of earlier versions exists too. only_off: the help shows only
-    --no-NAME, which chooses the last value. parse: turns the given value into the field's. decides: the result depends
-    on the field.
+    option: its name, if that is not the field's; " /--no-NAME" for a flag that can only be taken back. hidden: the help
+    leaves the option out. by_set: `--set NAME=VALUE` sets the field. hidden_option: for by_set, the option of earlier
+    versions exists too. parse: turns the given value into the field's. decides: the result depends on the field.
     """
 
     kind: Kind
@@ -53,7 +52,6 @@ class Setting:
     hidden: bool = False
     by_set: bool = False
     hidden_option: bool = False
-    only_off: bool = False
     parse: Callable[[Any], Any] | None = None
     decides: bool = True
 

@@ -127,7 +127,7 @@ class Request:
         None, "text", "Width of the SVG, such as 80mm or 3in.", metavar="LENGTH", parse=parse_width, group=STRUCTURE
     )
     png: bool = setting(True, "flag", "Also write the SVG as a rendered PNG.", hidden=True, **_OF_FILES)
-    metrics: bool = setting(True, "flag", "Write no OUT.json.", option="json", only_off=True, hidden=True, **_OF_FILES)
+    metrics: bool = setting(True, "flag", "Write no OUT.json.", option=" /--no-json", hidden=True, **_OF_FILES)
     measure: bool = setting(True, "flag", "Render and measure the SVG; else no PNG either.", hidden=True, **_OF_FILES)
     animation: Path | None = setting(
         None, "text", "Also write how the result develops: .webp, .gif.", metavar="FILE", parse=Path, **_OF_FILES

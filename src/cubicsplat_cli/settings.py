@@ -284,11 +284,8 @@ _RECIPE = frozenset(each.name for each in fields(Recipe))
 
 
 def _mode(mode: Mode | str) -> Mode:
-    try:
-        return Mode(mode)
-    except ValueError:
-        _setting("mode").check("mode", mode)
-        raise
+    _setting("mode").check("mode", mode)
+    return Mode(mode)
 
 
 def _setting(name: str) -> Setting:

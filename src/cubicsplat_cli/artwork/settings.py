@@ -51,7 +51,7 @@ class ArtworkSettings:
         group=DRAWINGS,
     )  # fmt: skip
     completion: str = setting(
-        ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), only_off=True, hidden=True,
+        ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), hidden=True,
         group=DRAWINGS,
     )  # fmt: skip
     curves: int | None = None

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, Verbose, takes_options
+from cubicsplat_cli.cli.options import Json, Quiet, Verbose, option, takes_options
 from cubicsplat_cli.clip_request import ARTWORK, FIT_SETTINGS, FRAMES, LOTTIE, SMIL, ClipReport, ClipRequest
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
 from cubicsplat_cli.files.paths import check_outputs, is_folder, make_folder_of, same_file
+from cubicsplat_cli.files.write import write_atomically, write_stdout
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
 from cubicsplat_cli.from_options import clip_request_of
+from cubicsplat_cli.progress import StageTimer, command_began
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import FitSettings
 
@@ -26,18 +28,8 @@ if TYPE_CHECKING:
 EXIT_INTERRUPTED = 130
 _SUFFIXES = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}
 
-Source = Annotated[
-    str,
-    typer.Argument(
-        metavar="CLIP", help="GIF, animated PNG or WebP, video, or folder of frames.", show_default=False
-    ),
-]  # fmt: skip
-Output = Annotated[
-    str | None,
-    typer.Option(
-        "--output", "-o", metavar="OUT", help="SVG, Lottie JSON (OUT.json) or folder to write.", show_default=False
-    ),
-]  # fmt: skip
+Source = Annotated[str, typer.Argument(metavar="CLIP", help="GIF, animated PNG or WebP, video, or folder of frames.")]
+Output = Annotated[str | None, option("--output -o OUT", "SVG, Lottie JSON (OUT.json) or folder to write.")]
 
 
 @record
@@ -76,8 +68,6 @@ def animate(
     _check(places, Path(clip), request)
     report = _run(Path(clip), places, request, reporter)
     if json:
-        from cubicsplat_cli.files.write import write_stdout
-
         write_stdout(json_text.dumps(report.public(), separators=(",", ":"), allow_nan=False).encode() + b"\n")
     if report.interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)
@@ -129,7 +119,6 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
     from cubicsplat_cli.files.clips import open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
     from cubicsplat_cli.pipeline.animation import ClipTask
-    from cubicsplat_cli.progress import StageTimer, command_began
 
     job = str(clip)
     with reporter.showing(1):
@@ -155,8 +144,6 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
 
 def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
     """Write the result, before anything is measured; remove frames of an earlier, longer clip."""
-    from cubicsplat_cli.files.write import write_atomically
-
     files = {
         (places.result / name if name else places.result): data
         for name, data in animation.files(str(request.format)).items()
@@ -171,8 +158,6 @@ def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
 
 def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Places) -> None:
     """Write the page, if there is one, and last the figures."""
-    from cubicsplat_cli.files.write import write_atomically
-
     if places.page is not None:
         from cubicsplat_cli.html_report.animation import player_page
 

@@ -14,8 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, takes_options, write_csv
+from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, option, takes_options, write_csv
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.files.names import pictures_in
+from cubicsplat_cli.files.paths import check_outputs
+from cubicsplat_cli.files.write import write_atomically
+from cubicsplat_cli.metrics import to_json
 from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -27,15 +31,12 @@ bench = typer.Typer(help="Measure the speed of a training step, and quality.")
 _MOST_SIDE = 16_384
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
-CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
-ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="closed, open or both.")]
-Cache = Annotated[
-    Path | None,
-    typer.Option("--cache", metavar="DIR", help="Keep each result here, and take it from here the next time."),
-]
-Limit = Annotated[int | None, typer.Option("--limit", metavar="N", help="Take the first so many pictures only.")]
-Csv = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Also write one row per fit as a table.")]
-Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as Markdown.")]
+CurvesList = Annotated[str, option("--curves N,...", "Numbers of curves.")]
+ModeList = Annotated[str, option("--mode MODE,...", "closed, open or both.")]
+Cache = Annotated[Path | None, option("--cache DIR", "Keep each result here, and take it from here the next time.")]
+Limit = Annotated[int | None, option("--limit N", "Take the first so many pictures only.")]
+Csv = Annotated[Path | None, option("--csv FILE", "Also write one row per fit as a table.")]
+Markdown = Annotated[bool, option("--markdown", "Print the tables as Markdown.")]
 
 
 @bench.command("step", cls=Command)
@@ -45,11 +46,9 @@ def step(
         Path | None,
         typer.Argument(metavar="[IMAGE]", help="Picture to fit.  [default: a drawn one]", show_default=False),
     ] = None,
-    size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the drawn picture.")] = "768x512",
-    warmup_steps: Annotated[
-        int, typer.Option("--warmup-steps", metavar="N", help="Steps before the timed ones.")
-    ] = 300,
-    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Timed steps, in each of the two phases.")] = 100,
+    size: Annotated[str, option("--size WxH", "Size of the drawn picture.")] = "768x512",
+    warmup_steps: Annotated[int, option("--warmup-steps N", "Steps before the timed ones.")] = 300,
+    steps: Annotated[int, option("--steps N", "Timed steps, in each of the two phases.")] = 100,
     json: Json = False,
     **fit: Any,
 ) -> None:
@@ -84,11 +83,7 @@ def quality(
     cache: Cache = None,
     sheet: Annotated[
         Path | None,
-        typer.Option(
-            "--sheet",
-            metavar="FILE",
-            help="Also write a PNG to look at: original, SVG and error of the first four pictures.",
-        ),
+        option("--sheet FILE", "Also write a PNG to look at: original, SVG and error of the first four pictures."),
     ] = None,
     json: Json = False,
     csv: Csv = None,
@@ -122,7 +117,6 @@ def quality(
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     """Write a sheet of the first four pictures, with all configurations of a picture below one another."""
     from cubicsplat_cli.bench.quality import sheet_png
-    from cubicsplat_cli.files.write import write_atomically
 
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
     rows = [(run, svg) for picture in shown[:4] for run, svg in runs.done if run.picture == picture.name]
@@ -164,15 +158,11 @@ def check_png(path: Path | None, option: str) -> None:
         return
     if path.suffix.lower() != ".png":
         raise UsageError(f"the {option} must end in .png, but --{option} is {path}")
-    from cubicsplat_cli.files.paths import check_outputs
-
     check_outputs([path], force=False)
 
 
 def pictures_of(folder: Path, limit: int | None) -> list[Path]:
     """Return the first pictures of a folder, up to a limit. Raises the errors of `pictures_in`."""
-    from cubicsplat_cli.files.names import pictures_in
-
     check_limit(limit)
     return pictures_in(folder)[:limit]
 
@@ -189,8 +179,6 @@ def run_fits(jobs: Sequence[FitJob], cache: Path | None, reporter: Reporter) -> 
 
 def print_json(report: dict[str, Any]) -> None:
     """Print a report to stdout."""
-    from cubicsplat_cli.metrics import to_json
-
     typer.echo(to_json(report), nl=False)
 
 

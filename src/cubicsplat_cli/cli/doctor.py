@@ -6,11 +6,13 @@ import platform
 import shutil
 import sys
 import textwrap
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.metrics import to_json
 
 _PACKAGES = (
     "numpy", "torch", "array-api-compat", "Pillow", "scikit-image", "scipy", "svgwrite", "cairosvg", "resvg_py",
@@ -19,13 +21,11 @@ _PACKAGES = (
 _INDENT = 11  # columns before the text of a line
 
 
-def doctor(json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
+def doctor(json: Json = False) -> None:
     """Show what works here, and why something does not.
 
     Versions, renderers and engines; exits with 1 when something needed does not work.
     """
-    from cubicsplat_cli.metrics import to_json
-
     report = examine()
     if json:
         typer.echo(to_json(report), nl=False)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, write_csv
+from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, option, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.names import STDIO
+from cubicsplat_cli.files.names import STDIO, match_folders
+from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 from cubicsplat_cli.formatting import mean, one_line
 from cubicsplat_cli.metrics import NAMES, USUAL, chosen_metrics, figures_text, head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
@@ -47,22 +48,13 @@ Candidate = Annotated[
 ]
 Scale = Annotated[
     int | None,
-    typer.Option(
-        "--scale", metavar="K", help="Also draw an SVG this many times as large, tile by tile, and average it down."
-    ),
+    option("--scale K", "Also draw an SVG this many times as large, tile by tile, and average it down."),
 ]
-Threads = Annotated[
-    int | None, typer.Option("--threads", metavar="N", help="CPU threads of the engine.  [default: one per core]")
-]
-Metrics = Annotated[str, typer.Option("--metrics", metavar="NAME,...", help=f"Of {', '.join(NAMES)}.")]
-Csv = Annotated[
-    Path | None, typer.Option("--csv", metavar="FILE", help="Also write the figures as a table, one row a pair.")
-]
+Threads = Annotated[int | None, option("--threads N", "CPU threads of the engine.  [default: one per core]")]
+Metrics = Annotated[str, option("--metrics NAME,...", f"Of {', '.join(NAMES)}.")]
+Csv = Annotated[Path | None, option("--csv FILE", "Also write the figures as a table, one row a pair.")]
 Page = Annotated[
-    Path | None,
-    typer.Option(
-        "--report", metavar="OUT", help="Also write a page that shows the pair: OUT.html; of two folders a folder."
-    ),
+    Path | None, option("--report OUT", "Also write a page that shows the pair: OUT.html; of two folders a folder.")
 ]
 
 
@@ -120,7 +112,6 @@ def _compare(reference: Path, candidate: Path, reporter: Reporter, max_pixels: i
     """Compare one pair, and print its notes. options: of `compare_with`."""
     from cubicsplat_cli.evaluate.comparison import compare_with
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 
     target = load_picture(reference, max_pixels=max_pixels, smaller="compare smaller copies")
     name = "stdin" if str(candidate) == STDIO else str(candidate)
@@ -136,8 +127,6 @@ def _folders(
     reference: Path, candidate: Path, compare: Compare, reporter: Reporter, shown: Sequence[str]
 ) -> ComparedPairs:
     """Compare all pairs of two folders, failures or not. shown: metrics to print; without any print nothing."""
-    from cubicsplat_cli.files.names import match_folders
-
     matched, missing, extra = match_folders(reference, candidate)
     pairs = ComparedPairs(failed=[(path, f"nothing in {candidate} has its name") for path in missing], extra=extra)
     for first, second in matched:
@@ -167,8 +156,8 @@ def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
     scale = comparison.scale
     if scale is None:
         return
-    pixels = f"{comparison.reference.width * scale.factor} x {comparison.reference.height * scale.factor} px"
-    changes: list[tuple[str, Change | None]] = [(candidate.renderer or "", scale.file), ("engine", scale.engine)]
+    pixels = f"{scale.width} x {scale.height} px"
+    changes: list[tuple[str, Change | None]] = [(candidate.renderer or "", scale.svg), ("engine", scale.engine)]
     for name, change in changes:
         if change is not None:
             typer.echo(f"  {scale.factor}x, {pixels}  {name}  {_change_text(change)}")
@@ -211,7 +200,7 @@ def _means(pairs: ComparedPairs) -> dict[str, Any]:
         "psnr_db": mean(quality.psnr_db for quality in qualities),
         "ssim": mean(quality.ssim for quality in qualities),
         **{name: mean(comparison.measures[name] for comparison in pairs.compared) for name in further},
-        "svg_change_db": mean(scale.file.change_db for scale in scales),
+        "svg_change_db": mean(scale.svg.change_db for scale in scales),
         "engine_change_db": mean(scale.engine.change_db for scale in scales if scale.engine is not None),
     }
     return {name: plain(value, name) for name, value in means.items()}
@@ -246,8 +235,8 @@ def _row(comparison: Comparison) -> dict[str, Any]:
         "identical": quality.identical,
         **comparison.measures,
         "scale": None if scale is None else scale.factor,
-        "scaled_psnr_db": None if scale is None else scale.file.scaled.psnr_db,
-        "scaled_ssim": None if scale is None else scale.file.scaled.ssim,
+        "scaled_psnr_db": None if scale is None else scale.svg.scaled.psnr_db,
+        "scaled_ssim": None if scale is None else scale.svg.scaled.ssim,
         "engine_psnr_db": None if engine is None else engine.native.psnr_db,
         "engine_scaled_psnr_db": None if engine is None else engine.scaled.psnr_db,
     }

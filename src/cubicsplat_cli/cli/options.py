@@ -12,38 +12,37 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from typer import Argument, Exit, Option, echo
+from typer import Exit, Option, echo
 from typer.core import TyperCommand, TyperGroup
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.write import check_writable, write_atomically
 from cubicsplat_cli.formatting import csv_text, did_you_mean
 from cubicsplat_cli.options import COMMON, FILES, GROUPS, RENAMED, Setting, settings_of
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
+
+def option(names: str, text: str, group: str | None = None, **facts: Any) -> Any:
+    """Return an option for Typer. names: such as `--output -o OUT`, OUT being its value. text, group: of the help."""
+    flags = [word for word in names.split() if word.startswith("-")]
+    values = [word for word in names.split() if not word.startswith("-")]
+    return Option(*flags, metavar="".join(values) or None, help=text, rich_help_panel=group, **facts)
+
+
 Renderer = Annotated[
     Literal["auto", "cairosvg", "resvg"],
-    Option("--renderer", case_sensitive=False, help="What draws an SVG; auto is cairosvg where it works."),
+    option("--renderer", "What draws an SVG; auto is cairosvg where it works.", case_sensitive=False),
 ]
-MaxPixels = Annotated[int, Option("--max-pixels", metavar="N", help="Refuse larger pictures.")]
-Json = Annotated[bool, Option("--json", help="Print everything as JSON.")]
-Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.", rich_help_panel=FILES)]
-Verbose = Annotated[
-    bool, Option("--verbose", "-v", help="Print settings and plain progress too.", rich_help_panel=FILES)
-]
-Pictures = Annotated[
-    list[str],
-    Argument(
-        metavar="IN...",
-        help="Pictures, folders, patterns such as 'photos/*.png', or - for standard input.",
-        show_default=False,
-    ),
-]
+MaxPixels = Annotated[int, option("--max-pixels N", "Refuse larger pictures.")]
+Json = Annotated[bool, option("--json", "Print everything as JSON.")]
+Quiet = Annotated[bool, option("--quiet -q", "Print results and errors only.", FILES)]
+Verbose = Annotated[bool, option("--verbose -v", "Print settings and plain progress too.", FILES)]
 
 _PRESENT = {  # the present names of options by their earlier names
     f"--{earlier}".replace("_", "-"): f"--{name}".replace("_", "-")
-    for earlier, name in {"measures": "metrics", **RENAMED}.items()
+    for earlier, name in {"measures": "metrics", "no_completion": "completion=off", **RENAMED}.items()
 }
 _KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "text": str}
 _READ: dict[Any, Callable[[Any], Any]] = {list[str]: list} | {
@@ -78,15 +77,6 @@ def takes_options(
     return decorate
 
 
-def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """Return the values of all settings by name. overrides: of --set. Raises UsageError for a senseless one."""
-    values = {name: value for name, value in options.items() if not name.startswith("no_")}
-    for _, each, spec in _settings():
-        if spec.only_off and options.get(f"no_{each.name}"):
-            values[each.name] = False if spec.kind == "flag" else spec.choices[-1]
-    return {**values, **dict(_override(text) for text in overrides)}
-
-
 def print_names(overrides: list[str]) -> list[str]:
     """Return the values of --set; for `--set help` print all names, defaults and meanings, and end the command."""
     if "help" not in overrides:
@@ -100,8 +90,11 @@ def print_names(overrides: list[str]) -> list[str]:
     raise Exit
 
 
-def _override(text: str) -> tuple[str, Any]:
-    """Return name and value of `NAME=VALUE`; hyphens and underscores in names are the same."""
+def override(text: str) -> tuple[str, Any]:
+    """Return name and value of `NAME=VALUE`, of --set; hyphens and underscores in names are the same.
+
+    Raises UsageError for a senseless one.
+    """
     said, equals, value = text.partition("=")
     if not equals:
         raise UsageError(f"--set takes NAME=VALUE, such as importance=visibility, not {text!r}")
@@ -122,44 +115,33 @@ def _settings(owners: tuple[type[Any], ...] = _OWNERS) -> Iterator[tuple[type[An
 def _parameters(owners: tuple[type[Any], ...]) -> Iterator[inspect.Parameter]:
     """Yield the options of all settings, in the order of the help."""
     for owner, each, spec in _settings(owners):
-        if spec.only_off:
-            facts: dict[str, Any] = {"help": spec.help, "rich_help_panel": spec.group, "hidden": spec.hidden}
-            yield _parameter(
-                f"no_{each.name}", False, Annotated[bool, Option(f"--no-{spec.option or each.name}", **facts)]
-            )
-        if (spec.only_off and spec.kind == "flag") or (spec.by_set and not spec.hidden_option):
+        if spec.by_set and not spec.hidden_option:
             continue
         # The preset decides the defaults of its recipe.
         default = None if owner is Recipe or each.default == () else getattr(each.default, "value", each.default)
         from_preset = owner is FitSettings and default is None and not spec.optional
         text = spec.help + ("  [default: from the preset]" if from_preset else "")
-        yield _parameter(each.name, default, _annotation(each.name, spec, default, text))
-
-
-def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        annotation = _annotation(each.name, spec, default, text)
+        yield inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
     """Return the annotation for Typer. `Setting.check` checks limits, so that all errors have the same form."""
-    facts: dict[str, Any] = {
-        "help": text,
-        "rich_help_panel": spec.group,
-        "show_default": default is not True and default != "",
-        "hidden": spec.hidden or spec.by_set or spec.only_off,
-    }
+    facts: dict[str, Any] = {"show_default": default is not True and default != ""}
     kind: Any = object if spec.auto else str if spec.parse is not None else _KINDS.get(spec.kind)
     if spec.kind == "choice":
         kind = Literal[spec.choices]
         facts["case_sensitive"] = False
-    elif spec.kind != "flag":
-        facts["metavar"] = spec.metavar
     if spec.auto:
         facts["parser"] = _number_or_word
-    option = "--" + (spec.option or name).replace("_", "-")
-    if spec.kind == "flag" and default is not False:
-        option += f"/--no-{option[2:]}"
-    return Annotated[kind | None if default is None else kind, Option(option, **facts)]
+    names = spec.option if spec.option.startswith(" ") else "--" + (spec.option or name).replace("_", "-")
+    if spec.kind == "flag" and default is not False and "/" not in names:
+        names += f"/--no-{names[2:]}"
+    if spec.kind not in ("choice", "flag"):
+        facts["metavar"] = spec.metavar
+    hidden = spec.hidden or spec.by_set
+    made = Option(names, help=text, rich_help_panel=spec.group, hidden=hidden, **facts)
+    return Annotated[kind | None if default is None else kind, made]
 
 
 def _number_or_word(text: str) -> Any:
@@ -188,16 +170,12 @@ def check_csv(path: Path | None) -> None:
         return
     if path.suffix.lower() != ".csv":
         raise UsageError(f"the table must end in .csv, but --csv is {path}")
-    from cubicsplat_cli.files.write import check_writable
-
     check_writable(path)
 
 
 def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write the rows if the user asked for a table."""
     if path is not None:
-        from cubicsplat_cli.files.write import write_atomically
-
         write_atomically(path, csv_text(rows).encode())
 
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Quiet, Renderer
+from cubicsplat_cli.cli.options import Quiet, Renderer, option
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
+from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, files_in, names_a_folder
 from cubicsplat_cli.files.paths import (
     EXPORTS,
     check_ownership,
@@ -20,7 +20,8 @@ from cubicsplat_cli.files.paths import (
     make_folder_of,
     same_file,
 )
-from cubicsplat_cli.files.write import write_stdout
+from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
+from cubicsplat_cli.files.write import encode_png, write_atomically, write_stdout
 from cubicsplat_cli.formatting import did_you_mean, file_size, one_line, printable
 from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.request import DXF_TOLERANCE
@@ -35,34 +36,25 @@ def render(
     ],
     output: Annotated[
         str | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT",
-            help="PNG (or .pdf, .ps, .eps, .dxf, .xml) to write, a folder for it, or - for standard output."
+        option(
+            "--output -o OUT",
+            "PNG (or .pdf, .ps, .eps, .dxf, .xml) to write, a folder for it, or - for standard output."
             "  [default: the input's name with .png, or -]",
-            show_default=False,
         ),
     ] = None,
-    scale: Annotated[
-        float, typer.Option("--scale", metavar="FACTOR", help="Pixels per unit of the SVG; above 0.")
-    ] = 1.0,
+    scale: Annotated[float, option("--scale FACTOR", "Pixels per unit of the SVG; above 0.")] = 1.0,
     width: Annotated[
-        int | None,
-        typer.Option("--width", metavar="PX", help="Draw so wide; as high as its shape asks, without --height."),
+        int | None, option("--width PX", "Draw so wide; as high as its shape asks, without --height.")
     ] = None,
     height: Annotated[
-        int | None,
-        typer.Option("--height", metavar="PX", help="Draw so high; as wide as its shape asks, without --width."),
+        int | None, option("--height PX", "Draw so high; as wide as its shape asks, without --width.")
     ] = None,
     dxf_tolerance: Annotated[
-        float, typer.Option("--dxf-tolerance", metavar="PX", help="How far a DXF may be off the outlines.")
+        float, option("--dxf-tolerance PX", "How far a DXF may be off the outlines.")
     ] = DXF_TOLERANCE,
     renderer: Renderer = "auto",
     quiet: Quiet = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace an existing file that cubicsplat did not write.")
-    ] = False,
+    force: Annotated[bool, option("--force", "Replace an existing file that cubicsplat did not write.")] = False,
 ) -> None:
     """Draw SVGs as PNGs, or write one for another program.
 
@@ -117,11 +109,7 @@ def _files(sources: list[str]) -> list[Path | None]:
         if name == STDIO or not is_folder(folder):
             files[None if name == STDIO else folder] = None
             continue
-        try:
-            inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SVG_SUFFIXES and not is_folder(p))
-        except OSError as error:
-            text = f"{printable(name)}: folder cannot be read ({error.strerror}); check its permissions"
-            raise InputError(text) from error
+        inside = files_in(folder, lambda path: path.suffix.lower() in SVG_SUFFIXES)
         if not inside:
             raise InputError(f"{printable(name)}: is a folder without SVGs; give one with .svg files")
         files.update(dict.fromkeys(inside))
@@ -156,8 +144,6 @@ def _draw(
         check_ownership([path], force=force)
 
     from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-    from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
-    from cubicsplat_cli.files.write import encode_png, write_atomically
 
     svg = unpacked(read_stdin(), "stdin") if source is None else read_file(source)
     name = "stdin" if source is None else str(source)

@@ -76,16 +76,16 @@ class BatchRun:
                 self.record_outcome(with_others(look(job, self.request), self.request, self.reporter, dry_run=True))
         elif self.plan.jobs:
             self._work()
-        self._close()
+        failures = [outcome for outcome in self.ended if outcome.status == FAILED]
+        if not self.dry_run:
+            self._sum_up(any_made=len(failures) < self.plan.pictures)
+        for outcome in failures:
+            self.reporter.error(outcome.error or "")
         if self.stopped or any(outcome.status == INTERRUPTED for outcome in self.ended):
             return EXIT_INTERRUPTED
-        failures = self._failures()
         if self.plan.pictures == 1 and failures:
             return failures[0].exit_code
         return EXIT_FAILED if failures else 0
-
-    def _failures(self) -> list[Outcome]:
-        return [outcome for outcome in self.ended if outcome.status == FAILED]
 
     def record_outcome(self, outcome: Outcome) -> None:
         """Print and count how one picture ended."""
@@ -132,15 +132,8 @@ class BatchRun:
             for outcome in outcomes:
                 self.record_outcome(outcome)
 
-    def _close(self) -> None:
-        """Print the table, the page to look at, and last the failures."""
-        if not self.dry_run:
-            self._sum_up()
-        for outcome in self._failures():
-            self.reporter.error(outcome.error or "")
-
-    def _sum_up(self) -> None:
-        """Print the table; write the index, in the order of the plan; name the page to look at."""
+    def _sum_up(self, *, any_made: bool) -> None:
+        """Print the table; write the index, in the order of the plan; name the page to look at if it shows any SVG."""
         if self.plan.pictures > 1:
             for line in closing_table(self.ended, self.plan.pictures, time.perf_counter() - self.started):
                 self.reporter.summary(line)
@@ -149,7 +142,7 @@ class BatchRun:
             page = self.plan.index
             places = {job.name: place for place, job in enumerate(self.plan.jobs)}
             write_index(page, sorted(self.ended, key=lambda outcome: places.get(outcome.job.name, -1)))
-        if page is not None and len(self._failures()) < self.plan.pictures:
+        if page is not None and any_made:
             self.reporter.summary(f"to look at: {page}")
 
     @contextmanager

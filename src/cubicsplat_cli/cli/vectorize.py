@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Pictures, Quiet, Verbose, chosen, print_names, takes_options
+from cubicsplat_cli.cli.options import Quiet, Verbose, option, override, print_names, takes_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import parse_formats
 from cubicsplat_cli.files.paths import format_of
@@ -20,45 +20,26 @@ from cubicsplat_cli.options import BOTH, COMMON, FILES, Setting
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
-Output = Annotated[
-    str | None,
-    typer.Option(
-        "--output", "-o", metavar="OUT", help="SVG to write (with OUT.pdf: that too), folder, or - for stdout.",
-        rich_help_panel=COMMON,
-        show_default=False,
+Pictures = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="IN...", help="Pictures, folders, patterns such as 'photos/*.png', or - for standard input."
     ),
-]  # fmt: skip
-Recursive = Annotated[
-    bool, typer.Option("--recursive", "-r", help="Search folders at any depth.", rich_help_panel=COMMON)
 ]
-Jobs = Annotated[
-    int | None,
-    typer.Option("--jobs", "-j", metavar="N", help="Pictures at a time.  [default: 1]", rich_help_panel=COMMON),
+Output = Annotated[
+    str | None, option("--output -o OUT", "SVG to write (with OUT.pdf: that too), folder, or - for stdout.", COMMON)
 ]
-Cluster = Annotated[
-    str | None,
-    typer.Option("--cluster", metavar="ADDRESS", help="Run on a Ray cluster: host:port or auto.", hidden=True),
-]
+Recursive = Annotated[bool, option("--recursive -r", "Search folders at any depth.", COMMON)]
+Jobs = Annotated[int | None, option("--jobs -j N", "Pictures at a time.  [default: 1]", COMMON)]
+Cluster = Annotated[str | None, option("--cluster ADDRESS", "Run on a Ray cluster: host:port or auto.", hidden=True)]
 Overrides = Annotated[
     list[str],
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="Change the recipe; `--set help` lists it.",
-        rich_help_panel=BOTH,
-        callback=print_names,
-        is_eager=True,
-    ),
+    option("--set NAME=VALUE", "Change the recipe; `--set help` lists it.", BOTH, callback=print_names, is_eager=True),
 ]
-Also = Annotated[
-    list[str],
-    typer.Option(
-        "--also", metavar="FORMAT,...", help="Also write pdf, ps, eps, dxf, xml (Android).", rich_help_panel=FILES
-    ),
-]
-SvgOnly = Annotated[bool, typer.Option("--svg-only", help="Write no PNG and no JSON.", rich_help_panel=FILES)]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Only list what would be made.", rich_help_panel=FILES)]
-Json = Annotated[bool, typer.Option("--json", help="Print the figures as lines of JSON.", rich_help_panel=FILES)]
+Also = Annotated[list[str], option("--also FORMAT,...", "Also write pdf, ps, eps, dxf, xml (Android).", FILES)]
+SvgOnly = Annotated[bool, option("--svg-only", "Write no PNG and no JSON.", FILES)]
+DryRun = Annotated[bool, option("--dry-run", "Only list what would be made.", FILES)]
+Json = Annotated[bool, option("--json", "Print the figures as lines of JSON.", FILES)]
 
 
 @takes_options()
@@ -87,7 +68,7 @@ def vectorize(
         # Path("") is the current folder, which an unset shell variable does not mean.
         raise UsageError("a file name is empty; is a variable not set?")
     _JOBS.check("jobs", jobs)
-    values = chosen(options, overrides)
+    values = {**options, **dict(map(override, overrides))}
     values["png"] = values["png"] and values["measure"] and not svg_only
     if svg_only:
         values["metrics"] = False

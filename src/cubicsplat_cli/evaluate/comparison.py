@@ -15,31 +15,28 @@ from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.metrics import Input, Quality, gap_db
 from cubicsplat_cli.record import record
-from cubicsplat_cli.settings import MAX_PIXELS, SCALE
+from cubicsplat_cli.settings import MAX_PIXELS
 
 
 @record
 class Change:
-    """A renderer's quality at native size, and several times as large, averaged back."""
+    """A renderer's quality at native size, and several times as large, averaged back. change_db: the scaled minus the
+    native PSNR; None if either picture is identical to the reference.
+    """
 
     native: Quality
     scaled: Quality
-
-    @property
-    def change_db(self) -> float | None:
-        """Return the scaled minus the native PSNR; None if either picture is identical to the reference."""
-        return gap_db(self.native, self.scaled)
-
-    def public(self) -> dict[str, Any]:
-        return {"native": self.native, "scaled": self.scaled, "change_db": self.change_db}
+    change_db: float | None
 
 
 @record
 class ScaleFigures:
-    """Scale consistency of the file and, if the file is one of ours, of the engine."""
+    """Scale consistency of an SVG and, if it is one of ours, of the engine. width, height: scaled, px."""
 
     factor: int
-    file: Change
+    width: int
+    height: int
+    svg: Change
     engine: Change | None
 
 
@@ -70,7 +67,7 @@ class Comparison:
 
     def public(self) -> dict[str, Any]:
         """Return the members of the JSON report on this pair, for `metrics.plain`."""
-        picture, candidate, scale = self.reference, self.candidate, self.scale
+        picture, candidate = self.reference, self.candidate
         members: dict[str, Any] = {
             "reference": Input(
                 self.reference_path, picture.sha256, picture.width, picture.height, picture.alpha is not None
@@ -85,14 +82,8 @@ class Comparison:
         }
         if self.measures:
             members["measures"] = self.measures
-        if scale is not None:
-            members["scale"] = {
-                "factor": scale.factor,
-                "width": picture.width * scale.factor,
-                "height": picture.height * scale.factor,
-                "svg": scale.file.public(),
-                "engine": None if scale.engine is None else scale.engine.public(),
-            }
+        if self.scale is not None:
+            members["scale"] = self.scale
         return members | {"notes": list(self.notes)}
 
 
@@ -107,10 +98,8 @@ def compare_with(
     if no renderer works, or a metric misses a package.
     """
     notes = [f"{reference.source}: {note}" for note in reference.notes]
-    if scale is not None:
-        SCALE.check("scale", scale)
-        if not is_svg:
-            raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
+    if scale is not None and not is_svg:
+        raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
     drawn_by, figures = None, None
     if is_svg:
         drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
@@ -123,8 +112,9 @@ def compare_with(
     if scale is not None:
         size = reference.width, reference.height
         large = downsampled_svg(data, *size, scale, source=candidate_path, renderer=renderer)
-        file = Change(quality, compare_premultiplied(reference, large.pixels))
-        figures = ScaleFigures(scale, file, _engine(reference, data, candidate_path, scale, threads, notes))
+        change = _change(quality, compare_premultiplied(reference, large.pixels))
+        engine = _engine(reference, data, candidate_path, scale, threads, notes)
+        figures = ScaleFigures(scale, scale * reference.width, scale * reference.height, change, engine)
     candidate = ComparedFile(candidate_path, data, drawn_by)
     return Comparison(reference, reference_path, candidate, quality, figures, notes, further_figures)
 
@@ -161,4 +151,8 @@ def _engine(
         return None
     # At its native size the engine's picture has as many edges per cubic as in the exact finish.
     pictures = (downsampled_scene(scene, factor, samples=48, threads=threads) for factor in (1, scale))
-    return Change(*(compare_premultiplied(reference, picture) for picture in pictures))
+    return _change(*(compare_premultiplied(reference, picture) for picture in pictures))
+
+
+def _change(native: Quality, scaled: Quality) -> Change:
+    return Change(native, scaled, gap_db(native, scaled))

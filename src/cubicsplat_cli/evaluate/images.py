@@ -183,7 +183,6 @@ def crop(svg: bytes, size: SvgSize, width: int, height: int, part: Tile) -> str:
     """
     from cubicsplat_cli.svg.elements import SVG
 
-    ElementTree.register_namespace("", SVG[1:-1])
     root = ElementTree.fromstring(svg)
     root.attrib = {"viewBox": f"0 0 {size.width:g} {size.height:g}"} | root.attrib
     # Every tile lies inside the picture, and clipping to that would cost resvg a layer.

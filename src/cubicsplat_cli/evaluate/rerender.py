@@ -203,8 +203,6 @@ def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
     drawn_height, drawn_width = pixels.shape[:2]
     if (drawn_width, drawn_height) == (width, height):
         return pixels
-    if drawn_width > width or drawn_height > height:
-        raise InputError(f"the renderer drew {drawn_width} x {drawn_height} px where {width} x {height} were asked for")
     canvas = np.zeros((height, width, 4), np.uint8)
     top, left = (height - drawn_height) // 2, (width - drawn_width) // 2
     canvas[top : top + drawn_height, left : left + drawn_width] = pixels
@@ -226,11 +224,9 @@ def draw_by_cairo(
 ) -> np.ndarray:
     """Draw an SVG at width x height px, or a part of that: left, top, width and height in px.
 
-    Returns (h, w, 4) uint8 premultiplied, with channels in the order of RGBA. module: cairosvg. Raises InputError for
-    an empty SVG, and any error of cairosvg.
+    Returns (h, w, 4) uint8 premultiplied, with channels in the order of RGBA. module: cairosvg. Raises any error of
+    cairosvg.
     """
-    if not svg:  # cairosvg would ask for a URL
-        raise InputError("the SVG is empty")
     left, top, part_width, part_height = part or (0, 0, width, height)
     surfaces = importlib.import_module(f"{module.__name__}.surface")
     trees = importlib.import_module(f"{module.__name__}.parser")

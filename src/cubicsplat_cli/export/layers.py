@@ -7,11 +7,11 @@ from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.shapes import colour_group
 from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
-from cubicsplat_cli.options import length_of, length_text
-from cubicsplat_cli.scene.paint import mean_fill
+from cubicsplat_cli.options import length_text
+from cubicsplat_cli.scene.paint import Rgba, mean_fill
+from cubicsplat_cli.svg.drawing_reader import fill_of
 from cubicsplat_cli.svg.markup import document, empty_document
-from cubicsplat_cli.svg.own import GEOMETRY, REFERENCE, GradientReader, own_elements
-from cubicsplat_cli.svg.values import hex_colour
+from cubicsplat_cli.svg.own import GEOMETRY, REFERENCE, GradientReader, OwnElement, own_elements
 
 # The margin around the picture, in longer sides; the radius of a mark, its arms and its line width, in margins.
 _MARGIN, _RADIUS, _ARM, _LINE = 1.0 / 16.0, 0.2, 0.4, 0.02
@@ -30,29 +30,33 @@ def layers(svg: str | bytes) -> dict[str, str]:
     margin = max(1, round(_MARGIN * max(width, height)))
     gradients = GradientReader(elements)
     root = ElementTree.fromstring(text)
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]
-    definitions = {element.get("id", ""): element for element in root.iter() if "Gradient" in element.tag}
-    by_paint: dict[tuple[str, str], list[ElementTree.Element]] = {}
-    for element in root.iter():
-        if element.tag in GEOMETRY:
-            paint = element.get("fill", ""), element.get("fill-opacity", "1")
-            by_paint.setdefault(paint, []).append(element)
+    definitions: dict[str, ElementTree.Element] = {}
+    by_paint: dict[tuple[str, str], tuple[Rgba, list[ElementTree.Element]]] = {}
+    for parsed, element in zip(elements, root.iter(), strict=True):
+        element.tag = parsed.name
+        fill, opacity = element.get("fill", ""), element.get("fill-opacity", "1")
+        if "Gradient" in element.tag:
+            definitions[f"url(#{element.get('id')})"] = element
+        elif element.tag in GEOMETRY:
+            with parsed.checked():
+                by_paint.setdefault((fill, opacity), (_colour(parsed, gradients), []))[1].append(element)
     title, mark = root.findtext("title", ""), made_mark(sha256_of(text))
     made = {}
-    for number, ((fill, opacity), shapes) in enumerate(by_paint.items(), start=1):
-        reference = REFERENCE.fullmatch(fill)
-        if reference is None:
-            rgba = (*hex_colour(fill), round(255.0 * float(opacity)))
-        else:
-            rgba = mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
-            shapes = [definitions[reference[1]], *shapes]
+    for number, ((fill, _), (rgba, shapes)) in enumerate(by_paint.items(), start=1):
         colour = colour_group(rgba).partition("-")[2]
         layer = _layer_document(root, (width, height), margin, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
-        layer.extend(copy.deepcopy(shapes))
+        layer.extend(copy.deepcopy([definitions[fill], *shapes] if fill in definitions else shapes))
         layer.append(_register_marks(width, height, margin))
         made[f"{number:0{len(str(max(10, len(by_paint))))}d}-{colour}"] = with_checksum(document(layer))
     return made
+
+
+def _colour(shape: OwnElement, gradients: GradientReader) -> Rgba:
+    """Return the colour of a shape's fill, the mean of a gradient. Raises ValueError if it cannot be read."""
+    reference = REFERENCE.fullmatch(shape.attributes.get("fill", ""))
+    if reference is None:
+        return fill_of(shape.attributes, "fill")
+    return mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
 
 
 def _layer_document(
@@ -64,8 +68,8 @@ def _layer_document(
     sheet = empty_document(across, down, title, mark)
     sheet.set("viewBox", f"{-margin} {-margin} {across} {down}")
     for name, side, whole in (("width", width, across), ("height", height, down)):
-        number, unit = length_of(root.get(name, ""))
-        sheet.set(name, length_text(number * whole / side, unit))
+        number = root.get(name, "").rstrip("min")  # in px, mm or in
+        sheet.set(name, length_text(float(number) * whole / side, root.get(name, "").removeprefix(number)))
     return sheet
 
 

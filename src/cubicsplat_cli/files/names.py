@@ -212,7 +212,7 @@ def pictures_in(folder: Path) -> list[Path]:
 
     Raises InputError where the folder cannot be read or has none.
     """
-    pictures = [path for path in _files(folder, is_picture_name) if not is_ours(path)]
+    pictures = [path for path in files_in(folder, is_picture_name) if not is_ours(path)]
     if not pictures:
         raise InputError(f"{folder}: holds no pictures; give a folder with PNG, JPEG or other picture files")
     return pictures
@@ -227,8 +227,8 @@ def match_folders(references: Path, candidates: Path) -> tuple[list[tuple[Path, 
     if references.resolve() == candidates.resolve():
         raise InputError(f"{references}: is both the reference and the candidate; give two folders")
     pictures = _by_stem(pictures_in(references))
-    rasters = _files(candidates, is_picture_name)
-    drawings = _by_stem(_files(candidates, lambda path: path.suffix.lower() in SVG_SUFFIXES))
+    rasters = files_in(candidates, is_picture_name)
+    drawings = _by_stem(files_in(candidates, lambda path: path.suffix.lower() in SVG_SUFFIXES))
     # Beside each SVG that `vectorize` writes lies its picture.
     results = _by_stem([path for path in rasters if path.stem not in drawings]) | drawings
     pairs = [(path, results[stem]) for stem, path in pictures.items() if stem in results]
@@ -238,7 +238,8 @@ def match_folders(references: Path, candidates: Path) -> tuple[list[tuple[Path, 
     return pairs, missing, [path for stem, path in results.items() if stem not in pictures]
 
 
-def _files(folder: Path, is_one: Callable[[Path], bool]) -> list[Path]:
+def files_in(folder: Path, is_one: Callable[[Path], bool]) -> list[Path]:
+    """Return the files of a kind directly in a folder, sorted by name. Raises InputError if it cannot be read."""
     try:
         return sorted(path for path in folder.iterdir() if is_one(path) and path.is_file())
     except OSError as error:

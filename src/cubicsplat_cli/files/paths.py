@@ -14,6 +14,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mark, sha256_of, svg_is_ours
+from cubicsplat_cli.files.write import check_writable
 
 MOVING = (".webp", ".gif")
 EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by the suffixes of their files
@@ -70,8 +71,6 @@ def _kind(path: Path) -> int:
 
 def check_outputs(paths: list[Path], *, force: bool) -> None:
     """Raise InputError where a file cannot be written, UsageError where it may not be (`check_ownership`)."""
-    from cubicsplat_cli.files.write import check_writable
-
     for path in paths:
         check_writable(path)
     check_ownership(paths, force=force)

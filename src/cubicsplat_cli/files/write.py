@@ -12,7 +12,6 @@ import errno
 import io
 import os
 import re
-import secrets
 import stat
 import sys
 import zlib
@@ -95,7 +94,7 @@ def check_writable(path: Path) -> None:
 
 
 def _temporary_name(target: Path) -> Path:
-    return target.with_name(f".{target.name[:_NAME_PART]}.{secrets.token_hex(6)}.tmp")
+    return target.with_name(f".{target.name[:_NAME_PART]}.{os.urandom(6).hex()}.tmp")
 
 
 def _create_locked(temporary: Path) -> int:

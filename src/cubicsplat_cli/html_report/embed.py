@@ -159,7 +159,6 @@ def _markup(svg: bytes) -> str:
     root = ElementTree.fromstring(svg)
     for title in root.findall(f"{SVG}title"):
         root.remove(title)
-    ElementTree.register_namespace("", SVG[1:-1])
     return ElementTree.tostring(root, encoding="unicode").replace(" />", "/>")
 
 

@@ -206,7 +206,7 @@ def _option(name: str, spec: Setting, value: Any) -> list[str]:
     option = f"--{(spec.option or name).replace('_', '-')}"
     if spec.by_set:
         return ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
-    if spec.only_off or value is False:
+    if value is False or value == "off":
         return [f"--no-{option[2:]}"]
     if value is True:
         return [option]

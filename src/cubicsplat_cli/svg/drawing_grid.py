@@ -49,17 +49,12 @@ def _on_grid(rings: Sequence[Ring], precision: int, exact: bool) -> list[Ring]:
     owner = np.repeat(np.arange(len(rings)), [ring.pieces for ring in rings])
     moved = (pieces.anchors[_next_in_loops(owner)] != pieces.anchors).any(axis=1)
     bent = ~pieces.lines & (pieces.controls != pieces.anchors[:, None]).any(axis=(1, 2))
-    pieces, owner = _picked(pieces, moved | bent), owner[moved | bent]
-    pieces = _picked(pieces, _started_after_a_line(pieces, owner))
+    pieces, owner = pieces.chosen(moved | bent), owner[moved | bent]
+    pieces = pieces.chosen(_started_after_a_line(pieces, owner))
     if not exact:
         pieces = replace(pieces, controls=smoothed(pieces, _next_in_loops(owner)))
     ends = np.cumsum(np.bincount(owner, minlength=len(rings)))
-    return [_picked(pieces, slice(first, end)) for first, end in pairwise([0, *ends.tolist()])]
-
-
-def _picked(ring: Ring, which: np.ndarray | slice) -> Ring:
-    """Return the pieces of an index, a mask (A,) or a slice, each with the anchor that it begins at."""
-    return Ring(ring.anchors[which], ring.controls[which], ring.lines[which], ring.smooth[which])
+    return [pieces.chosen(np.arange(first, end)) for first, end in pairwise([0, *ends.tolist()])]
 
 
 def _next_in_loops(owner: np.ndarray) -> np.ndarray:

@@ -144,10 +144,8 @@ def add_stroke(path: PathText, line: Path, precision: int) -> None:
 
 
 def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bool) -> None:
-    """Append a level rectangle with round corners, if its radius is at least half a step."""
+    """Append a level rectangle with round corners; its radius is at least half a step."""
     left, top, right, bottom, radius = _steps(box, precision)
-    if radius <= 0:
-        return
     ends = [(int(x), int(y)) for x, y in _joints(left, top, right, bottom, radius)]
     if not clockwise:
         ends.reverse()

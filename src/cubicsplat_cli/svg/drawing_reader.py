@@ -37,6 +37,7 @@ from cubicsplat_cli.svg.values import hex_colour, parse_number, picture_in
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
 _CAPS, _JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
+ShadingCurve = tuple[np.ndarray, tuple[float, ...]]  # control points (K, 2) px; sRGB levels and opacity
 AnyPath = TypeVar("AnyPath", bound=Path)
 
 
@@ -66,109 +67,100 @@ def read_drawing(text: str | bytes) -> Drawing:
 
 def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
     """Return the drawing of a document's elements. Raises InputError if they are not those of `write_drawing`."""
-    width, height = elements[0].canvas_size()
-    content = _Content((width, height), GradientReader(elements))
-    for element in elements:
-        try:
-            content.add(element)
-        except ValueError as error:
-            raise element.refused(error) from error
-    try:
-        content.end_shading()
-        return Drawing(width, height, tuple(content.shapes))
-    except ValueError as error:
-        raise elements[-1].refused(error) from error
-
-
-class _Content:
-    """The shapes of a document, and the shading of each, while they are read. size: of the canvas, px."""
-
-    def __init__(self, size: tuple[int, int], gradients: GradientReader) -> None:
-        self.shapes: list[Shape] = []
-        self._size, self._gradients = size, gradients
-        self._clips: dict[str, tuple[Outline, ...]] = {}
-        self._clip = ""  # name of the clip path that is being read
-        # The group that is being read: its name and outlines, what is in it, its steps per px and its opacity.
-        self._shaded: tuple[str, tuple[Outline, ...]] | None = None
-        self._ground: tuple[Rgba, Gradient | None] | None = None
-        self._curves: list[tuple[np.ndarray, tuple[float, ...]]] = []  # control points (K, 2) px and fill
-        self._image: EmbeddedImage | None = None
-        self._steps, self._opacity = 1, 1.0
-
-    def add(self, element: OwnElement) -> None:
-        """Add an element. Raises ValueError if `write_drawing` would not have put it there."""
-        given, place = element.attributes, element.place
-        if place == "svg/clipPath":
-            self._clip = given.get("id", "")
-        elif place.startswith("svg/clipPath/"):
-            self._clips[self._clip] = tuple(outline for outlines in _filled(element) for outline in outlines)
-        elif place == "svg/g":
-            self.end_shading()
-            if not _is_group(element):
+    size, gradients = elements[0].canvas_size(), GradientReader(elements)
+    shapes: list[Shape] = []
+    clips: dict[str, tuple[Outline, ...]] = {}
+    for element in elements[0].children:
+        with element.checked():
+            if element.name == "clipPath":
+                outlines = (outline for child in element.children for group in _filled(child) for outline in group)
+                clips[element.attributes.get("id", "")] = tuple(outlines)
+            elif element.name == "g" and not _is_group(element):
                 raise ValueError("has an unexpected <g> element")
-            if "clip-path" in given:
-                match = REFERENCE.fullmatch(given["clip-path"])
-                if match is None or match[1] not in self._clips:
-                    raise ValueError(f"has the clip-path {given['clip-path']!r}, which is none of a shape before it")
-                self._shaded = given["id"], self._clips[match[1]]
-        elif self._shaded is not None and place.startswith("svg/g/g"):
-            self._add_shading(element)
-        elif element.name in GEOMETRY:
-            self.end_shading()
-            stroked = given.get("fill") == "none"
-            self.shapes += _strokes(element) if stroked else _fills(element, self._gradients)
+            elif "clip-path" in element.attributes:
+                clip = element.attributes["clip-path"]
+                match = REFERENCE.fullmatch(clip)
+                if match is None or match[1] not in clips:
+                    raise ValueError(f"has the clip-path {clip!r}, which is none of a shape before it")
+                shapes.append(_shaded(element, clips[match[1]], size, gradients))
+            else:
+                for shape in (element, *element.children):
+                    with shape.checked():
+                        shapes += _shapes(shape, gradients)
+    return Drawing(*size, tuple(shapes))
 
-    def _add_shading(self, element: OwnElement) -> None:
-        """Add an element within the group of a shape with shading."""
-        given, place = element.attributes, element.place
-        if place == "svg/g/g":
-            if given.get("opacity") != ISOLATED:
-                raise ValueError("has an unexpected <g> element")
-        elif place == "svg/g/g/rect":
-            ground = _paint(given, [_primitive(element).ring()], self._gradients)
-            if self._ground not in (None, ground) or ground[0][3] != 255:
-                raise ValueError("is another ground of a shading, or not opaque")
-            self._ground = ground
-        elif place == "svg/g/g/image":
-            x, y, width, height = (_coordinate(given.get(name, "0")) for name in ("x", "y", "width", "height"))
-            if min(width, height) <= 0.0 or given.get("preserveAspectRatio") != "none":
-                raise ValueError("has an <image> without extent, or with its own shape")
-            data, _ = picture_in(given.get("xlink:href", ""))
-            if self._image is not None or self._curves:
-                raise ValueError("is an image beside another one or curves")
-            self._image = EmbeddedImage(self._size, x, y, width, height, data)
-        elif place == "svg/g/g/g":
-            if given.get("transform") not in SCALES:
-                raise ValueError("has an unexpected <g> element")
-            self._steps, self._opacity = SCALES[given["transform"]], _opacity(given, "fill")
-        else:
-            opacity = _opacity(given, "fill") if "fill-opacity" in given else self._opacity
-            for subpath in element.subpaths():
+
+def _shaded(
+    group: OwnElement, outlines: tuple[Outline, ...], size: tuple[int, int], gradients: GradientReader
+) -> Shape:
+    """Return the shape of a group with shading. size: of the canvas, px. Raises ValueError if a part is missing."""
+    ground: tuple[Rgba, Gradient | None] | None = None
+    images: list[EmbeddedImage] = []
+    curves: list[ShadingCurve] = []
+    for element in group.children:
+        with element.checked():
+            if element.name != "g" or element.attributes.get("opacity") != ISOLATED:
+                raise ValueError(f"has an unexpected <{element.name}> element")
+        for part in element.children:
+            with part.checked():
+                if part.name == "image":
+                    if images or curves:
+                        raise ValueError("is an image beside another one or curves")
+                    images.append(_image(part.attributes, size))
+                elif part.name == "g":
+                    curves += _shading_curves(part)
+                else:
+                    paint = _paint(part.attributes, [_primitive(part).ring()], gradients)
+                    if ground not in (None, paint) or paint[0][3] != 255:
+                        raise ValueError("is another ground of a shading, or not opaque")
+                    ground = paint
+    if ground is None or bool(curves) == bool(images):
+        raise ValueError("has a shading without a ground or without curves")
+    shading: Scene | EmbeddedImage = images[0] if images else _scene(size, curves[::-1])
+    return Shape(ground[0], outlines, group.attributes["id"], ground[1], shading=shading)
+
+
+def _image(given: dict[str, str], size: tuple[int, int]) -> EmbeddedImage:
+    x, y, width, height = (_coordinate(given.get(name, "0")) for name in ("x", "y", "width", "height"))
+    if min(width, height) <= 0.0 or given.get("preserveAspectRatio") != "none":
+        raise ValueError("has an <image> without extent, or with its own shape")
+    return EmbeddedImage(size, x, y, width, height, picture_in(given.get("xlink:href", ""))[0])
+
+
+def _shading_curves(group: OwnElement) -> list[ShadingCurve]:
+    """Return the curves of a shading, back to front."""
+    if group.attributes.get("transform") not in SCALES:
+        raise ValueError("has an unexpected <g> element")
+    steps, shared = SCALES[group.attributes["transform"]], _opacity(group.attributes, "fill")
+    curves: list[ShadingCurve] = []
+    for path in group.children:
+        with path.checked():
+            given = path.attributes
+            fill = *hex_colour(given.get("fill", "")), _opacity({"fill-opacity": str(shared), **given}, "fill")
+            for subpath in path.subpaths():
                 if not re.fullmatch(r"[LHVC]+Z", _letters(subpath)):
                     raise ValueError("has path data other than closed rings of L, H, V and C")
-                points = ring_of(subpath).cubics[:, :3].reshape(-1, 2) / self._steps
-                self._curves.append((points, (*hex_colour(given.get("fill", "")), opacity)))
+                curves.append((ring_of(subpath).cubics[:, :3].reshape(-1, 2) / steps, fill))
+    return curves
 
-    def end_shading(self) -> None:
-        """Add the shape of a group with shading. Raises ValueError if a part is missing."""
-        if self._shaded is None:
-            return
-        if self._ground is None or bool(self._curves) == (self._image is not None):
-            raise ValueError("has a shading without a ground or without curves")
-        name, outlines = self._shaded
-        shading: Scene | EmbeddedImage = self._image or self._scene()
-        self.shapes.append(Shape(self._ground[0], outlines, name, self._ground[1], shading=shading))
-        self._shaded, self._ground, self._image, self._opacity = None, None, None, 1.0
-        self._curves = []
 
-    def _scene(self) -> Scene:
-        """Return the curves of a shading, the last one at the front."""
-        points, ring_ends = pack_rings(Mode.CLOSED, [[ring.astype(np.float32)] for ring, _ in self._curves[::-1]])
-        fills = np.array([fill for _, fill in self._curves[::-1]], np.float32)
-        return Scene(
-            Mode.CLOSED, *self._size, points, fills[:, :3] / np.float32(255.0), np.ascontiguousarray(fills[:, 3]),
-            np.zeros(len(fills), np.float32), ring_ends=ring_ends,
-        )  # fmt: skip
+def _scene(size: tuple[int, int], curves: Sequence[ShadingCurve]) -> Scene:
+    """Return the curves of a shading as a scene, the first one at the front."""
+    points, ring_ends = pack_rings(Mode.CLOSED, [[ring.astype(np.float32)] for ring, _ in curves])
+    fills = np.array([fill for _, fill in curves], np.float32)
+    return Scene(
+        Mode.CLOSED, *size, points, fills[:, :3] / np.float32(255.0), np.ascontiguousarray(fills[:, 3]),
+        np.zeros(len(fills), np.float32), ring_ends=ring_ends,
+    )  # fmt: skip
+
+
+def _shapes(element: OwnElement, gradients: GradientReader) -> list[Shape]:
+    """Return the shapes of an element, none of a gradient, a title or a group."""
+    if element.place in ("svg/g/g", "svg/g/polygon"):
+        raise ValueError(f"has an unexpected <{element.name}> element")
+    if element.name not in GEOMETRY:
+        return []
+    return _strokes(element) if element.attributes.get("fill") == "none" else _fills(element, gradients)
 
 
 def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
@@ -199,7 +191,7 @@ def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) 
     """Return the fill of an element with these rings, and its gradient or None."""
     match = _REFERENCE.fullmatch(given.get("fill", ""))
     if match is None:
-        return _fill(given, "fill"), None
+        return fill_of(given, "fill"), None
     if given.get("fill-opacity", "1") != "1":
         raise ValueError("has a fill-opacity beside a gradient; give its stops the opacity")
     low, high = extent_of(rings)
@@ -210,7 +202,7 @@ def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) 
 def _strokes(element: OwnElement) -> list[Shape]:
     """Return one stroke, or one for each subpath of a path."""
     given = element.attributes
-    fill, width = _fill(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
+    fill, width = fill_of(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
     if width <= 0.0:
         raise ValueError("has a stroke without a width")
     cap, join = given.get("stroke-linecap", BUTT), given.get("stroke-linejoin", MITER)
@@ -224,7 +216,7 @@ def _strokes(element: OwnElement) -> list[Shape]:
     return [Shape(fill, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
 
 
-def _fill(given: dict[str, str], kind: str) -> Rgba:
+def fill_of(given: dict[str, str], kind: str) -> Rgba:
     """Return the colour and opacity of a "fill" or "stroke"."""
     return (*hex_colour(given.get(kind, "")), round(255.0 * _opacity(given, kind)))
 
@@ -252,11 +244,11 @@ def _primitive(element: OwnElement) -> Circle | Ellipse | Rectangle:
         return Circle(*lengths)
     x, y, *sides = lengths
     if element.name == "ellipse":
-        return Ellipse(x, y, sides[0], sides[1], _angle(element.attributes))
-    return Rectangle(x, y, sides[0], sides[1], sides[2], _angle(element.attributes))
+        return Ellipse(x, y, sides[0], sides[1], angle_of(element.attributes))
+    return Rectangle(x, y, sides[0], sides[1], sides[2], angle_of(element.attributes))
 
 
-def _angle(given: dict[str, str]) -> float:
+def angle_of(given: dict[str, str]) -> float:
     """Return the rotation of an element about its centre, in radians, clockwise as seen."""
     match = _ROTATION.fullmatch(given.get("transform", "rotate(0 0 0)"))
     if match is None:
@@ -270,7 +262,7 @@ def _rotated(path: AnyPath, given: dict[str, str]) -> AnyPath:
         return path
     if not isinstance(path, Rectangle):
         raise ValueError("has a transform of a path other than a rounded rectangle")
-    return replace(path, angle=_angle(given))
+    return replace(path, angle=angle_of(given))
 
 
 def _letters(subpath: Sequence[PathSegment]) -> str:

@@ -27,11 +27,11 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, colour_name
+from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.drawing_grid import form_of, grid_rings
 from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT, PathText, add_ring, add_rounded, add_stroke
 from cubicsplat_cli.svg.markup import GradientElements, Identifiers, document, empty_document, format_number, paint
-from cubicsplat_cli.svg.quantise import check_precision
 from cubicsplat_cli.svg.shading import clipped
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
 def _precision_of(canvas: Drawing | Mosaic, precision: int | None) -> int:
     """Return the precision, by default the suggested one. Raises UsageError for a bad one."""
     precision = suggested_precision(canvas.width, canvas.height) if precision is None else precision
-    check_precision(precision)
+    PRECISION.check("precision", precision)
     return precision
 
 
@@ -224,7 +224,7 @@ def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bo
     if isinstance(outline, (Circle, Ellipse)):
         _add_ellipse(path, outline, precision, clockwise)
         return
-    if isinstance(outline, Rectangle) and outline.radius > 0.0 and outline.angle == 0.0:
+    if isinstance(outline, Rectangle) and to_steps(outline.radius, precision) > 0 and outline.angle == 0.0:
         add_rounded(path, outline, precision, clockwise=clockwise)
         return
     ring = rings.of(outline.ring(), clockwise)

@@ -20,6 +20,7 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.svg.values import Rgba, colour, parse_length, share, transform_matrix, translation
 
 SVG = "{http://www.w3.org/2000/svg}"
+ElementTree.register_namespace("", SVG[1:-1])  # elements are written without a prefix
 XLINK_HREF = "{http://www.w3.org/1999/xlink}href"
 NOT_DRAWN = {
     "defs", "title", "desc", "metadata", "style", "script", "linearGradient", "radialGradient", "symbol", "view",

@@ -11,8 +11,8 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.motion.tracks import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Tracks
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.quantise import MAX_COORDINATE, check_precision
+from cubicsplat_cli.settings import PRECISION, Mode
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.values import levels_of, unit_colour
 
 SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
@@ -33,20 +33,13 @@ class GridTrack:
     values: np.ndarray
 
     def at(self, keys: np.ndarray) -> np.ndarray:
-        """(F, n) float64: the values at these times, which need not be whole."""
-        if len(self.keys) == 1:
-            return np.broadcast_to(self.values[0].astype(np.float64), (len(keys), self.values.shape[1]))
-        after = np.clip(np.searchsorted(self.keys, keys), 1, len(self.keys) - 1)
-        share = (keys - self.keys[after - 1]) / (self.keys[after] - self.keys[after - 1])
-        first, last = self.values[after - 1], self.values[after]
-        return first + np.clip(share, 0.0, 1.0)[:, None] * (last - first)
+        """Return the values (F, n) float64 at times (F,), which need not be whole."""
+        return np.stack([np.interp(keys, self.keys, values) for values in self.values.T], axis=1)
 
 
 @record
 class GridGroup:
-    """Frames without a cut. begin, end: s after the start of the clip. curves: the tracks of each by name, front to
-    back.
-    """
+    """Frames between two cuts. begin, end: s after the start of the clip. curves: tracks by name, front to back."""
 
     begin: float
     end: float
@@ -88,7 +81,7 @@ class GridClip:
         return sum(len(track.keys) for track in tracks if len(track.keys) > 1)
 
     def scenes(self, group: GridGroup, seconds: np.ndarray) -> Iterator[Scene]:
-        """The scenes that the file shows at times (F,), in seconds from the start of the clip, within a group."""
+        """Yield the scenes that the file shows at times (F,) within a group, s from the start of the clip."""
         keys = (np.asarray(seconds, np.float64) - group.begin) / self.key_s
 
         def all_of(name: str) -> np.ndarray:
@@ -108,10 +101,10 @@ class GridClip:
 
 
 def shown_at(group: Tracks) -> np.ndarray:
-    """(F,) the time in seconds at which a file shows each frame of a group exactly, within the time that is its own.
+    """Return the times (F,), s, at which a file shows each frame of a group exactly, while that frame is displayed.
 
-    The last knot of a path can only be at the end of its group without being written twice. So times are stretched:
-    the first frame is exact when it begins, the last when it ends. Where that would show a frame too late, they stay.
+    The last knot of a path must be at the end of its group, or it is written twice. Times are stretched for that: the
+    first frame is exact when it begins, the last one when it ends. They stay if a frame would be exact too late.
     """
     times = group.times
     if len(times) == 1:
@@ -122,13 +115,12 @@ def shown_at(group: Tracks) -> np.ndarray:
 
 
 def to_grid_clip(clip: Sequence[Tracks], precision: int, off: float = 0.5) -> GridClip:
-    """Round the groups of a clip to what a file with `precision` decimals holds, and leave out knots that then say
-    nothing: what they stand for is no more than `off` steps from the line between others. Half a step is what rounding
-    does anyway.
+    """Round the groups of a clip to the numbers of a file with `precision` decimals.
 
+    Knots at most `off` steps from the line between others are left out; rounding alone moves them by half a step.
     Raises InputError for a value that is out of range, UsageError for a precision outside 0..6.
     """
-    check_precision(precision)
+    PRECISION.check("precision", precision)
     start, first = float(clip[0].times[0]), clip[0].scene
     duration = round(clip[-1].end - start, TIME_DECIMALS)
     shortest = min(float(np.diff(np.append(group.times, group.end)).min()) for group in clip)
@@ -152,7 +144,7 @@ def _curves(group: Tracks, precision: int, key_s: float, off: float) -> list[dic
     points, offsets, half_widths = values["shapes"][..., :-1], values["offsets"], values["shapes"][..., -1:]
     if not np.abs(points).max() + np.abs(offsets).max() <= MAX_COORDINATE:  # false for NaN too
         raise InputError(f"control points lie more than {MAX_COORDINATE:.0f} px from the origin")
-    # What a curve has of its offset from the start on belongs to its shape.
+    # The offset at the start becomes part of the shape.
     points = points + np.tile(offsets[:1], points.shape[2] // 2)
     unit = 10.0**precision
     grids = {
@@ -173,9 +165,7 @@ def _curves(group: Tracks, precision: int, key_s: float, off: float) -> list[dic
 
 
 def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> GridTrack:
-    """The track through the knots that are more than so many steps off the lines between others (Douglas and Peucker,
-    1973).
-    """
+    """Return the track without knots at most so many steps off the lines between others (Douglas and Peucker, 1973)."""
     if np.abs(values - values[0]).max() <= most - 0.5:
         return GridTrack(keys[:1] * 0, values[:1])
     # Two frames may have one key where they are a hundredth of a frame apart.

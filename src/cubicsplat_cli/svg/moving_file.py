@@ -1,13 +1,14 @@
-"""A clip as one SVG 1.1 document that SMIL animates: no script, and its first frame for viewers that stand still; and
-read back from there. Any other file is refused with one line. The drawing of a flat clip as such a document, whose
-shapes are shown, hidden and moved; and its frames as still SVGs.
+"""Animated SVGs: moving curves, and drawings whose shapes are shown, hidden and moved.
+
+SMIL animates them, without a script; viewers that do not know it show the first frame. Files of curves are read back,
+any other file is refused with one line. Of drawings each frame can be had as a still SVG.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from decimal import Decimal
 from xml.etree import ElementTree
@@ -35,149 +36,110 @@ from cubicsplat_cli.svg.moving import (
 )
 from cubicsplat_cli.svg.paths import subpaths
 from cubicsplat_cli.svg.scene_reader import control_points
-from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID
+from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, path_values
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 
-_KEY_DECIMALS = 12  # evenly spaced knots are written without times, and lie where they do
+_KEY_DECIMALS = 12  # of times that are read; evenly spaced knots are written without times
 _SCALE = re.compile(r"scale\(\.(0{0,5})1\)")
 _DISPLAY, _MOVE = "display", "transform"
-_OF_A_FRAME = 0.01  # by which a change may be early or late
+_SHOWN, _MOVED = {"attributeName": _DISPLAY}, {"attributeName": _MOVE, "type": "translate"}
+_OF_A_FRAME = 0.01  # by which a change of a drawing may be early or late
 
 
 def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int = 0) -> str:
-    """The SVG text of a clip: a path for each curve, back to front, and in it what changes.
+    """Return the SVG text of a clip: a path for each curve, back to front, that holds what changes.
 
-    Nothing is written of what does not. plays: how often the clip is shown, 0 for ever; it ends with its last frame.
-    Values are linear between knots. A group of frames after a cut is a <g> that is displayed in its time.
+    plays: how often the clip is shown, 0 for ever; it ends with its last frame. Values are linear between knots. Each
+    group of frames between cuts is a <g> that is displayed in its time.
     """
     root = empty_document(clip.width, clip.height, title, comment)
     if clip.background is not None:
         box = {"id": BACKGROUND_ID, "width": str(clip.width), "height": str(clip.height)}
         ElementTree.SubElement(root, "rect", {**box, "fill": short_colour(*clip.background)})
-    head, end = document(root).removesuffix("\n").rsplit("\n", 1)
-    lines = [line for index, group in enumerate(clip.groups) for line in _group(clip, group, index, plays)]
-    return "\n".join([head, *lines, end, ""])
-
-
-def _group(clip: GridClip, group: GridGroup, index: int, plays: int) -> Iterator[str]:
-    paint = ' fill-rule="nonzero"'
+    shared = {"fill-rule": "nonzero"}
     if clip.mode is Mode.OPEN:
-        paint = ' fill="none" stroke-linecap="round" stroke-linejoin="round"'
-    scale = f' transform="scale({format_number(1, clip.precision)})"' if clip.precision else ""
-    hidden = ' display="none"' if index else ""
-    yield f"<g{paint}{scale}{hidden}>"
-    if len(clip.groups) > 1:
-        yield _display(clip, index, plays)
-    timing = _Timing(clip, group, plays)
-    for curve in reversed(group.curves):
-        yield _path(clip, curve, timing, still=index == 0)
-    yield "</g>"
-
-
-def _display(clip: GridClip, index: int, plays: int) -> str:
-    """The element that shows a group in its time and hides it in that of the others."""
-    ends = [round(group.end / clip.key_s) for group in clip.groups[:-1]]
-    keys, values = [0], ["none" if index else "inline"]
-    if index:
-        keys, values = [*keys, ends[index - 1]], [*values, "inline"]
-    if index < len(ends):
-        keys, values = [*keys, ends[index]], [*values, "none"]
-    times = ";".join(format_number(key, clip.key_decimals) for key in keys)
-    return (
-        f'<animate attributeName="display" calcMode="discrete" values="{";".join(values)}" keyTimes="{times}"'
-        f"{_attributes(repeated(clip.duration, plays))}/>"
-    )
+        shared = {"fill": "none", "stroke-linecap": "round", "stroke-linejoin": "round"}
+    if clip.precision:
+        shared["transform"] = f"scale({format_number(1, clip.precision)})"
+    begins = ["0", *(format_number(round(group.end / clip.key_s), clip.key_decimals) for group in clip.groups[:-1])]
+    for index, group in enumerate(clip.groups):
+        parent = ElementTree.SubElement(root, "g", shared | ({_DISPLAY: "none"} if index else {}))
+        shown = ["inline" if number == index else "none" for number in range(len(clip.groups))]
+        _add_steps(parent, _SHOWN, shown, begins, _repeated(clip.duration, plays))
+        # A later group began its last round before the clip did, so it has one more.
+        later = group.begin > 0.0
+        timing = {"begin": _seconds(group.begin - clip.duration)} if later else {}
+        timing |= _repeated(clip.duration, plays + 1 if later and plays else plays)
+        parent.extend(_path(clip, curve, timing, still=index == 0) for curve in reversed(group.curves))
+    return document(root).replace(" />", "/>")
 
 
 def _seconds(value: float) -> str:
     return format_number(round(value * 10**TIME_DECIMALS), TIME_DECIMALS) + "s"
 
 
-def repeated(duration: float, plays: int) -> dict[str, str]:
-    """The attributes of duration and repetition; what ends stays as it is then. plays: 0 for ever."""
+def _repeated(duration: float, plays: int) -> dict[str, str]:
+    """Return the attributes of duration and repetition; what ends stays as it is then. plays: 0 for ever."""
     count = {} if plays == 1 else {"repeatCount": str(plays or "indefinite")}
     return {"dur": _seconds(duration), **count, **({"fill": "freeze"} if plays else {})}
 
 
-def _attributes(attributes: dict[str, str]) -> str:
-    return "".join(f' {name}="{value}"' for name, value in attributes.items())
+Attributes = dict[str, str]
 
 
-class _Timing:
-    """The times of the knots of a group, as attributes."""
-
-    def __init__(self, clip: GridClip, group: GridGroup, plays: int) -> None:
-        self._clip, self._whole = clip, 10**clip.key_decimals
-        # What belongs to a later group began its last round before the clip did, and so has one more.
-        later = group.begin > 0.0
-        self._begin = f' begin="{_seconds(group.begin - clip.duration)}"' if later else ""
-        self._repeated = _attributes(repeated(clip.duration, plays + 1 if later and plays else plays))
-
-    def attributes(self, track: GridTrack, values: Sequence[str]) -> str:
-        """` values="..." keyTimes="..." begin="..." dur="..." ...`."""
-        keys, texts = track.keys.tolist(), [*values]
-        if keys[-1] < self._whole:
-            # A path of values ends when its round does.
-            keys, texts = [*keys, self._whole], [*texts, texts[-1]]
-        even = np.rint(np.linspace(0, self._whole, len(keys))).astype(int).tolist()
-        times = "" if keys == even else ";".join(format_number(key, self._clip.key_decimals) for key in keys)
-        return f' values="{";".join(texts)}"' + (f' keyTimes="{times}"' if times else "") + self._begin + self._repeated
+def _add_animation(
+    element: ElementTree.Element, target: Attributes, values: Sequence[str], times: Sequence[str], timing: Attributes
+) -> None:
+    """Add an animation of an attribute. times: of the values, in shares of the duration; empty: evenly spaced."""
+    keys = {"keyTimes": ";".join(times)} if times else {}
+    tag = "animateTransform" if "type" in target else "animate"
+    ElementTree.SubElement(element, tag, {**target, "values": ";".join(values), **keys, **timing})
 
 
-def _path(clip: GridClip, curve: dict[str, GridTrack], timing: _Timing, *, still: bool) -> str:
-    """One curve. still: whether it belongs to the first frame, which viewers show that know no animation."""
+def _add_steps(
+    element: ElementTree.Element, target: Attributes, values: Sequence[str], times: Sequence[str], timing: Attributes
+) -> None:
+    """Add an animation that changes an attribute at once where a value differs from the one before, if any does."""
+    changes = [0, *(place for place in range(1, len(values)) if values[place] != values[place - 1])]
+    if len(changes) > 1:
+        chosen, begins = ([texts[place] for place in changes] for texts in (values, times))
+        _add_animation(element, {**target, "calcMode": "discrete"}, chosen, begins, timing)
+
+
+def _path(clip: GridClip, curve: dict[str, GridTrack], timing: dict[str, str], *, still: bool) -> ElementTree.Element:
+    """Return one curve. still: whether it belongs to the first frame, which viewers without animation show."""
     paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
+    shapes = curve[SHAPE].values.reshape(len(curve[SHAPE].keys), -1, 2)
     texts = {
         paint: (COLOUR, [short_colour(*colour) for colour in curve[COLOUR].values.tolist()]),
         f"{paint}-opacity": (OPACITY, _numbers(curve[OPACITY], OPACITY_DECIMALS)),
-        "d": (SHAPE, path_values(curve[SHAPE].values, closed=clip.mode is Mode.CLOSED)),
+        "d": (SHAPE, path_values(shapes.tolist(), closed=clip.mode is Mode.CLOSED)),
     }
     if clip.mode is Mode.OPEN:
         texts["stroke-width"] = (WIDTH, _numbers(curve[WIDTH], clip.width_decimals - clip.precision))
-    attributes, children = "", ""
+    element = ElementTree.Element("path")
+    for name, (_, values) in texts.items():
+        if still if len(values) > 1 else not (name.endswith("-opacity") and values == ["1"]):
+            element.set(name, values[0])
+    texts[_MOVE] = (OFFSET, [joined(offset) for offset in curve[OFFSET].values.tolist()])
     for name, (track, values) in texts.items():
-        moves = len(values) > 1
-        if (still or not moves) and not (name.endswith("-opacity") and values[0] == "1" and not moves):
-            attributes += f' {name}="{values[0]}"'
-        if moves:
-            children += f'<animate attributeName="{name}"{timing.attributes(curve[track], values)}/>'
-    if len(curve[OFFSET].keys) > 1:
-        moved = timing.attributes(curve[OFFSET], [joined(offset) for offset in curve[OFFSET].values.tolist()])
-        children += f'<animateTransform attributeName="transform" type="translate"{moved}/>'
-    return f"<path{attributes}>{children}</path>" if children else f"<path{attributes}/>"
+        if len(values) > 1:
+            keys, whole = curve[track].keys.tolist(), 10**clip.key_decimals
+            if keys[-1] < whole:
+                # A path of values ends when its round does.
+                keys, values = [*keys, whole], [*values, values[-1]]
+            even = keys == np.rint(np.linspace(0, whole, len(keys))).astype(int).tolist()
+            times = [] if even else [format_number(key, clip.key_decimals) for key in keys]
+            _add_animation(element, _MOVED if name == _MOVE else {"attributeName": name}, values, times, timing)
+    return element
 
 
 def _numbers(track: GridTrack, decimals: int) -> list[str]:
     return [format_number(value, decimals) for value in track.values[:, 0].tolist()]
 
 
-def path_values(points: np.ndarray, *, closed: bool) -> list[str]:
-    """Path data of one curve at its knots, (k, 2 K) int64, all of one structure, as SMIL needs to go from one to the
-    next: each segment is relative in all of them, or in none, whichever is shorter.
-    """
-    points = points.reshape(len(points), -1, 2)
-    segments = points.shape[1] // 3
-    texts = ["M" + joined(start) for start in points[:, 0].tolist()]
-    before = ""
-    for segment in range(segments):
-        ends = (3 * segment + np.array([1, 2, 3])) % points.shape[1] if closed else 3 * segment + np.array([1, 2, 3])
-        absolute = points[:, ends]
-        relative = absolute - points[:, 3 * segment, None]
-        forms = {
-            "c": [joined(numbers) for numbers in relative.reshape(len(points), -1).tolist()],
-            "C": [joined(numbers) for numbers in absolute.reshape(len(points), -1).tolist()],
-        }
-        sizes = {letter: sum(map(len, form)) - (letter == before) for letter, form in forms.items()}
-        letter = min(sizes, key=lambda each: sizes[each])
-        for index, numbers in enumerate(forms[letter]):
-            separator = letter if letter != before else "" if numbers[0] == "-" else " "
-            texts[index] += separator + numbers
-        before = letter
-    return [text + ("z" if closed else "") for text in texts]
-
-
 def read_clip(text: str) -> GridClip:
-    """The clip of a file that `write_clip` wrote. Raises InputError for anything else."""
+    """Return the clip of a file that `write_clip` wrote. Raises InputError for anything else."""
     try:
         return _clip(ElementTree.fromstring(text.encode()))
     except (ElementTree.ParseError, ValueError, KeyError, IndexError, ArithmeticError, TypeError) as error:
@@ -207,7 +169,7 @@ def _clip(root: ElementTree.Element) -> GridClip:
 
 
 def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
-    """Start and end of the display of a group, in seconds."""
+    """Return the start and end of the display of a group, s."""
     display = group.find(f"{SVG}animate")
     if display is None:
         return 0.0, clip.duration
@@ -248,7 +210,7 @@ def _whole(text: str, decimals: int) -> int:
 
 
 def _points(d: str, mode: Mode) -> list[int]:
-    """The control points of a path of one ring of cubics."""
+    """Return the coordinates of the control points of a path of one ring of cubics."""
     (ring,) = subpaths(d)
     return [int(value) for point in control_points(ring, mode) for value in point]
 
@@ -262,24 +224,24 @@ def write_moving_drawing(
     comment: str = "",
     plays: int = 0,
 ) -> str:
-    """The SVG text. begins: (F,) s from the start. duration: s. plays: 0 for ever.
+    """Return the SVG text of a moving drawing. begins: (F,) of the frames, s from the start. plays: 0 for ever.
 
-    Each shape is one element, in the order of all shapes; it is where it was drawn first, and shown and moved by
-    animations that change it at once. Viewers that know none show the first frame.
+    Each shape is one element, in the order of the drawing, at its first place. Animations show, hide and move it at
+    once.
     """
     drawing = moving.drawing
     precision = suggested_precision(drawing.width, drawing.height)
     named = tuple(replace(shape, name=f"s{index}", group="") for index, shape in enumerate(drawing.shapes))
-    # Each shape shall be an element of its own, whatever its colour.
+    # Shapes that abut get an element each, whatever their colour.
     text = write_drawing(
         replace(drawing, shapes=named, abutting=True), precision=precision, title=title, comment=comment
     )
-    ElementTree.register_namespace("", SVG[1:-1])
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
     shortest = float(np.diff(np.append(begins, duration)).min())
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
     keys = np.rint(begins / duration * 10**decimals).astype(int).tolist()
-    ending = repeated(duration, plays)
+    times = [format_number(key, decimals) for key in keys]
+    ending = _repeated(duration, plays)
     for index in range(len(named)):
         element = root.find(f".//*[@id='s{index}']")
         if element is None:  # smaller than the grid
@@ -289,21 +251,15 @@ def write_moving_drawing(
         moves = _offsets(moving, index, precision)
         if shown[0] == "none":
             element.set(_DISPLAY, "none")
-        tracks = [("animate", {"attributeName": _DISPLAY}, shown)]
-        tracks.append(("animateTransform", {"attributeName": _MOVE, "type": "translate"}, moves))
         if len(set(moves)) > 1 and _MOVE in element.attrib:
             element = _wrapped(root, element)
-        for tag, attributes, values in tracks:
-            changes = [0, *(place for place in range(1, len(values)) if values[place] != values[place - 1])]
-            if len(changes) > 1:
-                times = ";".join(format_number(keys[place], decimals) for place in changes)
-                said = {**attributes, "calcMode": "discrete", "values": ";".join(values[place] for place in changes)}
-                ElementTree.SubElement(element, tag, {**said, "keyTimes": times, **ending})
+        for attributes, values in ((_SHOWN, shown), (_MOVED, moves)):
+            _add_steps(element, attributes, values, times, ending)
     return document(root).replace(" />", "/>")
 
 
 def _offsets(moving: MovingDrawing, index: int, precision: int) -> list[str]:
-    """The translation of a shape at each frame as text; while it is hidden that of the frame before, or after."""
+    """Return the translation of a shape at each frame; a hidden shape has that of the frame before, or after."""
     frames = np.flatnonzero(moving.shown[:, index])
     latest = frames[np.clip(np.searchsorted(frames, np.arange(len(moving.shown)), side="right") - 1, 0, None)]
     steps = np.rint(moving.offsets[latest, index] * 10**precision).astype(int)
@@ -311,7 +267,7 @@ def _offsets(moving: MovingDrawing, index: int, precision: int) -> list[str]:
 
 
 def _wrapped(root: ElementTree.Element, element: ElementTree.Element) -> ElementTree.Element:
-    """A group around an element that has a transform of its own; what moves and hides is the group."""
+    """Return a group around an element that has a transform of its own; the group moves and hides."""
     group = ElementTree.Element("g")
     if _DISPLAY in element.attrib:
         group.set(_DISPLAY, element.attrib.pop(_DISPLAY))
@@ -321,8 +277,7 @@ def _wrapped(root: ElementTree.Element, element: ElementTree.Element) -> Element
 
 
 def still(text: str, seconds: float) -> str:
-    """The SVG that a file of `write_moving_drawing` shows at a time, s, without animations and hidden elements."""
-    ElementTree.register_namespace("", SVG[1:-1])
+    """Return the SVG that a file of `write_moving_drawing` shows at a time, s, without what is hidden or animates."""
     root = ElementTree.fromstring(text)
     for parent in [*root.iter()]:
         for element in [*parent]:
@@ -339,6 +294,7 @@ def still(text: str, seconds: float) -> str:
 
 
 def _value(animation: ElementTree.Element, seconds: float) -> str:
+    """Return the value of an animation in steps at a time, s."""
     share = seconds / float(animation.attrib["dur"].removesuffix("s"))
     keys = [float(key) for key in animation.attrib["keyTimes"].split(";")]
     latest = max(place for place, key in enumerate(keys) if key <= share + 1e-9)

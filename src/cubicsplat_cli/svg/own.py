@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import field
 from xml.parsers import expat
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.progress import log
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 from cubicsplat_cli.svg.paths import PathSegment, subpaths
 from cubicsplat_cli.svg.values import hex_colour, is_transform, parse_number, share, transform_matrix
@@ -71,12 +73,14 @@ MOST_STOPS = 1000
 Box = tuple[float, float, float, float]  # left, top, width and height in px
 
 
-class OwnElement(NamedTuple):
+@record
+class OwnElement:
     """An element of a file. place: the names from the root to it, such as "svg/g/path". line: of its start tag."""
 
     place: str
     attributes: dict[str, str]
-    line: int
+    line: int = 0
+    children: list[OwnElement] = field(default_factory=list)
 
     @property
     def name(self) -> str:
@@ -90,6 +94,14 @@ class OwnElement(NamedTuple):
             f"this SVG was not written by cubicsplat or was edited: line {self.line} {what}; "
             "`cubicsplat render` and `cubicsplat eval` take any SVG"
         )
+
+    @contextmanager
+    def checked(self) -> Iterator[None]:
+        """Within, a ValueError says what is wrong with this element; it becomes the InputError of `refused`."""
+        try:
+            yield
+        except ValueError as error:
+            raise self.refused(error) from error
 
     def check_attributes(self, allowed: Iterable[str]) -> None:
         """Raise InputError for an attribute that is not in `allowed` and declares no namespace."""
@@ -132,12 +144,14 @@ def own_elements(text: str | bytes) -> list[OwnElement]:
         raise InputError(f"the SVG has {len(data)} bytes; at most {MAX_OWN_BYTES} are read")
     parser = expat.ParserCreate("utf-8")
     elements: list[OwnElement] = []
-    places = [""]
+    around: list[OwnElement] = []
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        place = f"{places[-1]}{name}"
+        place = f"{around[-1].place}/{name}" if around else name
         element = OwnElement(place, attributes, parser.CurrentLineNumber)
-        places.append(f"{place}/")
+        if around:
+            around[-1].children.append(element)
+        around.append(element)
         if place not in _OWN:
             raise element.refused(f"has an unexpected <{name}> element")
         if not _OWN[place].issuperset(attributes):
@@ -151,7 +165,7 @@ def own_elements(text: str | bytes) -> list[OwnElement]:
     def refuse_doctype(*_: object) -> None:
         raise InputError("the SVG has a DOCTYPE or entity declaration, which cubicsplat never writes and does not read")
 
-    parser.StartElementHandler, parser.EndElementHandler = start, lambda _: places.pop()
+    parser.StartElementHandler, parser.EndElementHandler = start, lambda _: around.pop()
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse_doctype
     try:
         parser.Parse(data, True)
@@ -171,19 +185,17 @@ class GradientReader:
         self._elements: dict[str, OwnElement] = {}
         self._stops: dict[str, list[Stop]] = {}
         self._left_out: set[str] = set()
-        stops: list[Stop] = []
         for element in elements:
-            if "Gradient" not in element.place:
+            if not element.name.endswith("Gradient"):
                 continue
-            if element.name == "stop":
-                try:
-                    stops.append(_stop(element.attributes, stops))
-                except ValueError as error:
-                    raise element.refused(error) from error
-            elif (identifier := element.attributes.get("id")) is None:
+            identifier = element.attributes.get("id")
+            if identifier is None:
                 raise element.refused(f"has a <{element.name}> without an id")
-            else:
-                self._elements[identifier], self._stops[identifier] = element, (stops := [])
+            stops: list[Stop] = []
+            for stop in element.children:
+                with stop.checked():
+                    stops.append(_stop(stop.attributes, stops))
+            self._elements[identifier], self._stops[identifier] = element, stops
 
     def __contains__(self, identifier: str) -> bool:
         return identifier in self._elements

@@ -153,11 +153,11 @@ def _gradients(tree: StyledTree) -> GradientReader:
         if name not in (LINEAR, RADIAL) or not element.get("id"):
             continue
         link = {"href": f"#{reference(element)}"} if reference(element) else {}
-        elements.append(OwnElement(name, {**element.attrib, **link}, 0))
+        elements.append(OwnElement(name, {**element.attrib, **link}))
         stops = [stop for stop in element if local_name(stop) == "stop"]
         for stop in stops[:MOST_STOPS]:
             try:
-                elements.append(OwnElement(f"{name}/stop", _stop(tree, stop), 0))
+                elements[-1].children.append(OwnElement("stop", _stop(tree, stop)))
             except ValueError:
                 tree.left_out["stop that cannot be read"] += 1
         tree.left_out["stop"] += len(stops[MOST_STOPS:])

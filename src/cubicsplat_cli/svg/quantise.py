@@ -65,18 +65,13 @@ class GridScene:
         return len(self.opacities) > 1 and bool((self.opacities == self.opacities[0]).all())
 
 
-def check_precision(precision: int) -> None:
-    """Raise UsageError unless `precision` is a whole number in 0..6."""
-    PRECISION.check("precision", precision)
-
-
 def to_grid(scene: Scene, precision: int) -> GridScene:
     """Round a scene to the numbers of a file with `precision` decimals.
 
     Raises InputError, which names the first curve with a value that is not finite or out of range; UsageError for a
     precision outside 0..6.
     """
-    check_precision(precision)
+    PRECISION.check("precision", precision)
     scene.validate()
     scene = scene.as_numpy()
     points, ring_ends = scene.points, None
@@ -85,7 +80,6 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
         points, ring_ends = pack_rings(scene.mode, [scene.rings(curve) for curve in range(scene.curves)])
     _refuse(np.abs(points) > MAX_COORDINATE, f"control points lie more than {MAX_COORDINATE:.0f} px from the origin")
     _refuse(scene.half_widths > MAX_COORDINATE, f"half-width exceeds {MAX_COORDINATE:.0f} px")
-    width_decimals = max(precision, MIN_WIDTH_DECIMALS)
     gradients, colours, opacities = paints_of(scene, precision)
     return GridScene(
         mode=scene.mode,
@@ -95,7 +89,7 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
         points=_shortest(scene.mode, _round(points, 10**precision), ring_ends),
         colours=_round(colours, 255),
         opacities=_round(opacities, 10**OPACITY_DECIMALS),
-        stroke_widths=_round(2.0 * scene.half_widths, 10**width_decimals),
+        stroke_widths=_round(2.0 * scene.half_widths, 10 ** max(precision, MIN_WIDTH_DECIMALS)),
         background=levels_of(scene.background),
         ring_ends=ring_ends,
         gradients=gradients,

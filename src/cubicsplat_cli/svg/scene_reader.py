@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient, mean_fill
 from cubicsplat_cli.scene.shapes import shape_points
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
+from cubicsplat_cli.svg.drawing_reader import angle_of, drawing_of, holds_drawing
 from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, own_elements
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
@@ -24,9 +26,7 @@ from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID, 
 from cubicsplat_cli.svg.values import hex_colour, parse_number, unit_colour
 
 _WIDTH_DECIMALS, _GRADIENT_DECIMALS = 9, 7  # more than any file has
-_ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
 _SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
-_ROTATION = re.compile(r"rotate\((-?[\d.]+) [-\d.]+ [-\d.]+\)")
 _BACKGROUND_ATTRIBUTES = ("id", "x", "y", "width", "height", "fill")
 _GROUP_ATTRIBUTES = {
     "id": CURVES_ID,
@@ -39,6 +39,8 @@ _PATH_ATTRIBUTES = {
     Mode.CLOSED: ("d", "fill", "fill-opacity"),
     Mode.OPEN: ("d", "stroke", "stroke-opacity", "stroke-width"),
 }
+# Rings, colour, opacity, half-width and gradient.
+_Curve = tuple[list[np.ndarray], list[float], float, float, Gradient | None]
 # The geometry of shapes other than paths.
 _SHAPES = {
     "ellipse": ("cx", "cy", "rx", "ry", "transform"),
@@ -72,123 +74,111 @@ def read_svg(text: str | bytes) -> Scene:
 
 def curves_of(elements: Sequence[OwnElement]) -> Scene:
     """Return the scene of a document's elements. Raises InputError if they are not those of `write_svg`."""
-    reader = _SceneReader(elements)
-    for element in elements:
-        try:
-            reader.add(element)
-        except ValueError as error:
-            raise element.refused(error) from error
-    return reader.scene()
+    width, height = elements[0].canvas_size()
+    background, group = None, None
+    curves: list[_Curve] = []
+    for element in elements[0].children:
+        with element.checked():
+            if element.name == "rect" and group is None and background is None:
+                background = _background(element, width, height)
+            elif element.name == "g" and group is None:
+                group = _group_of(element)
+                scale = f"scale({10**group.shift})" if group.shift else ""
+                gradients = GradientReader(_in_px(each, scale) for each in elements if each.name.endswith("Gradient"))
+                for child in element.children:
+                    with child.checked():
+                        curves.append(_curve(child, group, gradients))
+            elif element.name not in ("title", "defs"):
+                raise ValueError(f"has an unexpected <{element.name}> element")
+    if group is None or not curves:
+        raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
+    # The last curve is at the front, where a scene begins.
+    rings, colours, opacities, half_widths, paints = zip(*curves[::-1], strict=True)
+    points, ring_ends = pack_rings(group.mode, rings)
+    scene = Scene(
+        mode=group.mode,
+        width=width,
+        height=height,
+        points=points.astype(np.float32),
+        colours=np.array(colours, np.float32),
+        opacities=np.array(opacities, np.float32),
+        half_widths=np.array(half_widths, np.float32),
+        background=background,
+        ring_ends=ring_ends,
+        gradients=gradients_of(paints),
+    )
+    scene.validate()
+    return scene
 
 
-class _SceneReader:
-    """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path, ellipse, rect, polygon)."""
+def _in_px(element: OwnElement, scale: str) -> OwnElement:
+    """Return a gradient without the transform `scale` to the unit of the paths. Raises InputError for other units."""
+    given = element.attributes
+    if given.get("id") == UNITS_ID and given.get("gradientUnits") == "userSpaceOnUse":
+        return element
+    transform = given.get("gradientTransform", "")
+    if given.get("xlink:href") != f"#{UNITS_ID}":
+        raise element.refused("has a gradient that is not in px")
+    if not transform.startswith(scale):
+        raise element.refused("has gradients in another unit than the paths")
+    return replace(element, attributes=given | {"gradientTransform": transform.removeprefix(scale)})
 
-    def __init__(self, elements: Sequence[OwnElement]) -> None:
-        self.width, self.height = elements[0].canvas_size()
-        self.background: tuple[float, float, float] | None = None
-        self.mode: Mode | None = None
-        self.opacity = "1"  # default of the curves
-        self.shift = 0  # the paths' unit is 10^-shift px
-        self.enlarged: set[int] = set()  # powers of ten by which gradients are enlarged
-        self.gradients = GradientReader(self._in_px(element) for element in elements if "Gradient" in element.place)
-        # Rings, colour, opacity, half-width and gradient of each curve, the last one at the front.
-        self.curves: list[tuple[list[np.ndarray], list[float], float, float, Gradient | None]] = []
 
-    def add(self, element: OwnElement) -> None:
-        """Add one element. Raises ValueError for what `write_svg` does not write."""
-        place, name = element.place, element.name
-        if place == "svg/rect" and self.mode is None and self.background is None:
-            self._add_background(element)
-        elif place == "svg/g" and self.mode is None:
-            self._add_group(element)
-        elif place == "svg/g/path" and self.mode is not None:
-            element.check_attributes(_PATH_ATTRIBUTES[self.mode])
-            self._add_curve(element, self.mode, _rings(element.subpaths(), self.mode, 10.0**self.shift))
-        elif place.startswith("svg/g/") and self.mode is Mode.CLOSED and name in _SHAPES:
-            element.check_attributes((*_SHAPES[name], "fill", "fill-opacity"))
-            self._add_curve(element, self.mode, [_points_of_shape(element) / 10.0**self.shift])
-        elif place.startswith("svg/g/") or (place.count("/") == 1 and name not in ("title", "defs")):
-            raise ValueError(f"has an unexpected <{name}> element")
+def _background(element: OwnElement, width: int, height: int) -> tuple[float, float, float] | None:
+    element.check_attributes(_BACKGROUND_ATTRIBUTES)
+    given = element.attributes
+    if given.get("id", BACKGROUND_ID) != BACKGROUND_ID:
+        raise ValueError(f"has a <rect> called {given['id']!r}")
+    if [given.get(name, "0") for name in ("x", "y", "width", "height")] != ["0", "0", str(width), str(height)]:
+        raise ValueError("has a <rect> that is not the background")
+    return unit_colour(hex_colour(given.get("fill", "")))
 
-    def _add_background(self, element: OwnElement) -> None:
-        element.check_attributes(_BACKGROUND_ATTRIBUTES)
-        given = element.attributes
-        if given.get("id", BACKGROUND_ID) != BACKGROUND_ID:
-            raise ValueError(f"has a <rect> called {given['id']!r}")
-        box = [given.get(name, "0") for name in ("x", "y", "width", "height")]
-        if box != ["0", "0", str(self.width), str(self.height)]:
-            raise ValueError("has a <rect> that is not the background")
-        self.background = unit_colour(hex_colour(given.get("fill", "")))
 
-    def _add_group(self, element: OwnElement) -> None:
-        given = dict(element.attributes)
-        scale = _SCALE.fullmatch(given.pop("transform", "scale(1)"))
-        if scale is None:
-            raise ValueError("has a transform other than the scale of a precision")
-        self.shift = 0 if scale[1] is None else len(scale[1]) + 1
-        if self.enlarged - {self.shift}:
-            raise ValueError("has gradients in another unit than the paths")
-        # Only groups of strokes have the fill "none".
-        self.opacity = given.pop("stroke-opacity" if "fill" in given else "fill-opacity", "1")
-        element._replace(attributes=given).check_attributes(_GROUP_ATTRIBUTES)
-        for name, value in given.items():
-            if value != _GROUP_ATTRIBUTES[name]:
-                raise ValueError(f"has {name}={value!r}")
-        kinds = {("fill-rule",): Mode.CLOSED, ("fill", "stroke-linecap", "stroke-linejoin"): Mode.OPEN}
-        self.mode = kinds.get(tuple(name for name in _GROUP_ATTRIBUTES if name != "id" and name in given))
-        if self.mode is None:
-            raise ValueError("has a <g> that says neither closed nor open curves")
+class _Group(NamedTuple):
+    """The group of all curves. shift: the paths' unit is 10^-shift px. opacity: default of the curves."""
 
-    def _add_curve(self, element: OwnElement, mode: Mode, rings: list[np.ndarray]) -> None:
-        given, kind = element.attributes, "fill" if mode is Mode.CLOSED else "stroke"
-        match = REFERENCE.fullmatch(given.get(kind, ""))
-        gradient = None
-        if match is not None:
-            gradient = _without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
-        levels = hex_colour(given.get(kind, "")) if gradient is None else mean_fill(gradient)[:3]
-        opacity = _at_most(given.get(f"{kind}-opacity", self.opacity), 1.0)
-        unit = 10.0**self.shift
-        width = _at_most(given.get("stroke-width", ""), 2.0 * MAX_COORDINATE * unit) if mode is Mode.OPEN else 0.0
-        half_width = round(width / unit, _WIDTH_DECIMALS) / 2.0
-        self.curves.append((rings, [level / 255 for level in levels], opacity, half_width, gradient))
+    mode: Mode
+    shift: int
+    opacity: str
 
-    def _in_px(self, element: OwnElement) -> OwnElement:
-        """Return a gradient without the transform to the unit of the paths; other elements stay the same.
 
-        Raises InputError for a gradient in another unit.
-        """
-        given = element.attributes
-        is_unit = given.get("id") == UNITS_ID and given.get("gradientUnits") == "userSpaceOnUse"
-        if not element.name.endswith("Gradient") or is_unit:
-            return element
-        transform = given.get("gradientTransform", "")
-        scale = _ENLARGED.match(transform)
-        if given.get("xlink:href") != f"#{UNITS_ID}" or scale is None:
-            raise element.refused("has a gradient that is not in px")
-        self.enlarged.add(len(scale[1] or ""))
-        return element._replace(attributes=given | {"gradientTransform": transform[scale.end() :]})
+def _group_of(element: OwnElement) -> _Group:
+    given = dict(element.attributes)
+    scale = _SCALE.fullmatch(given.pop("transform", "scale(1)"))
+    if scale is None:
+        raise ValueError("has a transform other than the scale of a precision")
+    # Only groups of strokes have the fill "none".
+    opacity = given.pop("stroke-opacity" if "fill" in given else "fill-opacity", "1")
+    replace(element, attributes=given).check_attributes(_GROUP_ATTRIBUTES)
+    for name, value in given.items():
+        if value != _GROUP_ATTRIBUTES[name]:
+            raise ValueError(f"has {name}={value!r}")
+    kinds = {("fill-rule",): Mode.CLOSED, ("fill", "stroke-linecap", "stroke-linejoin"): Mode.OPEN}
+    mode = kinds.get(tuple(name for name in _GROUP_ATTRIBUTES if name != "id" and name in given))
+    if mode is None:
+        raise ValueError("has a <g> that says neither closed nor open curves")
+    return _Group(mode, 0 if scale[1] is None else len(scale[1]) + 1, opacity)
 
-    def scene(self) -> Scene:
-        """Return the scene of all elements, in reverse order so that index 0 is the front."""
-        if self.mode is None or not self.curves:
-            raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
-        rings, colours, opacities, half_widths, gradients = zip(*self.curves[::-1], strict=True)
-        points, ring_ends = pack_rings(self.mode, rings)
-        scene = Scene(
-            mode=self.mode,
-            width=self.width,
-            height=self.height,
-            points=points.astype(np.float32),
-            colours=np.array(colours, np.float32),
-            opacities=np.array(opacities, np.float32),
-            half_widths=np.array(half_widths, np.float32),
-            background=self.background,
-            ring_ends=ring_ends,
-            gradients=gradients_of(gradients),
-        )
-        scene.validate()
-        return scene
+
+def _curve(element: OwnElement, group: _Group, gradients: GradientReader) -> _Curve:
+    """Return the curve of an element in the group. Raises ValueError for what `write_svg` does not write."""
+    closed, unit = group.mode is Mode.CLOSED, 10.0**group.shift
+    if element.name == "path":
+        element.check_attributes(_PATH_ATTRIBUTES[group.mode])
+        rings = _rings(element.subpaths(), group.mode, unit)
+    elif closed and element.name in _SHAPES:
+        element.check_attributes((*_SHAPES[element.name], "fill", "fill-opacity"))
+        rings = [_points_of_shape(element) / unit]
+    else:
+        raise ValueError(f"has an unexpected <{element.name}> element")
+    given, kind = element.attributes, "fill" if closed else "stroke"
+    match = REFERENCE.fullmatch(given.get(kind, ""))
+    gradient = None if match is None else _without_noise(gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
+    levels = hex_colour(given.get(kind, "")) if gradient is None else mean_fill(gradient)[:3]
+    opacity = _at_most(given.get(f"{kind}-opacity", group.opacity), 1.0)
+    width = 0.0 if closed else _at_most(given.get("stroke-width", ""), 2.0 * MAX_COORDINATE * unit)
+    half_width = round(width / unit, _WIDTH_DECIMALS) / 2.0
+    return rings, [level / 255 for level in levels], opacity, half_width, gradient
 
 
 def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[np.ndarray]:
@@ -202,7 +192,7 @@ def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[
 
 
 def control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
-    """Return those of a chain of cubics, the start of a closed one once. Raises ValueError for other segments."""
+    """Return the control points of cubics in a row, the start of a ring once. Raises ValueError for other segments."""
     if mode is Mode.CLOSED:
         if not subpath or subpath[-1].command != "Z":
             raise ValueError("has a closed curve whose path does not end with z")
@@ -230,11 +220,9 @@ def _points_of_shape(element: OwnElement) -> np.ndarray:
     x, y, a, b = (parse_number(given.get(attribute, "")) for attribute in _SHAPES[name][:4])
     if name == "rect":
         x, y, a, b = x + a / 2.0, y + b / 2.0, a / 2.0, b / 2.0
-    rotation = _ROTATION.fullmatch(given.get("transform", "rotate(0 0 0)"))
-    if rotation is None or min(a, b) < 0.0:
+    if min(a, b) < 0.0:
         raise ValueError(f"has a <{name}> that is none of a photo")
-    angle = math.radians(float(rotation[1]))
-    first = max(a, 1e-3)  # a first axis of no length would have no direction
+    angle, first = angle_of(given), max(a, 1e-3)  # a first axis of no length would have no direction
     values = np.array([[x, y, first * math.cos(angle), first * math.sin(angle), b]])
     return shape_points("ellipse" if name == "ellipse" else "rectangle", values)[0]
 

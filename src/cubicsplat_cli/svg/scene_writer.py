@@ -124,26 +124,31 @@ def path_strings(points: np.ndarray, ring_ends: np.ndarray | None = None, *, clo
     coordinates are differences of grid points, so no rounding error builds up along a curve.
     """
     if ring_ends is None:
-        return [_path_string(curve, closed) for curve in points.tolist()]
+        return [path_values([curve], closed=closed)[0] for curve in points.tolist()]
     return [
-        "".join(_path_string(curve[ring].tolist(), closed) for ring in rings)
+        "".join(path_values([curve[ring].tolist()], closed=closed)[0] for ring in rings)
         for curve, rings in zip(points, ring_slices(ring_ends, closed=closed), strict=True)
     ]
 
 
-def _path_string(points: list[list[int]], closed: bool) -> str:
-    """Return one ring, each cubic in its shorter form; the letter is left out where it repeats."""
-    text, letter = "M" + joined(points[0]), ""
-    chain = [*points, points[0]] if closed else points
-    for start in range(0, len(chain) - 1, 3):
-        (x, y), (a, b), (c, d), (e, f) = chain[start : start + 4]
-        lower = _after(letter, "c", joined((a - x, b - y, c - x, d - y, e - x, f - y)))
-        upper = _after(letter, "C", joined((a, b, c, d, e, f)))
-        if len(lower) < len(upper) or (len(lower) == len(upper) and letter != "C"):
-            letter, text = "c", text + lower
-        else:
-            letter, text = "C", text + upper
-    return text + ("z" if closed else "")
+def path_values(knots: list[list[list[int]]], *, closed: bool) -> list[str]:
+    """Return the path data of a ring or stroke, whose control points (K, 2) are given at one or more knots in time.
+
+    Each cubic has its shorter form, absolute or relative: the same in all knots, as SMIL needs to go from one to the
+    next. The letter is left out where it repeats.
+    """
+    texts, letter = ["M" + joined(points[0]) for points in knots], ""
+    chains = [[*points, points[0]] if closed else points for points in knots]
+    for start in range(0, len(chains[0]) - 1, 3):
+        lower, upper = [], []
+        for chain in chains:
+            (x, y), (a, b), (c, d), (e, f) = chain[start : start + 4]
+            lower.append(_after(letter, "c", joined((a - x, b - y, c - x, d - y, e - x, f - y))))
+            upper.append(_after(letter, "C", joined((a, b, c, d, e, f))))
+        longer = sum(map(len, lower)) - sum(map(len, upper))
+        letter, chosen = ("c", lower) if longer < 0 or (longer == 0 and letter != "C") else ("C", upper)
+        texts = [text + part for text, part in zip(texts, chosen, strict=True)]
+    return [text + ("z" if closed else "") for text in texts]
 
 
 def _after(letter: str, form: str, numbers: str) -> str:
