@@ -34,10 +34,12 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
     if blur is not None and blur < LEAST_BLUR:
         return levels, 1
     factors = [factor for factor in (2, 3, 4) if 8 * factor <= min(levels.shape[:2])]
+    if not factors:
+        return levels, 1
     # The 16 columns that change most from one pixel to the next.
     steep = largest(np.abs(np.diff(levels, axis=0))).max(axis=0)
     columns = levels[:, np.argsort(-steep, kind="stable")[:16]]
-    if not factors or _sharp(columns):
+    if _sharp(columns):
         return levels, 1
     for factor in factors:
         errors = [_mean_error(columns, factor, kernel) for kernel in KERNELS]
