@@ -24,7 +24,7 @@ LUMA_CHROMA = np.array(
 RGB = np.linalg.inv(LUMA_CHROMA)
 BESIDE = 0.25  # share of the value beside a pixel's own one when libjpeg enlarges chroma, along each axis
 REWEIGHTED = 4  # rounds of least squares with Cauchy's weights
-PRIOR = 2.0  # px that each fill counts as before
+PRIOR = 2.0  # px; weight of the former value of each fill
 
 
 def explained(
@@ -52,7 +52,7 @@ def explained(
     off = np.hypot(rest[:, 0], rest[:, 1])
     strange = off > max(12.0, 5.0 * float(np.median(off)) if len(off) else 0.0)
     missing = values[strange].astype(np.float64)
-    # A missing part fills about seven tenths of such a pixel, so its colour is off by that much more again.
+    # A missing part fills about 0.7 of such a pixel, so its colour is farther off by 1 / 0.7 - 1, or 0.4, residuals.
     missing[:, 1:3] += 0.4 * rest[strange]
     return fills, luma_cost + float(np.log1p((off / sigma) ** 2).sum()), missing
 
@@ -121,8 +121,8 @@ def _halved(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
 
 
 def _clipping(painted: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
-    """Return (H, W, 4): the change of a picture (H, W, 4), both as luma, chroma and opacity, by the ends of channels at
-    0 and 255, which smoothed chroma reaches where luma is too dark or too light for it.
+    """Return (H, W, 4): the change of a picture (H, W, 4) when its channels are clipped to 0..255 with the chroma that
+    is stored, which may be too strong for the luma of a pixel; both as luma, chroma and opacity.
     """
     made = painted.astype(np.float32)
     made[..., 1:3] = _stored(made[..., 1:3], halved)
@@ -199,7 +199,7 @@ def mixture_of(
 ) -> Mixture:
     """Return the picture (H, W, 4) as blends of two fills (P, 4) a pixel: the fill of its label and one beside it.
 
-    labels: (H, W) int. sigma: levels, the error of a pixel, a third of the contrast of fills whose shares can be told.
+    labels: (H, W) int. sigma: levels, the error of a pixel; fills less than three times as far apart are not blended.
     blur: standard deviation in px; blurred edges become sharp. snap: shares this near to 0 or 1 become that.
     """
     mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))

@@ -67,8 +67,8 @@ class Condition:
 
     @property
     def edge_error(self) -> float:
-        """Levels by which pixels on edges are off: in a JPEG the ringing there is 8 times the noise elsewhere. Noise
-        that is alike over 1.5 px counts 5 times, as so many pixels tell as much as one.
+        """Levels by which pixels on edges are off. A JPEG's ringing there is 8 times its noise elsewhere. Coarse noise
+        counts 5 times, because it is alike over 1.5 px, and 5 pixels say no more than one.
         """
         return self.noise * (5.0 if self.coarse else 8.0 if self.jpeg else 1.0)
 

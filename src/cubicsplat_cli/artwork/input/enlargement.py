@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 EDGE, OFF = 16.0, 2.5  # levels between neighbours at an edge, and by which repeating the enlargement may be off
 EXACT = 0.97  # share of the pixels at edges that must be as near as that
-FEWEST = 64  # pixels at edges, or blends, that tell
+FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 
 
 def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:

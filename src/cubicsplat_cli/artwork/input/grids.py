@@ -9,9 +9,9 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import ROWS
 from cubicsplat_cli.record import record
 
-# Cells of a noisy picture have a middle without the artefacts of their borders. Each side of a picture has as many
-# cells at least.
-LEAST_NOISY, LEAST_LINES = 3.5, 8  # px, cells
+# Cells of a noisy picture have so many px a side, hence a middle without the artefacts of their borders; and there are
+# so many of them each way.
+LEAST_NOISY, LEAST_LINES = 3.5, 8
 _FINER = 16  # times as many frequencies as px, so that a period is exact to a fraction of a px across the picture
 
 

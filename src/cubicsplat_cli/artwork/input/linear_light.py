@@ -21,7 +21,8 @@ from cubicsplat_cli.artwork.regions.sampling import FEWEST, MOST
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
-DIFFERENT = 0.1  # px by which the places of an edge that tells differ between columns, and between both spaces
+# px; edges are compared whose places differ by more between columns, and between both spaces.
+DIFFERENT = 0.1
 RIM_OFF = 2.0  # levels by which blends are off that were rounded once for each layer
 RIM_FEWEST = 16  # px of a border that show a colour
 EXPLAINED = 0.95  # share of a border's pixels that one share of the background must explain

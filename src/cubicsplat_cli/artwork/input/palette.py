@@ -20,9 +20,8 @@ from cubicsplat_cli.raster.unmix import nearest_fills, spread
 SAME = 8.0  # levels; colours that differ less are one fill
 CALM = 1.5  # standard deviations by which calm pixels may deviate
 FAR = 2.5  # times as much as elsewhere, by which a fill near edges differs from others, as edges hold blends
-# Levels of luma or chroma by which areas of one fill are off it at most, about 3 to 4 in CIEDE2000, and px of the
-# windows whose means tell.
-UNLIKE, WINDOW = 6.0, 5
+UNLIKE = 6.0  # levels of luma or chroma, about 3 to 4 in CIEDE2000; areas whose mean is farther off have another fill
+WINDOW = 5  # px of a window for means
 SMALL = 128  # px of the longer side of a picture in which squares show fills
 BESIDE = 2  # px to either side of a square, the colours of which a square on a ramp blends
 
