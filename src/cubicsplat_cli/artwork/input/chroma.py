@@ -23,6 +23,7 @@ LUMA_CHROMA = np.array(
 )
 RGB = np.linalg.inv(LUMA_CHROMA)
 BESIDE = 0.25  # share of the value beside a pixel's own one when libjpeg enlarges chroma, along each axis
+SNAP = 0.08  # shares this near to 0 or 1 are; one of 4 x 4 samples is 0.0625
 REWEIGHTED = 4  # rounds of least squares with Cauchy's weights
 PRIOR = 2.0  # px; weight of the former value of each fill
 
@@ -195,7 +196,7 @@ class Mixture:
 
 
 def mixture_of(
-    seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = 0.08
+    seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = SNAP
 ) -> Mixture:
     """Return the picture (H, W, 4) as blends of two fills (P, 4) a pixel: the fill of its label and one beside it.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb, srgb_of_light
 from cubicsplat_cli.artwork.input.condition import CONTRAST
-from cubicsplat_cli.artwork.regions.fills import EVEN, in_squares
+from cubicsplat_cli.artwork.regions.fills import EVEN, ROUNDED, in_squares
 from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
 from cubicsplat_cli.artwork.regions.sampling import FEWEST, MOST
 from cubicsplat_cli.raster.shades import blends, nearest_paints
@@ -23,7 +23,6 @@ from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
 # px; edges are compared whose places differ by more between columns, and between both spaces.
 DIFFERENT = 0.1
-RIM_OFF = 2.0  # levels by which blends are off that were rounded once for each layer
 RIM_FEWEST = 16  # px of a border that show a colour
 EXPLAINED = 0.95  # share of a border's pixels that one share of the background must explain
 
@@ -36,7 +35,7 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
         return levels
     colours = levels[..., :3]
     corners = [colours[y : len(colours) - 1 + y, x : colours.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
-    blended = ~in_squares(largest(np.maximum.reduce(corners) - np.minimum.reduce(corners)) <= 2.0 * EVEN)
+    blended = ~in_squares(largest(np.maximum.reduce(corners) - np.minimum.reduce(corners)) <= EVEN)
     # Numbers for cells of 8 levels, within which colours near a blend are one.
     cells = np.rint(colours / 8.0).astype(np.int32) @ np.array([1, 64, 4096], np.int32)
     near, places = nearest_paints(np.where(blended, -1, cells), np.flatnonzero(blended), REACH, SLOTS)
@@ -124,7 +123,7 @@ def _shone_through(rows: np.ndarray, in_light: bool) -> np.ndarray:
         return none
     index, inner, counts = index.reshape(-1), inner[shown], counts[shown]
     outer = np.array([np.median(rows[0, even][index == k], axis=0) for k in shown])
-    differs = largest(np.abs(outer - inner)) > RIM_OFF
+    differs = largest(np.abs(outer - inner)) > ROUNDED
     # A white page does not show on white.
     shows = differs | (inner >= 255.0).all(axis=1)
     if differs.sum() < 2 or counts.sum() < EXPLAINED * even.sum():
@@ -148,4 +147,4 @@ def _explained(inner: np.ndarray, outer: np.ndarray, in_light: bool) -> np.ndarr
     shares = np.append(shares[(shares > 0.0) & (shares <= 0.5)], 0.0)
     mixed = start[:, None] + shares[:, None, None, None] * span
     mixed = 255.0 * srgb_of_light(mixed / 255.0) if in_light else mixed
-    return np.asarray((largest(np.abs(mixed - outer[:, None])) <= RIM_OFF).any(axis=-1))
+    return np.asarray((largest(np.abs(mixed - outer[:, None])) <= ROUNDED).any(axis=-1))

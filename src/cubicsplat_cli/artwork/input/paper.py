@@ -14,7 +14,6 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
 DEGREE = 4  # of the polynomial
-NEAR = 3.0  # standard deviations of the grain within which pixels are paper
 LEAST_GRAIN, MOST_GRAIN = 0.6, 14.0  # levels
 NORMAL = 1.4826  # standard deviation of normal errors over the median of their sizes
 
@@ -47,7 +46,7 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     light, grain = _centred(luma, light)
     if not LEAST_GRAIN <= grain <= MOST_GRAIN:
         return None
-    paper = np.abs(luma - light) <= NEAR * grain
+    paper = np.abs(luma - light) <= OUTLIER * grain
     if _fine_grain(luma, paper) < LEAST_GRAIN:
         return None
     surface = np.stack([_surface(colours[..., k], paper, cell) for k in range(3)], axis=-1)
@@ -56,8 +55,8 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     even = light.max() - light.min() < 6.0
     if even or light.max() < 128.0 or light.min() < 0.3 * light.max():
         return None
-    far = max(24.0, 2.0 * NEAR * grain)
-    if (np.abs(off) <= NEAR * grain).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
+    far = max(24.0, 2.0 * OUTLIER * grain)
+    if (np.abs(off) <= OUTLIER * grain).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
         return None
     bare = colours * (255.0 / np.maximum(surface, 1.0))
     white = np.clip(bare, 0.0, 255.0)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA
+from cubicsplat_cli.artwork.input.chroma import SNAP
 from cubicsplat_cli.artwork.input.condition import OUTLIER
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.point_tree import PointTree
@@ -112,7 +113,7 @@ def pens_of(bare: np.ndarray, grain: float) -> Pens | None:
     """
     if min(bare.shape[:2]) < 2 * REACH:
         return None
-    lines = profiles_of(255.0 - bare, OUTLIER * grain, 3.0 * grain)
+    lines = profiles_of(255.0 - bare, OUTLIER * grain, OUTLIER * grain)
     kinds = _kinds(lines)
     own = kinds >= 0
     if not own.any():
@@ -250,7 +251,7 @@ def sharpened(levels: np.ndarray, pens: Pens) -> tuple[np.ndarray, np.ndarray]:
     weights /= (weights * depths).sum(axis=1, keepdims=True)
     share = ((255.0 - levels[..., :3]) * weights[owner]).sum(axis=-1, dtype=np.float32)
     share = _unblurred(share, pens.blur)
-    share = np.where(share < 0.1, 0.0, np.where(share > 0.9, 1.0, share))[..., None]
+    share = np.where(share < SNAP, 0.0, np.where(share > 1.0 - SNAP, 1.0, share))[..., None]
     out = np.full(levels.shape, 255.0, dtype=np.float32)
     out[..., :3] += share * (pens.inks[owner] - 255.0)
     opaque = np.full((len(pens.inks) + 1, 1), 255.0)
