@@ -79,7 +79,7 @@ def _fit_luma(
     luma: np.ndarray, mixture: Mixture, mask: np.ndarray, fills: np.ndarray, free: np.ndarray, sigma: float
 ) -> tuple[np.ndarray, float]:
     """Return the luma of the fills (P,), fitted to the luma (H, W) of the pixels of a mask (H, W), and the cost of the
-    residuals in nats. Normal equations are summed by the two fills of pixels.
+    residuals in nats. Each pixel blends two fills, so the normal equations are sums over pairs of fills.
     """
     y, x = np.nonzero(mask)
     own, other, share = (plane[y, x] for plane in (mixture.labels, mixture.other, mixture.share))

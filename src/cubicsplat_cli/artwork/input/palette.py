@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
 
-SAME = 8.0  # levels; colours that differ less are one fill
+SAME = 8.0  # levels; colours that differ by no more are one fill
 CALM = 1.5  # standard deviations by which calm pixels may deviate
 FAR = 2.5  # times as much as elsewhere, by which a fill near edges differs from others, as edges hold blends
 UNLIKE = 6.0  # levels of luma or chroma, about 3 to 4 in CIEDE2000; areas whose mean is farther off have another fill

@@ -109,7 +109,7 @@ class Pens:
 def pens_of(bare: np.ndarray, grain: float) -> Pens | None:
     """Return the pens that drew on paper; None if too few lines are thin enough to tell.
 
-    bare: (H, W, 3) levels, those of the paper 255 but for its grain, of a standard deviation in levels.
+    bare: (H, W, 3) levels, in which paper is 255 but for its grain; grain: the standard deviation of that, in levels.
     """
     if min(bare.shape[:2]) < 2 * REACH:
         return None

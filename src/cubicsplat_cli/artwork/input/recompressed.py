@@ -27,8 +27,8 @@ MISFIT, EDGE_ERROR = 3.0, 4.0
 def before_compression(
     levels: np.ndarray, flat: Flattened, even: FlatPicture, compression: Compression
 ) -> tuple[FlatPicture, np.ndarray]:
-    """Return a JPEG's picture before its compression, and (H, W, 4) in levels the picture that the file asks for, both
-    with placeholders for gradients.
+    """Return a JPEG's picture before its compression, in flat fills, and the levels (H, W, 4) that its outlines are
+    fitted to, corrected by what the file lacks of it; both with placeholders for gradients.
 
     levels: (H, W, 4) the file's; flat: the same without gradients; even: that restored, with palette and labels.
     """
