@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.artwork.document import Document
+from cubicsplat_cli.artwork.channels import light_of_srgb, srgb_of_light
 from cubicsplat_cli.artwork.geometry.outlines import Circle, pieces_of_rings
-from cubicsplat_cli.artwork.input.linear_light import levels_of, light_of, without_linear_light, without_rim
+from cubicsplat_cli.artwork.input.linear_light import without_linear_light, without_rim
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.sampling import aliased
@@ -95,9 +96,9 @@ def disc_in_two_spaces(ink: tuple[int, int, int], ground: tuple[int, int, int]) 
     at = (np.arange(64 * 16) + 0.5) / 16
     fine = np.hypot(at[:, None] - 31.3, at - 32.1) < 24.7
     share = fine.reshape(64, 16, 64, 16).mean(axis=(1, 3))[..., None]
-    light = share * light_of(np.array(ink)) + (1.0 - share) * light_of(np.array(ground))
+    light = share * light_of_srgb(np.array(ink) / 255.0) + (1.0 - share) * light_of_srgb(np.array(ground) / 255.0)
     values = np.arange(256)
-    in_light = np.abs(light_of(values) - light[..., None]).argmin(axis=-1)
+    in_light = np.abs(light_of_srgb(values / 255.0) - light[..., None]).argmin(axis=-1)
     as_values = np.rint(share * ink + (1.0 - share) * ground)
     opaque = np.full((64, 64, 1), 255.0)
     return tuple(np.concatenate([each, opaque], axis=2).astype(np.float32) for each in (as_values, in_light))
@@ -161,7 +162,8 @@ def inset(share: float, colours: list[tuple[int, int, int]], *, in_light: bool =
         top = 16 * number
         below, above = out[top : 96 - top, 0, :3], np.array(colour, dtype=float)
         if in_light:
-            out[top : 96 - top, 0, :3] = levels_of((1.0 - share) * light_of(above) + share * light_of(below))
+            light = (1.0 - share) * light_of_srgb(above / 255.0) + share * light_of_srgb(below / 255.0)
+            out[top : 96 - top, 0, :3] = 255.0 * srgb_of_light(light)
         else:
             out[top : 96 - top, 0, :3] = (1.0 - share) * above + share * below
         out[top : 96 - top, 1:, :3] = above

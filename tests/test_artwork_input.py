@@ -55,7 +55,7 @@ def target(kind: str, body: str = FACE) -> np.ndarray:
 def test_clean_pictures_are_known_as_such():
     for kind in ("clean", "palette"):
         assert condition_of(as_levels(target(kind))) == CLEAN, kind
-    assert CLEAN.words() == ""
+    assert CLEAN.description == ""
 
 
 def test_a_clean_picture_is_drawn_as_it_is(monkeypatch):
@@ -66,14 +66,14 @@ def test_a_clean_picture_is_drawn_as_it_is(monkeypatch):
 def test_what_happened_is_found_and_said():
     found = condition_of(as_levels(target("jpeg")))
     assert found.jpeg and 0.5 < found.noise < 4.0 and found.blur == 0.0
-    assert found.words() == f"compression artefacts of {found.noise:.1f} levels"
+    assert found.description == f"compression artefacts of {found.noise:.1f} levels"
     found = condition_of(as_levels(target("noisy")))
     # Noise is cut off at 255, so that white has half of it.
     assert not found.jpeg and 2.0 < found.noise < 5.0 and found.blur == 0.0
-    assert found.words() == f"noise of {found.noise:.1f} levels"
+    assert found.description == f"noise of {found.noise:.1f} levels"
     found = condition_of(as_levels(target("blurred")))
     assert found.blur == pytest.approx(1.2, abs=0.1) and found.noise == 0.0
-    assert Condition(3.0, False, 1.2).words() == "a blur of 1.2 px and noise of 3.0 levels"
+    assert Condition(3.0, False, 1.2).description == "a blur of 1.2 px and noise of 3.0 levels"
 
 
 @pytest.mark.parametrize(("file", "quality"), rest_slow(("JPEG", 95), ("WEBP", 80), ("JPEG", 80)))

@@ -146,7 +146,7 @@ def _with_its_shadow(prepared: PreparedInput, settings: ArtworkSettings) -> Iter
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None
     if without.areas:
-        others, plain = drawn(replace(prepared, condition=prepared.seen or prepared.condition)), None
+        others, plain = drawn(replace(prepared, condition=prepared.with_shadow or prepared.condition)), None
         with work().stoppable():
             plain = next(others)
         if plain is not None and _description(plain, prepared.levels) < _description(first, prepared.levels):

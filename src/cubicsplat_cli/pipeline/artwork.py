@@ -100,7 +100,8 @@ def drawn_outlines(
         target = task.pixels
         prepared = prepare(target, task.target.compression)
         damage: dict[str, Any] = {
-            "blur": prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0),
+            "blur": prepared.scale
+            * math.hypot(prepared.condition.blur, ENLARGED if prepared.upscale_factor > 1 else 0.0),
             "noise": prepared.condition.noise,
             "may_be_photo": not prepared.scanned,
             "of_scan": prepared.scanned,

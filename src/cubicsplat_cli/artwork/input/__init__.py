@@ -1,1 +1,1 @@
-"""Degradations between a drawing and its picture: noise, JPEG, blur and enlargement are found and undone."""
+"""Find and undo the degradations of a drawing's picture: noise, compression, blur, enlargement, odd blending."""

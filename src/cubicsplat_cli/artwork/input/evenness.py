@@ -1,9 +1,9 @@
 """Measure how even a picture is: neighbouring pixels of a drawing are alike, or an edge lies between them.
 
-In a photo most neighbours differ a little. Means of blocks remove what noise and JPEG add. Small pictures have few even
-areas, so there the differences of pixels a few px apart are measured, past the blends on an edge. A drawing's
-differences are those of noise, or large and of any size; a photo's become ever rarer with their size. The likelihoods
-of both models are compared. This module needs numpy alone, because photos are measured too.
+In a photo most neighbours differ a little. Means of blocks remove noise and JPEG artefacts. Small pictures have few
+even areas, so there the differences of pixels a few px apart, past the blends on an edge, are measured. Differences in
+a drawing are those of noise, or large and of any size; in a photo, larger ones are ever rarer. The likelihoods of both
+models are compared.
 """
 
 from __future__ import annotations
@@ -14,34 +14,18 @@ from cubicsplat_cli.artwork.channels import in_blocks, largest
 from cubicsplat_cli.raster.unmix import steps
 from cubicsplat_cli.record import record
 
-ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge
-SMALL = 64  # px of the longer side, up to which other things tell
-BLOCK = 4  # px of a block's side at least: so many of a large picture's longer side as make SMALL of it
-TILE, BLOCKS = 16, 4  # px and blocks of a tile's side; where all of it is alike it is ground, which does not count
-# What drawings may have of neighbours that differ a little, and must have of such that are alike: as they are, where
-# clean drawings of 128 px and more mostly have at most 0.09 of the former, photos 0.2 and more, and dots for greys less
-# than half of the latter; and in blocks, where photos with noise, as JPEG or blurred have 0.33 and more.
-MOST_LITTLE, LEAST_ALIKE = 0.12, 0.6
-MOST_LITTLE_BLOCKS, LEAST_ALIKE_BLOCKS = 0.35, 0.2
-# The median difference of blocks is that of pixels over their side where these have white noise, and more in photos
-# with such noise (1.24 and more): up to WHITE times as much counts as noise. By NOISE times as much blocks differ at
-# most that are alike but for it.
-WHITE, NOISE = 1.2, 2.5
-# Of the neighbours that are not alike, what may differ a little: where hardly any have an edge between them it
-# is a soft photo.
-SOFT = 0.85
+ALIKE, EDGE = (
+    3.0,
+    24.0,
+)  # levels between neighbours that are alike, at most, and of neighbours with an edge between them
+SMALL = 64  # px of the longer side of a small picture; a larger one's blocks reduce it to about that
+TILE = 16  # px of a tile's side; tiles of one even colour are ground, which does not count
 APART = 3  # px between the pixels of a pair, past an edge's blends
-LEAST_NOISE, LEAST_SCALE = 1.0, 0.5  # levels
-FIRST_NOISE, FIRST_EDGES, LEAST_EDGES = 2.0, 0.3, 0.01  # levels, and shares of the pairs
-ROUNDS = 20  # of expectation and maximisation
-# A pair's nats saved must not be fewer, nor those with what a pair with an edge counts beside: photos have tails, but
-# hardly edges. More edges than that only some drawings of 16 px have.
-LEAST_SAVED, FOR_AN_EDGE, LEAST_IN_ALL, MOST_EDGES = -0.03, 1.5, 0.75, 0.9
 
 
 @record
 class Evenness:
-    """Shares of the pairs of neighbours that are looked at: those that are alike, and those that differ a little."""
+    """Shares of the pairs of neighbours that count: those that are alike, and those that differ a little."""
 
     alike: float
     little: float
@@ -51,35 +35,40 @@ class Evenness:
 
 
 def even(levels: np.ndarray) -> tuple[bool, Evenness]:
-    """Return whether a picture (H, W, C) in 0..255 of more than SMALL px is as even as drawings are, and what says so.
+    """Return True if a picture (H, W, C) in 0..255 of more than SMALL px is as even as drawings, and its evenness.
+    Clear pixels count as one even colour.
 
-    What is clear counts as one even colour.
+    Of clean drawings of 128 px and more, at most 0.09 of the neighbours mostly differ a little; of photos 0.2 and more,
+    and of their blocks 0.33 even if they are noisy, JPEGs or blurred. Dots for greys have less than half alike.
     """
     shorter, longer = sorted(levels.shape[:2])
-    found, side = evenness(levels, TILE), max(BLOCK, longer // SMALL)
-    clean = _drawn(found, LEAST_ALIKE, MOST_LITTLE)
+    shares, side = evenness(levels, TILE), max(4, longer // SMALL)
+    clean = _drawn(shares, 0.6, 0.12)
     if clean or shorter < 2 * side:
-        return clean, found
+        return clean, shares
     blocks = in_blocks(levels, side).mean((2, 3))
+    # The median difference of blocks is that of pixels over their side for white noise, and 1.24 times as much or more
+    # in photos with such noise. Blocks that are alike but for noise differ by up to 2.5 times as much.
     noise = _usual_step(levels) / side
-    white = _usual_step(blocks) <= WHITE * noise
-    found = evenness(blocks, BLOCKS, max(ALIKE, NOISE * noise) if white else ALIKE)
-    return _drawn(found, LEAST_ALIKE_BLOCKS, MOST_LITTLE_BLOCKS), found
+    white = _usual_step(blocks) <= 1.2 * noise
+    shares = evenness(blocks, 4, max(ALIKE, 2.5 * noise) if white else ALIKE)
+    return _drawn(shares, 0.2, 0.35), shares
 
 
-def _drawn(found: Evenness, least_alike: float, most_little: float) -> bool:
-    return found.alike >= least_alike and found.little <= min(most_little, SOFT * (1.0 - found.alike) + 1e-9)
+def _drawn(shares: Evenness, least_alike: float, most_little: float) -> bool:
+    # A soft photo has hardly any edges: nearly all neighbours that are not alike differ a little.
+    return shares.alike >= least_alike and shares.little <= min(most_little, 0.85 * (1.0 - shares.alike) + 1e-9)
 
 
 def _usual_step(levels: np.ndarray) -> float:
-    """The median difference of neighbours, in levels: 0 but in noise and in texture."""
+    """Return the median difference of neighbours, in levels: 0 but for noise and texture."""
     return float(np.median(np.concatenate([step.ravel() for step in steps(levels)])))
 
 
 def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
-    """Of a picture (H, W, C) in 0..255 where tiles of tile x tile px are not all alike.
+    """Return the evenness of a picture (H, W, C) in 0..255 in those tiles of tile x tile px that are not all alike.
 
-    even: levels by which neighbours differ that are alike.
+    even: levels by which neighbours differ at most that are alike.
     """
     pairs, alike, little = (np.zeros(levels.shape[:2], dtype=np.int32) for _ in range(3))
     for step in steps(levels):
@@ -96,15 +85,15 @@ def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
 
 
 def _tiled(counts: np.ndarray, tile: int) -> np.ndarray:
-    """The sums of all tiles of (H, W) numbers, those at the right and at the bottom as wide as is left."""
+    """Return the sums of all tiles of numbers (H, W); those at the right and at the bottom may be narrower."""
     rows, columns = (np.arange(0, length, tile) for length in counts.shape)
     return np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
 
 
 @record
 class Contrasts:
-    """saved: nats a pair by which noise and edges describe the differences in less than one scale does. edges: share
-    of the pairs with an edge between them.
+    """saved: nats a pair that noise and edges need less than one scale to describe the differences. edges: share of the
+    pairs with an edge between them.
     """
 
     saved: float
@@ -112,37 +101,39 @@ class Contrasts:
 
     @property
     def drawn(self) -> bool:
-        """Return whether the picture is a drawing."""
-        in_all = self.saved + FOR_AN_EDGE * self.edges
-        return self.saved > LEAST_SAVED and in_all > LEAST_IN_ALL and self.edges <= MOST_EDGES
+        """True if the picture is a drawing: hardly any nats are lost, and 0.75 a pair are saved if each edge counts as
+        1.5, since photos have large differences but hardly edges. Only some drawings of 16 px have edges between more
+        than 0.9 of the pairs.
+        """
+        return self.saved > -0.03 and self.saved + 1.5 * self.edges > 0.75 and self.edges <= 0.9
 
     def __str__(self) -> str:
         return f"edges between {100 * self.edges:.0f} % of pixels {APART} px apart, {self.saved:.2f} nats saved by them"
 
 
 def contrasts(levels: np.ndarray) -> Contrasts | None:
-    """Of a picture (H, W, C) in 0..255; None where all of it is one colour, or pixels so far apart are alike.
+    """Return the contrasts of a picture (H, W, C) in 0..255; None if all pixels APART px apart are alike.
 
-    Differences in the channel with most are a mixture of normal noise and edges of any size alike, by expectation and
-    maximisation (Dempster, Laird and Rubin 1977), or exponential.
+    Differences in the widest channel are either a mixture of normal noise, of at least a level, and edges of any size,
+    fitted by expectation and maximisation (Dempster, Laird and Rubin 1977); or exponential.
     """
     across, down = levels[:, APART:] - levels[:, :-APART], levels[APART:] - levels[:-APART]
     sizes = np.concatenate([largest(np.abs(steps)).ravel() for steps in (across, down)]).astype(np.float64)
     if not len(sizes) or not sizes.any():
         return None
     square = sizes * sizes
-    noise, edges, any_size = FIRST_NOISE, FIRST_EDGES, 1.0 / 255.0
+    noise, edges, any_size = 2.0, 0.3, 1.0 / 255.0  # levels, a share, and a density per level
     even = _noisy(square, noise, edges)
-    for _ in range(ROUNDS):
+    for _ in range(20):
         share = even / (even + edges * any_size)
-        edges = float(np.clip(1.0 - share.mean(), LEAST_EDGES, 1.0 - LEAST_EDGES))
-        noise = max(LEAST_NOISE, float(np.sqrt((share * square).sum() / max(share.sum(), 1e-9))))
+        edges = float(np.clip(1.0 - share.mean(), 0.01, 0.99))
+        noise = max(1.0, float(np.sqrt((share * square).sum() / max(share.sum(), 1e-9))))
         even = _noisy(square, noise, edges)
-    scale = max(LEAST_SCALE, float(sizes.mean()))
+    scale = max(0.5, float(sizes.mean()))
     drawn, smooth = np.log(even + edges * any_size), -np.log(scale) - sizes / scale
     return Contrasts(float((drawn - smooth).mean()), edges)
 
 
 def _noisy(square: np.ndarray, noise: float, edges: float) -> np.ndarray:
-    """(n,) the density of differences, by their squares, between pixels of one ink, of which there are 1 - edges."""
+    """Return (n,) the density of differences, by their squares, of the share 1 - edges of pairs with one fill."""
     return (1.0 - edges) * np.sqrt(2.0 / np.pi) / noise * np.exp(-square / (2.0 * noise * noise))

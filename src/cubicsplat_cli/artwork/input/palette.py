@@ -1,6 +1,7 @@
-"""The fills of a picture with noise: where it is calm, the commonest colours and all that noise makes of them.
+"""Find the fills of a picture with noise: the commonest colours of its calm areas, and further ones of small parts.
 
-In small ones also what fills squares of 2 x 2 px, where hardly anything fills more.
+Further ones are the fills of areas that the palette leaves unexplained, and in small pictures those of squares of 2 x 2
+px, since hardly anything larger shows a fill there.
 """
 
 from __future__ import annotations
@@ -9,34 +10,26 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
-from cubicsplat_cli.artwork.input.condition import BLOCK, Condition
+from cubicsplat_cli.artwork.input.condition import BLOCK, OUTLIER, Condition
 from cubicsplat_cli.artwork.input.evenness import EDGE
 from cubicsplat_cli.artwork.regions.fills import FEWEST_SQUARES, MOST_PALETTE
+from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
 
-# Levels: what differs less is one fill, or times the noise of the means of 3 x 3 px. Between two fills lies a valley,
-# with fewer px by this share than have the rarer one; without it, one is what noise makes of the other.
-SAME, SAME_NOISE, VALLEY = 8.0, 4.0, 0.7
-CALM = 1.5  # times the noise that 3 x 3 px may deviate, and a level for rounding
-FEWEST, LEAST_SHARE = 16, 1e-4  # calm pixels that show a fill, and their share of the picture
-# Within so many px of edges a fill is only what differs so many times as much from those found farther away.
-NEAR, FAR = 8, 2.5
-# A fill colour is missing where the mean residual of WINDOW x WINDOW px is over UNLIKE in luma or chroma, about 3 to 4
-# in CIEDE2000, and makes up most of the squares: a thin line's does not. Px that show it.
-WINDOW, UNLIKE, EXPLAINED, LEAST_MISSING = 5, 6.0, 0.5, 60
-# What a JPEG leaves of edges, as a share of the range of values in the block around, px: of luma, and of chroma of half
-# the size.
-RINGING, BLOCKS = 0.05, ((BLOCK, slice(0, 1)), (2 * BLOCK, slice(1, 3)))
-SMALL = 128  # px of the longer side, up to which details are so small
-MOST_SQUARES = 24  # fills that squares show
-# A square lies on a ramp where its colour is a blend of those up to so many px to either side of it: shares, and times
-# the misfit that it is off that and these are apart.
-REACH, BLENDED, MISFITS, CONTRAST = 2, (0.15, 0.85), 2.0, 6.0
+SAME = 8.0  # levels; colours that differ by no more are one fill
+CALM = 1.5  # standard deviations by which calm pixels may deviate
+FAR = 2.5  # times as much as elsewhere, by which a fill near edges differs from others, as edges hold blends
+UNLIKE = 6.0  # levels of luma or chroma, about 3 to 4 in CIEDE2000; areas whose mean is farther off have another fill
+WINDOW = 5  # px of a window for means
+SMALL = 128  # px of the longer side of a picture in which squares show fills
+BESIDE = 2  # px to either side of a square, the colours of which a square on a ramp blends
 
 
 def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) bool: pixels of (H, W, 4) whose 3 x 3 px are of one colour but for the noise; their means (H, W, 4)."""
+    """Return (H, W) bool: pixels of (H, W, 4) whose 3 x 3 px are of one colour but for noise, and a level of rounding;
+    and the means (H, W, 4) of these.
+    """
     size = (3, 3, 1)
     mean = ndimage.uniform_filter(levels, size, mode="nearest")
     square = ndimage.uniform_filter(levels * levels, size, mode="nearest")
@@ -45,31 +38,32 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
 
 
 def reach_of(condition: Condition) -> float:
-    """Levels within which means of 3 x 3 px are of one fill."""
-    return max(SAME, SAME_NOISE * condition.noise_of_means)
+    """Return the levels within which means of 3 x 3 px are of one fill."""
+    return max(SAME, OUTLIER * condition.noise_of_means)
 
 
 def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> np.ndarray:
-    """(P, 4) float64 the fills of a picture (H, W, 4) in levels and of a condition, the commonest first.
+    """Return (P, 4) float64 the fills of a picture (H, W, 4) in levels and of a condition, the commonest first.
 
-    seen: (H, W, 4) the picture in coordinates whose distances tell fills apart.
+    seen: (H, W, 4) the picture in coordinates whose distances tell fills apart. At least 16 calm pixels show a fill,
+    and one in 10,000. Within 8 px of edges, a fill differs more from those found elsewhere.
     """
     noise, reach = condition.noise, reach_of(condition)
     calm, mean = calm_pixels(seen, noise)
     edge = spread(seen, 3, 3) > max(EDGE, 8.0 * noise)
-    away = calm & ~ndimage.maximum_filter(edge, 2 * NEAR + 1)
-    least = max(FEWEST, LEAST_SHARE * levels[..., 0].size)
+    away = calm & ~ndimage.maximum_filter(edge, 2 * 8 + 1)
+    least = max(16, 1e-4 * levels[..., 0].size)
     fills: list[np.ndarray] = []
     sizes: list[float] = []
-    places = np.zeros((0, 4))
-    for where, apart in ((away, 0.0), (calm & ~away, FAR * reach)):
-        new = _peaks(mean[where], modes(mean[where], reach, least, places), reach)
-        known = list(fills)
-        colours, (nearest, gap) = levels[where], nearest_fills(mean[where], new)
+    places = NONE
+    for mask, apart in ((away, 0.0), (calm & ~away, FAR * reach)):
+        new = _peaks(mean[mask], modes(mean[mask], reach, least, places), reach)
+        earlier = list(fills)
+        colours, (nearest, gap) = levels[mask], nearest_fills(mean[mask], new)
         for k in range(len(new)):
             own = (gap <= reach) & (nearest == k)
             fill = np.median(colours[own], axis=0)
-            if len(fills) < MOST_PALETTE and all(np.abs(fill - other).max() > apart for other in known):
+            if len(fills) < MOST_PALETTE and all(np.abs(fill - other).max() > apart for other in earlier):
                 fills.append(fill)
                 sizes.append(float(own.sum()))
         places = np.concatenate([places, new])
@@ -79,24 +73,27 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> n
 
 
 def _peaks(values: np.ndarray, places: np.ndarray, reach: float) -> np.ndarray:
-    """(k, 4) those of some places among values (n, 4) that have a valley between them and each denser one near."""
+    """Return (k, 4) the places among values (n, 4) that have a valley between them and each denser one nearby: at most
+    0.7 of their density, since noise spreads one fill over several places otherwise.
+    """
 
     def density(at: np.ndarray) -> int:
         return int(np.count_nonzero((np.abs(values - at) <= 0.5 * reach).all(axis=1)))
 
-    found: list[np.ndarray] = []
+    peaks: list[np.ndarray] = []
     densities = [density(place) for place in places]
     for k in np.argsort(densities, kind="stable")[::-1]:
-        near = [peak for peak in found if np.abs(peak - places[k]).max() <= 3.0 * reach]
-        if all(density(0.5 * (places[k] + peak)) <= VALLEY * densities[k] for peak in near):
-            found.append(places[k])
-    return np.array(found).reshape(-1, 4)
+        near = [peak for peak in peaks if np.abs(peak - places[k]).max() <= 3.0 * reach]
+        if all(density(0.5 * (places[k] + peak)) <= 0.7 * densities[k] for peak in near):
+            peaks.append(places[k])
+    return np.array(peaks).reshape(-1, 4)
 
 
 def missing_colours(levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray, condition: Condition) -> np.ndarray:
-    """(k, 4) fill colours in levels that areas of a picture (H, W, 4) of a condition have and its palette (P, 4) lacks.
+    """Return (k, 4) colours in levels of areas of a picture (H, W, 4) of a condition that its palette (P, 4) lacks.
 
-    nearest: (H, W) the colour of the palette nearest to each pixel.
+    nearest: (H, W) the colour of the palette nearest to each pixel. A colour is missing if 60 px have a mean residual
+    over UNLIKE in their windows that makes up most of its squares, as that of a thin line does not.
     """
     seen = (levels @ LUMA_CHROMA).astype(np.float32)
     inner = ndimage.alike(nearest, 3)
@@ -104,44 +101,48 @@ def missing_colours(levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray
     share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
     mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
     square = ndimage.uniform_filter(residual * residual, (WINDOW, WINDOW, 1)) / share
-    # What a JPEG is off is alike over its blocks, and so no less in a mean.
-    off_by = 0.0 if condition.jpeg else SAME_NOISE * condition.noise / WINDOW / np.sqrt(share)
-    unlike = np.abs(mean) - np.maximum(UNLIKE, off_by)
+    # A JPEG's errors are alike over its blocks, so means do not reduce them.
+    error = 0.0 if condition.jpeg else OUTLIER * condition.noise / WINDOW / np.sqrt(share)
+    unlike = np.abs(mean) - np.maximum(UNLIKE, error)
     if condition.jpeg:
         unlike -= ringing(seen)
     calm, _ = calm_pixels(seen, condition.noise)
-    off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > EXPLAINED * square.sum(axis=-1))
+    off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > 0.5 * square.sum(axis=-1))
     values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
     reach = reach_of(condition)
-    found = [
+    colours = [
         np.median(levels[off][np.abs(values - place).max(axis=-1) <= reach], axis=0)
-        for place in modes(values, reach, LEAST_MISSING, np.zeros((0, 4)))
+        for place in modes(values, reach, 60, NONE)
     ]
-    return np.array(found, dtype=float).reshape(-1, 4)
+    return np.array(colours, dtype=float).reshape(-1, 4)
 
 
 def ringing(seen: np.ndarray) -> np.ndarray:
-    """(H, W, 4) float32 levels by which a JPEG's edges are off, in a picture (H, W, 4) in luma, chroma and opacity."""
+    """Return (H, W, 4) float32 levels by which a JPEG's edges are off, in a picture (H, W, 4) in luma, chroma and
+    opacity: a twentieth of the range of values within a block, which for chroma of half the size is twice as large.
+    """
     out = np.zeros(seen.shape, dtype=np.float32)
-    for block, channels in BLOCKS:
+    for block, channels in ((BLOCK, slice(0, 1)), (2 * BLOCK, slice(1, 3))):
         window, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
-        out[..., channels] = RINGING * (ndimage.maximum_filter(values, window) - ndimage.minimum_filter(values, window))
+        out[..., channels] = 0.05 * (ndimage.maximum_filter(values, window) - ndimage.minimum_filter(values, window))
     return out
 
 
-def modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> np.ndarray:
-    """(k, 4) the densest places among values (n, 4), each with `least` values within reach, beyond those known."""
+def modes(values: np.ndarray, reach: float, least: float, earlier: np.ndarray) -> np.ndarray:
+    """Return (k, 4) the densest places among values (n, 4), the densest first, with at least `least` values within
+    `reach` of each that belong to no denser place, nor to earlier ones (m, 4).
+    """
     cell = reach / 4.0
     cells = np.rint(values / cell).astype(np.int64)
-    # As one number each: to sort rows takes numpy a hundred times as long.
+    # One number for each, since numpy takes a hundred times as long to sort rows.
     low = cells.min(axis=0, initial=0)
     spans = tuple(cells.max(axis=0, initial=0) - low + 1)
     numbers, counts = np.unique(np.ravel_multi_index(tuple((cells - low).T), spans), return_counts=True)
     colours, weight = (np.stack(np.unravel_index(numbers, spans), axis=1) + low) * cell, counts.astype(float)
-    for place in known:
+    for place in earlier:
         weight[np.abs(colours - place).max(axis=1) <= reach] = 0.0
-    found: list[np.ndarray] = []
-    while len(found) < MOST_PALETTE and len(weight):
+    places: list[np.ndarray] = []
+    while len(places) < MOST_PALETTE and len(weight):
         first = int(weight.argmax())
         if weight[first] < 2.0:
             break
@@ -149,40 +150,39 @@ def modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> 
         if weight[own].sum() < least:
             weight[first] = 0.0
             continue
-        found.append(colours[first])
+        places.append(colours[first])
         weight[own] = 0.0
-    return np.array(found).reshape(-1, 4)
+    return np.array(places).reshape(-1, 4)
 
 
 def square_fills(
-    levels: np.ndarray, seen: np.ndarray, known: np.ndarray, sigma: float, reach: float, apart: float
+    levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, sigma: float, reach: float, apart: float
 ) -> np.ndarray:
-    """(k, 4) fills in levels that squares of 2 x 2 px show and that are none of those known, the commonest first.
+    """Return (k, 4) fills in levels that squares of 2 x 2 px show and a palette lacks, the commonest first.
 
-    levels: (H, W, 4) the picture; seen: (H, W, 4) the same in coordinates whose distances tell fills apart; known:
+    levels: (H, W, 4) the picture; seen: (H, W, 4) the same in coordinates whose distances tell fills apart; palette:
     (P, 4) in these; sigma: levels by which pixels are off there; reach: levels within which colours are one fill;
     apart: levels beyond which they are two.
     """
     if min(levels.shape[:2]) < 4 or max(levels.shape[:2]) > SMALL:
-        return np.zeros((0, 4))
+        return NONE
     corners = np.stack([seen[y : seen.shape[0] - 1 + y, x : seen.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)])
     mean = corners.mean(axis=0)
     calm = corners.std(axis=0).max(axis=-1) <= CALM * sigma
     calm &= ~_on_ramps(seen, mean, sigma)
-    y, x = np.nonzero(calm & (np.abs(mean[..., None, :] - known).max(axis=-1).min(axis=-1) > apart))
+    y, x = np.nonzero(calm & (np.abs(mean[..., None, :] - palette).max(axis=-1).min(axis=-1) > apart))
     if not len(y):
-        return np.zeros((0, 4))
+        return NONE
     from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares
 
     fills: list[np.ndarray] = []
-    while len(y) and len(fills) < MOST_SQUARES:
+    while len(y) and len(fills) < 24:
         values = mean[y, x]
-        # As many of the squares as there are within reach of each.
+        # The number of squares within reach of each.
         around = cKDTree(values).query_ball_point(values, reach, p=np.inf, return_length=True)
-        densest = values[int(around.argmax())]
         if around.max() < FEWEST_SQUARES:
             break
-        gap = np.abs(values - densest).max(axis=1)
+        gap = np.abs(values - values[int(around.argmax())]).max(axis=1)
         own = gap <= reach
         fills.append(np.median([levels[y[own] + dy, x[own] + dx] for dy in (0, 1) for dx in (0, 1)], axis=(0, 1)))
         y, x = y[gap > apart], x[gap > apart]
@@ -190,18 +190,20 @@ def square_fills(
 
 
 def _on_ramps(seen: np.ndarray, mean: np.ndarray, sigma: float) -> np.ndarray:
-    """(H - 1, W - 1) bool: the squares with means (H - 1, W - 1, 4) that blend what lies to either side of them."""
-    padded = np.pad(seen, ((REACH, REACH), (REACH, REACH), (0, 0)), mode="edge")
+    """Return (H - 1, W - 1) bool: squares with means (H - 1, W - 1, 4) that lie on a ramp. They are blends, by 0.15 to
+    0.85 and to twice the misfit sigma, of the colours to either side, which are more than six times sigma apart.
+    """
+    padded = np.pad(seen, ((BESIDE, BESIDE), (BESIDE, BESIDE), (0, 0)), mode="edge")
     out = np.zeros(mean.shape[:2], dtype=bool)
     for turned in (False, True):
         around, middle = (padded.swapaxes(0, 1), mean.swapaxes(0, 1)) if turned else (padded, mean)
         height, width = middle.shape[:2]
-        # The two pixels beside the square, in the rows or columns that it has.
-        pair = 0.5 * (around[REACH : REACH + height] + around[REACH + 1 : REACH + height + 1])
-        for off in range(1, REACH + 1):
-            before, after = pair[:, REACH - off :][:, :width], pair[:, REACH + 1 + off :][:, :width]
+        # The two pixels beside the square, in its rows or columns.
+        pair = 0.5 * (around[BESIDE : BESIDE + height] + around[BESIDE + 1 : BESIDE + height + 1])
+        for off in range(1, BESIDE + 1):
+            before, after = pair[:, BESIDE - off :][:, :width], pair[:, BESIDE + 1 + off :][:, :width]
             share, rest = blend_of(middle, before, after)
-            ramp = (share > BLENDED[0]) & (share < BLENDED[1]) & (np.linalg.norm(rest, axis=-1) <= MISFITS * sigma)
-            ramp &= np.linalg.norm(after - before, axis=-1) > CONTRAST * sigma
+            ramp = (share > 0.15) & (share < 0.85) & (np.linalg.norm(rest, axis=-1) <= 2.0 * sigma)
+            ramp &= np.linalg.norm(after - before, axis=-1) > 6.0 * sigma
             out |= ramp.T if turned else ramp
     return out

@@ -1,4 +1,8 @@
-"""A picture as the artwork style takes it in: as it was before it was enlarged, and what else has happened to it."""
+"""Estimate what happened to a picture since it was drawn, undo what can be undone, and note the rest.
+
+The estimates follow the way of a picture backwards: the offsets of an LCD's subpixels, the space in which edges were
+blended, the border, paper and pens, noise and compression, the scale, and the blur.
+"""
 
 from __future__ import annotations
 
@@ -24,100 +28,102 @@ from cubicsplat_cli.scene.arrays import with_channels
 
 @record
 class PreparedInput:
-    """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
-    drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
-    scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
-    flat: levels without gradients, where they had to be found to tell the condition; lifted: without their soft
-    shadow, where that was; seen: the condition that they seemed to be in with it. of_lcd: whether text was smoothed for
-    an LCD's subpixels; of_light: whether edges were blended in linear light. compression: of the levels' file, of a
-    JPEG that is known as such.
+    """A picture prepared for drawing.
+
+    levels: (H, W, 4) float32 premultiplied RGBA in 0..255, the picture to draw, in a condition. scale: the factor by
+    which its drawing is enlarged to the canvas of (width, height) px. upscale_factor: the factor by which the picture
+    had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made white and evenly lit; pens:
+    the pens of its lines. flat: levels without gradients, if the condition was estimated from these. lifted: levels
+    without their soft shadow, if the condition was estimated from these; with_shadow: the condition estimated with it.
+    compression: that of the levels' file, if it is a JPEG. edge_notes: notes on how edges had been blended.
     """
 
     levels: np.ndarray
     condition: Condition
     scale: int
-    times: int
+    upscale_factor: int
     width: int
     height: int
     scanned: bool = False
     pens: Pens | None = None
     flat: Flattened | None = None
     lifted: Lifted | None = None
-    seen: Condition | None = None
-    of_lcd: bool = False
-    of_light: bool = False
+    with_shadow: Condition | None = None
     compression: Compression | None = None
+    edge_notes: tuple[str, ...] = ()
 
     @property
     def notes(self) -> list[str]:
         """Notes for the user, a sentence each."""
-        found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []
-        if self.of_lcd:
-            found.append("text drawn without the colour fringes that it has for LCDs")
-        if self.of_light:
-            found.append("edges drawn where they are in linear light, in which they were blended")
+        times = self.upscale_factor
+        notes = [f"drawn as it was before it was made {times} times as large"] if times > 1 else []
+        notes += self.edge_notes
         if self.scanned:
-            found.append("drawn as ink on white paper under even light")
+            notes.append("drawn as ink on white paper under even light")
         if self.condition.aliased:
-            found.append("drawn through the steps of its edges, which have no anti-aliasing")
+            notes.append("drawn through the steps of its edges, which have no anti-aliasing")
         if not self.condition.clean:
-            found.append(f"drawn through {self.condition.words()}")
-        return found
+            notes.append(f"drawn through {self.condition.description}")
+        return notes
 
 
 def analysed(target: np.ndarray, compression: Compression | None = None) -> PreparedInput:
-    """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1];
-    compression: that of its file, if it has any loss.
+    """Prepare a picture for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; compression: that
+    of its file, if it has any loss.
     """
     height, width = target.shape[:2]
-    factor = reduction(height, width)
-    came = as_levels(target)
-    whole = without_subpixels(came)
+    factor, notes = reduction(height, width), list[str]()
+    original = as_levels(target)
+    whole = without_subpixels(original)
+    if whole is not original:
+        notes.append("text drawn without the colour fringes that it has for LCDs")
     levels = without_linear_light(whole)
-    of_light = levels is not whole
-    levels = without_rim(levels, in_light=of_light)
-    prepared = _taken_in(reduced(levels, factor), factor, width, height, lossy=compression is not None and factor == 1)
-    if levels is came and prepared.condition.jpeg and prepared.scale == 1 and not prepared.scanned:
-        prepared = replace(prepared, compression=compression)
-        if compression is not None and compression.tables:
-            prepared = replace(prepared, condition=replace(prepared.condition, halved=compression.halved))
-    return replace(prepared, of_lcd=whole is not came, of_light=of_light)
+    in_light = levels is not whole
+    if in_light:
+        notes.append("edges drawn where they are in linear light, in which they were blended")
+    levels = without_rim(levels, in_light=in_light)
+    lossy = compression is not None and factor == 1
+    prepared = replace(_prepared(reduced(levels, factor), factor, width, height, lossy=lossy), edge_notes=tuple(notes))
+    condition = prepared.condition
+    if compression is None or levels is not original or not condition.jpeg or prepared.scale > 1 or prepared.scanned:
+        return prepared
+    if compression.tables:
+        condition = replace(condition, halved=compression.halved)
+    return replace(prepared, condition=condition, compression=compression)
 
 
-def _taken_in(levels: np.ndarray, factor: int, width: int, height: int, *, lossy: bool) -> PreparedInput:
-    """The same of levels (H, W, 4), of which the picture has so many times as many each way."""
-    condition, times = condition_of(levels, lossy=lossy), 1
-    scan = scan_of(levels)
-    if scan is not None:
+def _prepared(levels: np.ndarray, factor: int, width: int, height: int, *, lossy: bool) -> PreparedInput:
+    """Prepare levels (H, W, 4) whose edges are blended as sRGB values. factor: that by which the picture, of (width,
+    height) px, was reduced to these; lossy: True if their file was compressed with loss.
+    """
+    condition = condition_of(levels, lossy=lossy)
+    if scan := scan_of(levels):
         pens = pens_of(scan.bare, scan.grain)
-        condition = replace(condition, noise=scan.grain, coarse=True)
-        if pens is not None:
-            condition = replace(condition, blur=pens.blur)
+        blur = condition.blur if pens is None else pens.blur
+        condition = replace(condition, noise=scan.grain, coarse=True, blur=blur)
         return PreparedInput(scan.levels, condition, factor, 1, width, height, scanned=True, pens=pens)
-    if not condition.noise or condition.jpeg:  # what makes pictures larger may ring as well
-        levels, times = before_enlargement(levels)
-        if times > 1:
-            # What was enlarged without smoothing is wanted pixel by pixel.
+    upscale_factor = 1
+    if not condition.noise or condition.jpeg:  # kernels of enlarging ring as JPEGs do
+        levels, upscale_factor = before_enlargement(levels)
+        if upscale_factor > 1:
+            # The steps of a picture that was enlarged without smoothing are its pixels, and are drawn.
             condition = replace(condition_of(levels), aliased=False)
-    if not condition.clean and not lossy:
-        # Soft areas look like blurred edges or like ringing: damage is told by what is left without them.
-        without = lifted(levels)
-        if without:
-            unshaded = condition_of(flattened(without.levels).levels)
-            if unshaded.clean:
-                return PreparedInput(
-                    levels, unshaded, factor * times, times, width, height, lifted=without, seen=condition
-                )
+    prepared = PreparedInput(levels, condition, factor * upscale_factor, upscale_factor, width, height)
+    # Soft areas look like blurred edges or like ringing, so damage is estimated without them.
+    if not condition.clean and not lossy and (without := lifted(levels)):
+        unshaded = condition_of(flattened(without.levels).levels)
+        if unshaded.clean:
+            return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
     if condition.only_blurred:
         flat = without_blurred_gradients(levels, condition.blur)
         condition = condition_of(flat.levels)
         if condition.only_blurred and explained_by_blur(flat.levels, condition):
-            return PreparedInput(levels, condition, factor * times, times, width, height, flat=flat)
+            return replace(prepared, condition=condition, flat=flat)
     if condition.blur and not explained_by_blur(levels, condition):
         condition = replace(condition, blur=0.0)
-    return PreparedInput(levels, condition, factor * times, times, width, height)
+    return replace(prepared, condition=condition)
 
 
 def as_levels(target: np.ndarray) -> np.ndarray:
-    """(H, W, 4) float32 premultiplied RGBA in levels of 0..255."""
+    """Return (H, W, 4) float32 premultiplied RGBA in levels of 0..255, of a picture in [0, 1] (H, W, 3 or 4)."""
     return np.asarray(with_channels(np.asarray(target, dtype=np.float32), 4) * np.float32(255.0))

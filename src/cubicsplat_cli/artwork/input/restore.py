@@ -1,8 +1,7 @@
-"""A picture with noise as it was before: fills that are even again, and blends of two where these meet.
+"""Restore a picture with noise or compression artefacts: even fills, and blends of two where these meet.
 
-Every pixel is one fill, or a blend of it with another one near it of which it has less than half. Which, is decided for
-all pixels between the solid parts of fills together, since neighbours mostly have the same fill. Edges keep their
-shares.
+Every pixel is one fill, or a blend of it with another one nearby that has less than half of the pixel. Pixels between
+the solid parts of fills are labelled together, since neighbours mostly have the same fill. Edges keep their shares.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from cubicsplat_cli.artwork.input.chroma import (
     smeared,
     with_sharp_chroma,
 )
-from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import APART, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import NONE, solid_labels, with_lines
@@ -31,69 +30,59 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, SLOTS, best_blend, blend_with, near_fills, nearest_fills
 from cubicsplat_cli.record import record
 
-# Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
-# JPEG; residuals count up to MOST standard deviations.
-MISFIT, JPEG_TIMES, MOST = 1.0, 4.0, 4.0
-ROUNDED = 3.0  # levels that a channel of a fill is off at most, as luma and chroma are rounded in a JPEG of quality 70
-SHORT = 17.0  # levels between the colours that are written in three digits
-# Chroma of a JPEG, of half the size, tells that much less; and once it is sharp, by its steps, which are 1.5 times
-# those of luma in the standard's tables.
-CHROMA, SHARP_CHROMA = 0.4, 0.7
-# Nats for each neighbour of another fill, and for a fill of which nothing solid is near.
-NEIGHBOUR, STRANGE = 0.7, 3.0
-ROUNDS = 6
-MOST_THICK = 24  # fills, beyond which those of thin lines are not sought
-# Times the misfit that the colour of a thin line is off all blends of two others; levels that are one colour, and px
-# that show it.
-STRANGE_FILL, ONE_COLOUR, FEWEST = 6.0, 16.0, 24
-# Px from edges at which pixels have their fill alone, and how many show it; rounds in which fills of small parts are
-# added.
-DEEP, FEWEST_DEEP, PROPOSALS = 4, 16, 4
-# Rounds in which a blurred picture is made sharp again, and levels by which it is off its fills then; standard
-# deviations beyond which nothing is left of a blur.
-SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
-# Times the misfit that pixels are off which the labels do not explain; the least share of a thin line in its pixels.
-OFF, THIN = 4.0, 0.25
-# Times the error without a blur that the error with it may be, as enlarging blurs by no Gaussian: it is up to 1.3 times
-# in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
-CLEARER = 2.0
+# Levels by which pixels are off the model beyond their noise; and times the noise that they are off near a JPEG's
+# edges.
+MISFIT, JPEG_TIMES = 1.0, 4.0
+NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
+MOST_THICK = 24  # fills, beyond which the fills of thin lines are not sought
+ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
+THIN = 0.25  # least share of a thin line in the pixels on its middle
+SHARP_MISFIT = 2.0  # levels by which a picture is off its fills when it is made sharp again
+BLUR_REACH = 3.0  # standard deviations beyond which a blur changes nothing
 
 
 def seen_as(condition: Condition, *, sharp: bool = False) -> np.ndarray:
-    """(4, 4) what rows of RGBA are multiplied by for coordinates whose distances tell colours apart. sharp: whether
-    chroma is as sharp as luma.
+    """Return the matrix (4, 4) that takes rows of RGBA to coordinates in which distances tell colours apart.
+
+    sharp: True if chroma is as sharp as luma. A JPEG's chroma counts less: by its quantisation steps, 1.5 times those
+    of luma in the standard's tables, or more if it is of half the size.
     """
     if not condition.jpeg:
         return np.eye(4)
-    chroma = SHARP_CHROMA if sharp or not condition.halved else CHROMA
+    chroma = 0.7 if sharp or not condition.halved else 0.4
     return LUMA_CHROMA * np.array([1.0, chroma, chroma, 1.0])
 
 
 def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
-    """True if a picture (H, W, 4) in levels, restored and blurred again, is about as near to how it came as it is
-    restored as if nothing had blurred it, with blends of two fills one pixel wide; or nearer.
+    """Return True if a picture (H, W, 4) in levels is explained by a blur: restored and blurred again, it is about as
+    near to the picture as if restored without a blur, or nearer.
+
+    "About" is twice the error: enlarging blurs by no Gaussian, and the ratio is up to 1.3 in pictures that were
+    enlarged by 1.5, and 2.3 to 33 in clean ones.
     """
-    blur = (condition.blur, condition.blur, 0.0)
     sharp = restored(levels, condition, lines=False).levels
-    again = ndimage.gaussian_filter(sharp, blur, mode="nearest", truncate=BLUR_REACH)
     plain = restored(levels, replace(condition, blur=0.0), lines=False).levels
-    return bool(((levels - again) ** 2).sum() < CLEARER**2 * ((levels - plain) ** 2).sum())
+    return bool(((levels - _blurred(sharp, condition.blur)) ** 2).sum() < 4.0 * ((levels - plain) ** 2).sum())
+
+
+def _blurred(levels: np.ndarray, blur: float) -> np.ndarray:
+    return ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
 
 
 def restored(
     levels: np.ndarray,
     condition: Condition,
-    standing: np.ndarray = NONE,
+    placeholders: np.ndarray = NONE,
     *,
     lines: bool = True,
 ) -> FlatPicture:
-    """The picture (H, W, 4) in levels as a clean one. standing: (G, 4) fills that stand for gradients, which stay as
-    they are. lines: whether thin lines that its colours lack are sought.
+    """Return a picture (H, W, 4) in levels as if it were clean. placeholders: (G, 4) fills that stand for gradients and
+    stay as they are. lines: True to find thin lines that its labels lack.
     """
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
     palette = noisy_fills(levels, (levels @ seen_as(condition)).astype(np.float32), condition)
-    came = levels
+    stored = levels
     if condition.jpeg and condition.halved:
         sharp = with_sharp_chroma((levels @ LUMA_CHROMA).astype(np.float32), condition.halved)
         levels = np.clip(sharp @ RGB, 0.0, 255.0).astype(np.float32)
@@ -102,38 +91,42 @@ def restored(
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = nearest_fills(seen, palette @ space, straight=True)
     palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])
-    thick, squares = len(palette), np.zeros((0, 4))
+    thick, squares = len(palette), NONE
     if thick <= MOST_THICK:
-        _, gap = nearest_fills(seen, palette @ space, straight=True)
-        far = gap > MOST * sigma
         reach = reach_of(condition)
         # What a JPEG's chroma smears beside edges is no fill.
         apart = reach * (FAR if condition.jpeg else 1.0)
         squares = square_fills(levels, seen, palette @ space, sigma, reach, apart)
         if not condition.jpeg:
             palette = np.vstack([palette, squares])
-        hidden = hidden_fills(seen[far], palette @ space, STRANGE_FILL * sigma, ONE_COLOUR, FEWEST)
-        palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
+        thin = _line_fills(seen, palette @ space, sigma)
+        palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
     labels = labelled(seen, palette @ space, sigma, thick, bounded=condition.jpeg)
     if condition.jpeg:
-        palette, labels = _of_small_parts(came, seen, palette, labels, sigma, thick, squares, condition)
-        near = np.where(_deep(labels, len(palette)), np.inf, ONE_COLOUR)
-        palette = _settled_fills(levels, palette, labels, near)
-        # Of 1,400 channels of artists' colours 106 are 0 or 255, and 14 within ROUNDED of that.
-        palette = np.where(palette <= ROUNDED, 0.0, np.where(palette >= 255.0 - ROUNDED, 255.0, _short(palette)))
+        palette, labels = _with_small_parts(stored, seen, palette, labels, sigma, thick, squares, condition)
+        near = np.where(_shows_inside(labels, len(palette)), np.inf, ONE_COLOUR)
+        palette = _rounded_as_in_jpegs(_median_fills(levels, palette, labels, near))
     else:
-        palette = _settled_fills(levels, palette, labels, np.full(len(palette), np.inf))
-    for fill in standing:
+        palette = _median_fills(levels, palette, labels, np.full(len(palette), np.inf))
+    for fill in placeholders:
         off = np.abs(palette - fill).max(axis=1)
         if off.min() < 0.5 * APART:
             palette[off.argmin()] = fill
     if lines:
-        labels = with_lines(seen, palette @ space, labels, OFF * sigma, THIN, standing @ space)
-    out = mixture_of(seen, palette @ space, labels, sigma, condition.blur)
-    return FlatPicture(out.painted(palette), palette, labels)
+        labels = with_lines(seen, palette @ space, labels, OUTLIER * sigma, THIN, placeholders @ space)
+    mixture = mixture_of(seen, palette @ space, labels, sigma, condition.blur)
+    return FlatPicture(mixture.painted(palette), palette, labels)
 
 
-def _of_small_parts(
+def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray:
+    """Return (k, 4) the fills of thin lines: common colours of a picture (H, W, 4) that are off all blends of two of
+    its fills (P, 4) by more than six times the misfit sigma.
+    """
+    _, gap = nearest_fills(seen, fills, straight=True)
+    return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, 24)
+
+
+def _with_small_parts(
     levels: np.ndarray,
     seen: np.ndarray,
     palette: np.ndarray,
@@ -143,51 +136,52 @@ def _of_small_parts(
     proposed: np.ndarray,
     condition: Condition,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The palette of a JPEG (H, W, 4) in levels, of a condition, with the fills of its small parts as all of their
-    pixels tell them, and with those that are missing; and the labels. Fills, of those proposed (k, 4) and of what is
-    left, are added only if the picture is explained better, by more than further borders between labels cost; those
-    that ringing and chroma make of others go if it is as well explained without them.
+    """Return the palette of a JPEG (H, W, 4) in levels, with the fills of small parts fitted to all of their pixels and
+    missing fills added; and the labels.
+
+    Fills, those proposed (k, 4) and those of what remains unexplained, are added only if they explain the picture
+    better, by more than the cost of further borders between labels. Fills that ringing and chroma may have made of
+    others are removed if the picture is as well explained without them.
     """
     space, colours = seen_as(condition, sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
 
-    def fitted(palette: np.ndarray, labels: np.ndarray) -> _Explained:
-        lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
+    def fitted(palette: np.ndarray, labels: np.ndarray) -> _Explanation:
+        lined = with_lines(seen, palette @ space, labels, OUTLIER * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
-        free = ~_deep(labels, len(palette))
+        free = ~_shows_inside(labels, len(palette))
         fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma, condition.halved)
         fills, missing = fills @ RGB, missing @ RGB
-        return _Explained(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
+        return _Explanation(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
 
-    def fitted_of(palette: np.ndarray, thick: int) -> _Explained:
+    def fitted_of(palette: np.ndarray, thick: int) -> _Explanation:
         return fitted(palette, labelled(seen, palette @ space, sigma, thick, bounded=True))
 
     best = fitted(palette, labels)
     for fill in proposed:
         if len(best.palette) <= MOST_THICK:
-            best = min(best, fitted_of(np.vstack([best.palette, fill]), thick), key=lambda each: each.cost)
-    for _ in range(PROPOSALS):
+            best = min(best, fitted_of(np.vstack([best.palette, fill]), thick), key=lambda trial: trial.cost)
+    for _ in range(4):  # rounds
         new = missing_fills(best.missing, best.palette)
         if not len(new) or len(best.palette) > MOST_THICK:
             break
-        found = fitted_of(np.vstack([best.palette, new]), thick)
-        if found.cost >= best.cost:
+        trial = fitted_of(np.vstack([best.palette, new]), thick)
+        if trial.cost >= best.cost:
             break
-        best = found
-    for fill in np.flatnonzero(~_deep(best.labels, len(best.palette)))[::-1]:
-        rest = np.delete(best.palette, fill, axis=0)
-        if not (overshoots(best.palette[fill], rest) or smeared(best.palette[fill], rest)):
-            continue
-        fewer = thick - (fill < thick)
-        without = fitted_of(rest, fewer)
-        if without.cost <= best.cost:
-            best, thick = without, fewer
+        best = trial
+    for fill in np.flatnonzero(~_shows_inside(best.labels, len(best.palette)))[::-1]:
+        others = np.delete(best.palette, fill, axis=0)
+        if overshoots(best.palette[fill], others) or smeared(best.palette[fill], others):
+            fewer = thick - (fill < thick)
+            trial = fitted_of(others, fewer)
+            if trial.cost <= best.cost:
+                best, thick = trial, fewer
     return best.palette, best.labels
 
 
 @record
-class _Explained:
-    """A palette (P, 4) in levels and labels (H, W) that explain a JPEG at a cost in nats; missing: (k, 4) colours that
-    pixels of which they leave much would have.
+class _Explanation:
+    """A palette (P, 4) in levels and labels (H, W) that explain a JPEG at a cost in nats; missing: (k, 4) the colours
+    of pixels that they hardly explain.
     """
 
     palette: np.ndarray
@@ -196,49 +190,51 @@ class _Explained:
     missing: np.ndarray
 
 
-def _short(palette: np.ndarray) -> np.ndarray:
-    """The palette (P, 4) of a JPEG in levels with colours that are written in three digits, as #269, in place of those
-    that round to the same luma and chroma: by chance one in a thousand does.
+def _rounded_as_in_jpegs(palette: np.ndarray) -> np.ndarray:
+    """Return the palette (P, 4) of a JPEG in levels with likely colours in place of those that round to them.
+
+    Channels within 3 levels of 0 or 255 become that, since luma and chroma of quality 70 are rounded by as much: of
+    1,400 channels of artists' colours 106 are 0 or 255, and 14 that near. Colours with the same luma and chroma as one
+    that is written in three digits, such as #269, become that; by chance one in a thousand does.
     """
-    short = np.rint(palette / SHORT) * SHORT
-    same = np.rint(short @ LUMA_CHROMA) == np.rint(palette @ LUMA_CHROMA)
-    return np.where(same.all(axis=1, keepdims=True), short, palette)
+    digit = 255.0 / 15.0
+    short = np.rint(palette / digit) * digit
+    same = (np.rint(short @ LUMA_CHROMA) == np.rint(palette @ LUMA_CHROMA)).all(axis=1, keepdims=True)
+    likely = np.where(same, short, palette)
+    return np.where(palette <= 3.0, 0.0, np.where(palette >= 252.0, 255.0, likely))
 
 
 def _borders(labels: np.ndarray) -> int:
-    """Count the neighbours in a map (H, W), also across corners, that differ."""
+    """Count the pairs of neighbours in a map (H, W), also across corners, that differ."""
     ahead = (labels[1:], labels[:, 1:], labels[1:, 1:], labels[1:, :-1])
     behind = (labels[:-1], labels[:, :-1], labels[:-1, :-1], labels[:-1, 1:])
     return sum(int((one != other).sum()) for one, other in zip(ahead, behind, strict=True))
 
 
-def _deep(labels: np.ndarray, count: int) -> np.ndarray:
-    """(count,) bool: the fills of which enough pixels lie so far from edges that they show them."""
-    return np.asarray(np.bincount(labels[_depth(labels) >= DEEP], minlength=count) >= FEWEST_DEEP)
+def _shows_inside(labels: np.ndarray, count: int) -> np.ndarray:
+    """Return (count,) bool: True for fills that 16 pixels show at least 4 px from edges, where they are pure."""
+    return np.asarray(np.bincount(labels[_depth(labels) >= 4], minlength=count) >= 16)
 
 
 def _depth(labels: np.ndarray) -> np.ndarray:
-    """(H, W) px from the edges between labels (H, W)."""
+    """Return (H, W) px: the distance from the edges between labels (H, W)."""
     return ndimage.distance_transform_cdt(ndimage.alike(labels, 3))
 
 
 def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
-    """A picture (H, W, 4) in levels that is only blurred as it was before.
+    """Return a picture (H, W, 4) in levels, which is only blurred, as before the blur.
 
-    What the restored picture, blurred again, lacks is added to it, and pixels become fills and blends of two once more
-    (van Cittert's iteration, between projections onto what drawings are).
+    Each round adds what the estimate, blurred again, lacks, and makes pixels fills and blends of two again (van
+    Cittert's iteration, between projections onto what drawings are).
     """
     palette = picture_fills(levels)
     thick = len(palette)
     labels = labelled(levels, palette, MISFIT, thick)
     out = mixture_of(levels, palette, labels, MISFIT, blur).painted(palette)
-    for number in range(SHARPER):
-        again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
-        sharp = np.clip(out + levels - again, 0.0, 255.0)
+    for number in range(4):
+        sharp = np.clip(out + levels - _blurred(out, blur), 0.0, 255.0)
         if number == 0 and thick <= MOST_THICK:
-            _, gap = nearest_fills(sharp, palette, straight=True)
-            far = gap > MOST * SHARP_MISFIT
-            new = hidden_fills(sharp[far], palette, STRANGE_FILL * SHARP_MISFIT, ONE_COLOUR, FEWEST)
+            new = _line_fills(sharp, palette, SHARP_MISFIT)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
         labels = labelled(sharp, palette, SHARP_MISFIT, thick)
         out = mixture_of(sharp, palette, labels, MISFIT, 0.0).painted(palette)
@@ -246,32 +242,34 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
 
 
 def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, bounded: bool = False) -> np.ndarray:
-    """(H, W) int32 the fill that each pixel has most of; of fills from `thick` on there are only thin lines. bounded:
-    whether no pixel is off by chance, as none of a JPEG is: all that it is off is what rounding to steps makes.
+    """Return (H, W) int32: the fill (P, 4) that each pixel of a picture (H, W, 4) has most of. Fills from `thick` on
+    have only thin lines.
+
+    bounded: True if pixels are off by rounding, as in a JPEG, and not by chance.
     """
     nearest, gap = nearest_fills(seen, fills, straight=True)
-    pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
+    pure = np.where(gap <= OUTLIER * sigma, nearest, -1).astype(np.int32)
     solid = np.where(pure >= thick, pure, solid_labels(pure))
     y, x = np.nonzero(solid < 0)
     labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
     if not len(y):
         return labels
     candidates = near_fills(solid, y, x, REACH)
-    strange_ones = [nearest[y, x]]
+    strange_fills = [nearest[y, x]]
     if bounded:
-        strange_ones.append(_blended(seen[y, x], fills, candidates, thick, MOST * sigma))
-    for strange in strange_ones:
-        known = (candidates == strange[:, None]).any(axis=1)
-        candidates = np.column_stack([candidates, np.where(known, -1, strange)])
+        strange_fills.append(_blended(seen[y, x], fills, candidates, thick, OUTLIER * sigma))
+    for strange in strange_fills:
+        listed = (candidates == strange[:, None]).any(axis=1)
+        candidates = np.column_stack([candidates, np.where(listed, -1, strange)])
     cost = _costs(seen[y, x], fills, candidates) / (2.0 * sigma**2)
-    alone, least = cost.diagonal(axis1=1, axis2=2)[:, :, None], np.minimum(cost.min(axis=2), 0.5 * MOST**2)
+    alone, least = cost.diagonal(axis1=1, axis2=2)[:, :, None], np.minimum(cost.min(axis=2), 0.5 * OUTLIER**2)
     prior = np.where(candidates < 0, np.inf, 0.0)
-    prior[:, SLOTS:] += STRANGE
-    for _ in range(ROUNDS):
+    prior[:, SLOTS:] += 3.0  # nats for a fill that is nowhere solid nearby
+    for _ in range(6):  # rounds, or until no label changes
         padded = np.pad(labels, 1, mode="edge")
         around = [padded[y + 1 + dy, x + 1 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
         alike = np.sum([other[:, None] == candidates for other in around], axis=0)
-        # A pixel blends with nothing but what is beside it, where that is told for certain.
+        # Without errors by chance, a pixel blends only with what is right beside it.
         left = np.where(alike[:, None, :] > 0, cost, alone).min(axis=2) if bounded else least
         chosen = candidates[np.arange(len(y)), (left + prior - NEIGHBOUR * alike).argmin(axis=1)]
         if (chosen == labels[y, x]).all():
@@ -281,8 +279,9 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, b
 
 
 def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int, off: float) -> np.ndarray:
-    """(n,) which of the first `thick` fills explains values (n, 4) best as a blend with the nearest one of those near
-    them (n, slots), -1 where these explain them to `off` levels: a thin line may show its fill nowhere.
+    """Return (n,): which of the first `thick` fills explains values (n, 4) best as a blend with the nearest of the
+    fills near them (n, slots), since a thin line may show its fill nowhere; -1 if those near explain the value to `off`
+    levels.
     """
     out, best = np.full(len(values), -1), best_blend(values, fills, near)[1]
     odd = np.flatnonzero((best > off) & (near[:, 0] >= 0))
@@ -295,21 +294,23 @@ def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int
 
 
 def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """(n, k, k) the squared residuals of values (n, 4) as blends of each candidate, by half or more, with each."""
+    """Return (n, k, k): the squared residuals of values (n, 4) as blends of half or more of each candidate (n, k) with
+    each other one; infinite for candidates of -1.
+    """
     count = candidates.shape[1]
     out = np.full((len(values), count, count), np.inf)
     colours = fills[np.maximum(candidates, 0)]
-    known = candidates >= 0
-    for i in range(count):
+    listed = candidates >= 0
+    for i in range(count):  # pair by pair, as all pairs at once take gigabytes for a large picture
         for j in range(count):
             _, rest = blend_of(values, colours[:, i], colours[:, j], most=0.5)
-            out[:, i, j] = np.where(known[:, i] & known[:, j], summed(rest**2), np.inf)
+            out[:, i, j] = np.where(listed[:, i] & listed[:, j], summed(rest**2), np.inf)
     return out
 
 
-def _settled_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """The palette by the median of the pixels of each fill that are off it by less than `near` (P,) levels, those
-    farthest from edges.
+def _median_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Return the palette (P, 4) with the median of the pixels of each fill, those farthest from edges, of the pixels
+    that are off it by less than `near` (P,) levels; rounded to whole levels.
     """
     depth = _depth(labels)
     out = palette.copy()

@@ -1,7 +1,7 @@
-"""Even and drifting parts of a picture. What drifts changes softly without an edge, as in a photo out of focus.
+"""Measure how much of a picture drifts: changes softly without an edge, as in a photo out of focus.
 
-Connected places in which colours hardly change from one pixel to the next are looked at as a whole: in a drawing such a
-place has one colour, or a gradient; in a photo colours drift across it. Noise is taken out by the means of windows.
+Connected areas in which colours hardly change from one pixel to the next are examined as a whole: in a drawing such an
+area has one colour, or a gradient; in a photo colours drift across it. The means of windows remove noise.
 """
 
 from __future__ import annotations
@@ -17,27 +17,17 @@ from cubicsplat_cli.raster.unmix import planes
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
-# Px of a window, wider where there is more noise than NOISY levels.
-WINDOW, WIDER, NOISY = 5, 9, 2.0
-QUIET = 1.2  # levels per px, beyond which there is an edge or texture
-SAME, SAME_GROUND = 4.0, 6.0  # levels around a place's median, and between the medians of places that are the ground
-FEW = 9  # px, of a place that tells nothing
-SECOND_MEDIAN = 0.6745 * SECOND  # of the size of second differences of normal noise of 1
-LEAST_SOFT = 0.1  # share of the pixels, below which nothing drifts
-# Of what is neither ground nor edge: drawings have at most 0.57 but for a bird in one gradient (0.77) and lettering in
-# one (0.93), soft photos mostly 0.74 to 1, but at 128 px down to 0.34.
+NOISY = 2.0  # levels of noise, above which windows are wider
+# Share of the pixels that are neither ground nor edge: drawings have at most 0.57 but for a bird in one gradient (0.77)
+# and lettering in one (0.93), soft photos mostly 0.74 to 1, but at 128 px down to 0.34.
 MOST_DRIFT = 0.6
-TRIES, MOST_PARTS = 8, 100  # gradients sought, and uneven parts beyond which none are
-# Levels of a second difference that rounding a ramp never gives, and the share of what drifts that has as much in a
-# photo: 0.005 to 0.9, in renderings without noise at most 0.003.
-BENT, LEAST_GRAIN = 2.0, 0.004
+MOST_PARTS = 100  # uneven parts, beyond which no gradients are sought
 
 
 @record
 class Softness:
-    """Shares of the pixels: ground, of the commonest even colour; even, of all others; soft, of what drifts.
-
-    levels: (H, W, C) float32, the picture; mask: (H, W) bool, what drifts.
+    """Shares of the pixels: ground, of the commonest even colour; even, of all other even colours; soft, of those that
+    drift. levels: (H, W, C) float32, the picture; mask: (H, W) bool, the pixels that drift.
     """
 
     ground: float
@@ -48,27 +38,33 @@ class Softness:
 
     @property
     def drift(self) -> float:
-        """0..1: of what is neither edge nor ground, the share that drifts; 0 where hardly anything does."""
+        """The share, of the pixels that are neither edge nor ground, that drift; 0 if hardly any do."""
         return _drift(self.soft, self.even)
 
     @property
     def drifts(self) -> bool:
-        """Return whether colours drift, with some grain, and no gradients explain it."""
-        if self.drift <= MOST_DRIFT or _grain(self.levels, self.mask) < LEAST_GRAIN:
+        """True if colours drift, with some grain, and the first eight gradients do not explain it. Grain is in 0.005 to
+        0.9 of the drifting pixels of photos, and in at most 0.003 of those of renderings without noise.
+        """
+        if self.drift <= MOST_DRIFT or _grain(self.levels, self.mask) < 0.004:
             return False
-        left = float((self.mask & ~in_gradients(self.levels, TRIES)).sum()) / max(float(self.mask.sum()), 1.0)
+        left = float((self.mask & ~in_gradients(self.levels, 8)).sum()) / max(float(self.mask.sum()), 1.0)
         return _drift(left * self.soft, self.even) > MOST_DRIFT
 
 
 def _drift(soft: float, even: float) -> float:
-    return soft / (soft + even) if soft >= LEAST_SOFT else 0.0
+    return soft / (soft + even) if soft >= 0.1 else 0.0
 
 
 def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
-    """The shares of a picture (H, W, C) in 0..255; drawn: (H, W) bool, not empty, what counts."""
+    """Return the shares of a picture (H, W, C) in 0..255, of the drawn pixels (H, W) bool, at least one.
+
+    Connected pixels of slopes up to 1.2 levels per px are an area, if they are 9 or more. Those within 4 levels of its
+    median are even; areas whose medians are within 6 levels of that of the largest are the ground.
+    """
     values = levels.astype(np.float32)
-    means, slopes = planes(values, WIDER if _is_noisy(values) else WINDOW)
-    places, count = ndimage.label((slopes <= QUIET) & drawn)
+    means, slopes = planes(values, 9 if _is_noisy(values) else 5)
+    places, count = ndimage.label((slopes <= 1.2) & drawn)
     inside = places > 0
     order = np.argsort(places[inside], kind="stable")
     lengths = np.bincount(places[inside], minlength=count + 1)[1:]
@@ -77,15 +73,15 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     soft = np.zeros(len(order), dtype=bool)
     colours, sizes = [np.full(levels.shape[2], -1e3)], [0]
     for start, end in zip(ends - lengths, ends, strict=True):
-        if end - start < FEW:
+        if end - start < 9:
             continue
         middle = np.median(sorted_means[start:end], axis=0)
-        off = largest(np.abs(sorted_means[start:end] - middle)) > SAME
+        off = largest(np.abs(sorted_means[start:end] - middle)) > 4.0
         soft[order[start:end]] = off
         colours.append(middle)
         sizes.append(int((~off).sum()))
     total, area = float(drawn.sum()), np.array(sizes, dtype=float)
-    ground = np.abs(np.array(colours) - colours[int(area.argmax())]).max(axis=1) <= SAME_GROUND
+    ground = np.abs(np.array(colours) - colours[int(area.argmax())]).max(axis=1) <= 6.0
     mask = np.zeros(places.shape, dtype=bool)
     mask[inside] = soft
     even = float(area[~ground].sum()) / total
@@ -93,29 +89,30 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
 
 
 def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
-    """The share of the pixels of a mask (H, W), or 1 where none is off the border, at which colours do not change as
-    evenly as rounded ramps do.
+    """Return the share of the pixels of a mask (H, W) with a second difference of 2 levels, which rounding a ramp never
+    gives; 1 if all are on the border.
     """
     turned = (levels, mask), (levels.swapaxes(0, 1), mask.T)
-    every = np.concatenate([largest(_bends(each))[inside[:, 1:-1]] >= BENT for each, inside in turned])
-    return float(every.mean()) if len(every) else 1.0
+    bent = np.concatenate([largest(_bends(lines))[inside[:, 1:-1]] >= 2.0 for lines, inside in turned])
+    return float(bent.mean()) if len(bent) else 1.0
 
 
 def _is_noisy(values: np.ndarray) -> bool:
-    """True if what differs from pixel to pixel in most of the picture has a standard deviation beyond NOISY levels."""
+    """Return True if the noise in most of the picture has a standard deviation beyond NOISY levels."""
     second = _bends(values)
-    return 2 * np.count_nonzero(second > NOISY * SECOND_MEDIAN) > second.size
+    return (
+        2 * np.count_nonzero(second > NOISY * 0.6745 * SECOND) > second.size
+    )  # 0.6745: median of a normal error's size
 
 
 def _bends(values: np.ndarray) -> np.ndarray:
-    """(H, W - 2, 3) the sizes of second differences along rows."""
+    """Return (H, W - 2, 3) the sizes of second differences along rows."""
     return np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
 
 
 def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
-    """(H, W) bool: what of a picture (H, W, 3) or premultiplied (H, W, 4) in 0..255 gradients explain.
-
-    tries: at most so many are sought.
+    """Return (H, W) bool: the pixels of a picture (H, W, 3) or premultiplied (H, W, 4) in 0..255 that gradients
+    explain, of which at most `tries` are sought.
     """
     levels = with_channels(levels, 4, 255.0)
     explained = np.zeros(levels.shape[:2], dtype=bool)

@@ -35,14 +35,16 @@ def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
     return spread(levels, 3, 3) <= limit
 
 
+def in_squares(squares: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the pixels of squares of 2 x 2 px, (H - 1, W - 1) bool by their first pixels."""
+    padded = np.pad(squares, 1)
+    return padded[:-1, :-1] | padded[1:, :-1] | padded[:-1, 1:] | padded[1:, 1:]
+
+
 def has_square(pure: np.ndarray) -> np.ndarray:
     """(H, W) bool: belongs to a 2x2 square of one fill."""
     same = (pure[:-1, :-1] == pure[1:, :-1]) & (pure[:-1, :-1] == pure[:-1, 1:]) & (pure[:-1, :-1] == pure[1:, 1:])
-    out = np.zeros(pure.shape, dtype=bool)
-    for dy in (0, 1):
-        for dx in (0, 1):
-            out[dy : dy + same.shape[0], dx : dx + same.shape[1]] |= same
-    return out & (pure >= 0)
+    return in_squares(same) & (pure >= 0)
 
 
 def picture_fills(levels: np.ndarray) -> np.ndarray:
