@@ -47,7 +47,16 @@ from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render, render_op
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, Gradients, ends_of, gradients_of, linear_frames, paint_at
+from cubicsplat_cli.scene.gradients import (
+    FLAT,
+    LINEAR,
+    RADIAL,
+    Gradients,
+    ends_of,
+    gradients_of,
+    linear_frames,
+    paint_at,
+)
 from cubicsplat_cli.scene.paint import RadialGradient, Stop, parameter, radial_of_frame
 from cubicsplat_cli.settings import Mode
 

@@ -25,10 +25,9 @@ class Gradients(CurveArrays):
     """The gradient fills of N curves, with room for S stops each.
 
     kinds: (N,) int32, `FLAT` (the curve has its one colour, and nothing else here is read), `LINEAR` or `RADIAL`.
-    frames: (N, 2, 4): an affine map from px, as (x, y, 1), to the gradient's own plane, and a lean m in the last column.
-        The place t on the way from the first stop to the last is the first coordinate of the map's u (linear), or
-        |u| + m . u (radial), where m is 0, or the focus in the unit circle as of `RadialGradient.frame`. Frames
-        (N, 2, 3) become such with the lean 0.
+    frames: (N, 2, 4): an affine map from px, as (x, y, 1), to the gradient's own plane, and in the last column a lean
+        m. With u the result of the map, the place t on the way from the first stop to the last is the first coordinate
+        of u (linear), or |u| + m . u (radial; see `RadialGradient.frame`). Frames (N, 2, 3) get the lean 0.
     counts: (N,) int32, stops in use, 1..S; those behind are padding, which nothing reads.
     offsets: (N, S), where on the way each stop is, in [0, 1], not falling along a row.
     stops: (N, S, 4), sRGB and opacity, in [0, 1].

@@ -37,8 +37,7 @@ struct Fill {
     const float d_t = paint_backward(paint, at.t, d, [&](int k, float share) {
       float of_stop[kStopValues];
       for (int c = 0; c < kStopValues; c++) of_stop[c] = share * d[c];
-      if (f.out_stops)
-        add_four(f.out_stops + (size_t(curve) * f.most_stops + k) * kStopValues, of_stop, lane);
+      if (f.out_stops) add_four(f.out_stops + (size_t(curve) * f.most_stops + k) * kStopValues, of_stop, lane);
     });
     if (!f.out_frames) return;
     float of_frame[kFrameValues];
