@@ -15,8 +15,8 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import LayeredScene, Scene
 
 LIKENESS_SIDE = 1024  # px of the longer side of the copy that is compared; fine lines count at this size
-# Edges that are a little off hardly change tones, whose PSNR is 8 dB or more higher then. Bands in place of soft shading
-# change both alike.
+# dB by which the PSNR by tones must be higher for a drawing to be near enough. Edges a little off hardly change
+# tones, whose PSNR is 8 dB or more higher then. Bands in place of soft shading change both alike.
 TONES_DB = 5.0
 COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
 
@@ -41,8 +41,8 @@ def seen_db(
     """Return the mean of a scene's PSNR by pixels and its PSNR by tones, which are means over squares of COARSE px.
 
     This is nearer to what people see: slightly misplaced edges do not hide missing shading or drifting tones. Infinite
-    without a scene, and if the PSNR by pixels reaches `enough_db` and that by tones is TONES_DB higher. Other parameters
-    as of `level_db`.
+    without a scene, and if the PSNR by pixels reaches `enough_db` and that by tones TONES_DB more. Other parameters as
+    of `level_db`.
     """
     if scene is None:
         return math.inf
