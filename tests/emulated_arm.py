@@ -138,7 +138,7 @@ def _sizes(scene: Any) -> dict[str, int]:
         "half_widths": 4 * n, "edge_widths": 4 * n, "target": picture, "weights": 4 * pixels, "gradient": picture,
         "image": picture, "loss": 8, "importance": 4 * n, "background": 4 * scene.channels,
         "moments": 16 * n * (2 * k + 5), "edge_moments": 16 * n, "ages": 4 * n, "points_gradient": 8 * n * k,
-        "rate_scale": 20 * n, "kinds": 4 * n, "counts": 4 * n, "frames": 24 * n, "offsets": 4 * n * scene.most_stops,
+        "rate_scale": 20 * n, "kinds": 4 * n, "counts": 4 * n, "frames": 32 * n, "offsets": 4 * n * scene.most_stops,
         "stops": 16 * n * scene.most_stops,
     }  # fmt: skip
 

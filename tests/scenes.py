@@ -15,7 +15,7 @@ from torch import Tensor
 
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene, pack_rings, points_from_segments
-from cubicsplat_cli.scene.gradients import Gradients
+from cubicsplat_cli.scene.gradients import RADIAL, Gradients
 from cubicsplat_cli.settings import Mode
 
 RGB = tuple[float, float, float]
@@ -96,7 +96,7 @@ def ragged_scene(
 
 
 def random_gradients(scene: Scene, seed: int = 0, most: int = 4) -> Gradients:
-    """Flat, linear and radial ones in turn, with one to `most` stops, some of them hard."""
+    """Flat, linear and radial ones with a focus in turn, with one to `most` stops, some of them hard."""
     generator = torch.Generator().manual_seed(seed)
     n = scene.curves
     kinds = torch.arange(n, dtype=torch.int32) % 3
@@ -108,7 +108,8 @@ def random_gradients(scene: Scene, seed: int = 0, most: int = 4) -> Gradients:
     plane = torch.randn(n, 2, 2, generator=generator) / size
     frames = torch.cat((plane, 0.3 - plane @ middle[:, :, None]), dim=2)
     stops = 0.1 + 0.8 * torch.rand(n, most, 4, generator=generator)
-    return Gradients(kinds, frames, counts, offsets, stops)
+    leans = 0.6 * (torch.rand(n, 2, generator=generator) - 0.5) * (kinds == RADIAL)[:, None]
+    return Gradients(kinds, torch.cat((frames, leans[..., None]), dim=2), counts, offsets, stops)
 
 
 def painted_scene(

@@ -60,7 +60,7 @@ def test_a_step_is_adans_on_the_derivatives_of_ends_and_colours():
     adans = {"ends": Adan(ENDS_RATE * RATES.points, RATES), "stop_logits": Adan(RATES.colours, RATES)}
     generator = torch.Generator().manual_seed(4)
     for _ in range(3):
-        frames, stops = torch.randn(5, 2, 3, generator=generator), torch.randn(5, 2, 4, generator=generator)
+        frames, stops = torch.randn(5, 2, 4, generator=generator), torch.randn(5, 2, 4, generator=generator)
         fills.learn(middles, frames, stops, RATES, None)
         leaves = {name: leaf.detach().requires_grad_() for name, leaf in leaves.items()}
         starts, ends = (middles.double().unsqueeze(1) + leaves["ends"]).unbind(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 import reference
 import reference_coverage
@@ -46,7 +47,17 @@ from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render, render_op
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, Gradients, ends_of, linear_frames, paint_at
+from cubicsplat_cli.scene.gradients import (
+    FLAT,
+    LINEAR,
+    RADIAL,
+    Gradients,
+    ends_of,
+    gradients_of,
+    linear_frames,
+    paint_at,
+)
+from cubicsplat_cli.scene.paint import RadialGradient, Stop, parameter, radial_of_frame
 from cubicsplat_cli.settings import Mode
 
 
@@ -76,6 +87,27 @@ def test_a_radial_gradient_by_hand():
     assert torch.allclose(paint_at(given, 0, places), want, atol=1e-6)
 
 
+@pytest.mark.parametrize("focus", [None, (38.0, 23.0), (-6.0, 8.0)])
+def test_a_focal_gradient_is_circles_that_grow_from_the_focus_to_the_rim(focus):
+    """SVG 2, section 14.2.3, draws the circles of a canvas: at each t the one around (1 - t) focus + t centre with the
+    radius t r (HTML, section 4.12.5.1.10, for a first circle of radius 0). An affine map makes ellipses of them."""
+    given = RadialGradient(10.0, 12.0, 40.0, 20.0, 0.4, (Stop(0.0, (0, 0, 0, 255)), Stop(1.0, (255, 0, 0, 255))), focus)
+    start = np.array(focus or (given.cx, given.cy))
+    t, turn = np.meshgrid(np.linspace(0.0, 0.99, 12), np.linspace(0.0, 6.0, 9))
+    rim = given.matrix() @ np.stack((np.cos(turn), np.sin(turn), np.ones_like(turn))).reshape(3, -1)
+    places = ((1.0 - t.ravel()) * start[:, None] + t.ravel() * rim).T
+    assert np.allclose(parameter(given, *places.T), t.ravel(), atol=1e-12)
+    (found,) = gradients_of([given]).floating(lambda a: a.astype(float)).frames
+    assert radial_of_frame(found, 1.0, given.stops).focus == (None if focus is None else pytest.approx(focus, abs=1e-4))
+    drawn = paint_at(gradients_of([given]), 0, places)[:, 0]
+    assert np.allclose(drawn, t.ravel(), atol=1e-5)
+
+
+def test_frames_without_a_lean_have_none():
+    given = one(RADIAL, [[0.25, 0.0, -1.0], [0.0, 0.5, -1.0]], [0.0, 1.0], RAMP)
+    assert given.frames.tolist() == [[[0.25, 0.0, -1.0, 0.0], [0.0, 0.5, -1.0, 0.0]]]
+
+
 def test_of_stops_with_one_offset_the_last_counts_from_there_on():
     stops = [[0.0] * 4, [0.3] * 4, [1.0] * 4]
     given = one(LINEAR, [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0]], [0.5, 0.5, 0.5], stops)
@@ -103,8 +135,12 @@ def test_frames_have_the_ends_that_they_were_made_of():
             {"counts": torch.tensor([0, 1, 9], dtype=torch.int32)},
             "counts must lie between 1 and 4, but those of curve 2",
         ),
-        ({"frames": torch.zeros(3, 2)}, r"frames must be an array of float32 or float64 and shape \(3, 2, 3\)"),
+        ({"frames": torch.zeros(3, 2)}, r"frames must be an array of float32 or float64 and shape \(3, 2, 4\)"),
         ({"frames": torch.full((3, 2, 3), float("nan"))}, "frames must be finite, but those of curve 1"),
+        (
+            {"frames": torch.tensor([[[0.1, 0.0, 0.0, 0.8], [0.0, 0.1, 0.0, 0.6]]] * 3)},
+            "frames must have a lean shorter than 1, but those of curve 2",
+        ),
         ({"offsets": torch.tensor([[0.0, 0.5, 0.4, 1.0]] * 3)}, "offsets must rise from 0 to 1"),
         ({"stops": torch.full((3, 4, 4), 1.5)}, "stops must be between 0 and 1"),
         ({"stops": None}, r"stops must be an array of shape \(3, S, 4\)"),
@@ -214,6 +250,7 @@ def test_the_engine_matches_the_reference(engine, mode, background):
             scale = max(1.0, float(want.abs().max()))
             assert outliers(got[name], want, 5 * GRADIENT_TOLERANCE * scale) <= 0.02, (name, raster.coverage)
         assert float(gradients["frames"].abs().max()) > 1.0
+        assert int((gradients["frames"][..., 3].abs() > 0.1).sum()) >= 2  # of radial ones
 
 
 @pytest.mark.parametrize(("engine", "mode", "background"), with_cases([ENGINES[0], *CUDA]), indirect=["engine"])
@@ -242,7 +279,7 @@ def test_a_step_gives_the_gradients_of_frames_and_stops(engine):
     before, state = here.copy(), state_for(here)
     training = Training(
         target, state, Rates(0.3, 0.05, 0.05, 0.0),
-        frames_gradient=torch.zeros(9, 2, 3, device=engine.device),
+        frames_gradient=torch.zeros(9, 2, 4, device=engine.device),
         stops_gradient=torch.zeros(9, 4, 4, device=engine.device),
     )  # fmt: skip
     loss = float(engine.step(here, RELAXED, training))

@@ -126,6 +126,14 @@ def test_three_paths_of_one_fill_are_a_compound_path():
     assert all(isinstance(one.outlines[1], Circle) for one in read)
 
 
+def test_a_hole_that_rounding_turned_round_is_still_a_hole():
+    body = '<path id="red" fill="#f00" d="M0 0h20v20h-20zM5 5h2v.01zM8 8v8h8v-8z"/>'
+    (found,) = read_drawing(
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="20" height="20" viewBox="0 0 20 20">{body}</svg>'
+    ).shapes
+    assert [signed_area(ring) > 0.0 for ring in found.oriented()] == [True, False, False]
+
+
 def test_in_a_drawing_of_few_fills_each_is_one_path_unless_it_is_primitives_alone():
     dot, bar = shape(Circle(45, 5, 3)), shape(Rectangle(60, 0, 4, 10))
     assert len(written(*letters(1), dot, bar)) == 1

@@ -150,7 +150,8 @@ def test_a_part_of_an_enlarged_scene_has_its_gradients(mode):
 
 def test_a_drawings_gradients_are_its_scenes():
     stops = (Stop(0.0, (255, 0, 0, 255)), Stop(0.6, (0, 0, 255, 128)))
-    gradients = (LinearGradient(8.0, 4.0, 40.0, 20.0, stops), RadialGradient(30.0, 24.0, 18.0, 9.0, 0.6, stops))
+    focal = RadialGradient(30.0, 24.0, 18.0, 9.0, 0.6, stops, (38.0, 27.0))
+    gradients = (LinearGradient(8.0, 4.0, 40.0, 20.0, stops), focal)
     shapes = [
         Shape((250, 240, 230, 255), (Rectangle(0.0, 0.0, 48.0, 40.0),), "ground"),
         Shape(mean_fill(gradients[0]), (Rectangle(4.0, 4.0, 36.0, 18.0),), "board", gradients[0]),

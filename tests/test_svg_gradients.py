@@ -12,10 +12,12 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill, painted
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements
+from cubicsplat_cli.svg.scene_writer import write_svg
 
 SIZE = (64, 48)
 STOPS = (Stop(0.125, (255, 0, 0, 255)), Stop(0.5, (255, 255, 0, 255)), Stop(1.0, (0, 64, 255, 255)))
@@ -127,13 +129,14 @@ def test_gradients_inherit_and_may_stand_behind_their_shapes():
     assert shape.gradient == LinearGradient(3, 4, 9, 6, (Stop(0.1, (255, 0, 0, 255)), Stop(1.0, (0, 0, 255, 255))))
 
 
-def test_a_scene_says_that_its_gradients_have_no_focus(caplog):
-    read_svg(written(filled(FOCAL), filled(ROUND)))
-    assert [r.getMessage() for r in caplog.records] == [
-        "left out of the SVG's gradients: their focus, which those of a scene do not have"
-    ]
-    read_svg(written(filled(ROUND)))
-    assert len(caplog.records) == 1
+@pytest.mark.parametrize("gradient", [ROUND, FOCAL, FOCAL_OVAL])
+def test_a_scene_is_drawn_with_the_focus_of_the_file(gradient):
+    text = written(filled(gradient))
+    own = 255.0 * render_scene(read_svg(text))
+    assert np.abs(own[..., :3] - drawn(text)[..., :3]).max() < 4.0
+    again = write_svg(read_svg(text), precision=3)
+    assert ("fx=" in again) == (gradient.focus is not None)
+    assert np.abs(drawn(again)[..., :3].astype(float) - drawn(text)[..., :3]).max() <= 2.0
 
 
 def test_what_is_left_out_is_said_once(caplog):

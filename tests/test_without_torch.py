@@ -95,7 +95,7 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
     )
     here = replace(here, points=here.points[:, : 12 + (mode is Mode.OPEN)].copy())
     there = (here.with_room(here.points.shape[1] + 3, 1) if ragged else here).as_torch("meta")
-    frames, stops = torch.zeros(6, 2, 3, device="meta"), torch.zeros(6, 2, 4, device="meta")
+    frames, stops = torch.zeros(6, 2, 4, device="meta"), torch.zeros(6, 2, 4, device="meta")
     still = torch.zeros(6, dtype=torch.bool, device="meta")
     assert there.for_engine().gradients.frames.device == frames.device
     for mask in (None, still):

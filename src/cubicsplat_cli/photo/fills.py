@@ -94,7 +94,7 @@ class LinearFills(CurveArrays):
         starts = middles + self.ends[:, 0]
         along = self.ends[:, 1] - self.ends[:, 0]
         squared = xp.clip(xp.sum(along * along, axis=1, keepdims=True), min=1e-12)
-        slope, shift = along / squared, frames_gradient[:, 0, 2:]
+        slope, shift = along / squared, frames_gradient[:, 0, 2:3]
         of_slope = frames_gradient[:, 0, :2] - shift * starts
         of_along = of_slope / squared - 2.0 * slope * xp.sum(of_slope * slope, axis=1, keepdims=True)
         return xp.stack((-of_along - shift * slope, of_along), axis=1)

@@ -179,20 +179,16 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     drawing = _drawing_of(task, style, expected, 0.0)
     if isinstance(drawing, Made):
         drawn_db = _level_db(task, drawing)
-        # The photo may end far above the estimate, in fewer bytes than many shapes take.
-        decisive = expected < FAR_DB or is_smaller(task, drawing)
-        if drawing.interrupted or (decisive and drawn_db > decisive_db(expected)):
+        # The photo may end far above the estimate, as those of few colours do, in fewer bytes than many shapes take.
+        far = expected < FAR_DB
+        decisive = far or is_smaller(task, drawing)
+        nearer = drawn_db > expected + MARGIN_DB if far else math.isinf(_seen_db(task, drawing, ENOUGH_DB))
+        if drawing.interrupted or (decisive and nearer):
             return _drawing_instead(drawing, expected)
         most = fit.most(drawn_db) if decisive else math.inf
         if math.isfinite(most):
             return _drawing_instead(drawing, most)
     return _nearer_of(task, replace(fit.finished(), style=style), drawing)
-
-
-def decisive_db(expected: float) -> float:
-    """Return the level from which on a drawing replaces a photo that is expected to end with so many dB."""
-    # A photo of few colours often ends far above the early estimate.
-    return expected + MARGIN_DB if expected < FAR_DB else ENOUGH_DB
 
 
 def _drawing_of(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:

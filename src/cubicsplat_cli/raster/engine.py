@@ -38,8 +38,8 @@ def _shapes(n: int, k: int, rings: int, stops: int, picture: tuple[int, int, int
     return {
         "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
         "ring_ends": (n, rings), "background": picture[2:], "importance": (n,),
-        "kinds": (n,), "counts": (n,), "frames": (n, 2, 3), "offsets": (n, stops), "stops": (n, stops, 4),
-        "frames_gradient": (n, 2, 3), "stops_gradient": (n, stops, 4),
+        "kinds": (n,), "counts": (n,), "frames": (n, 2, 4), "offsets": (n, stops), "stops": (n, stops, 4),
+        "frames_gradient": (n, 2, 4), "stops_gradient": (n, stops, 4),
         "moments": (n, values_per_curve(k), 4), "edge_moments": (n, 4), "ages": (n,),
         "points_gradient": (n, k, 2), "of_points": (n, k, 2), "rate_scale": (n, RATED),
         "target": picture, "gradient": picture, "image": picture, "image_gradient": picture, "weights": picture[:2],
@@ -159,7 +159,7 @@ class Training:
     C), dL/dF of another loss, which the step follows in place of the target's; points_gradient (N, K, 2), of a further
     loss term, added to the picture's; rate_scale (N, 5), each curve's factors of the step sizes, in the order of
     `Rates`. Filled unless None: image (H, W, C); importance (N,); of_points (N, K, 2), dL/d of the control points; and
-    if the scene has gradients, whose frames and stops a step leaves to its caller, frames_gradient (N, 2, 3) and
+    if the scene has gradients, whose frames and stops a step leaves to its caller, frames_gradient (N, 2, 4) and
     stops_gradient (N, S, 4), dL/d of either. blunting: the penalty on spikes and slivers, whose gradient is added too
     (`raster.cpu.Blunting`).
 

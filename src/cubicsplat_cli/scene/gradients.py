@@ -25,8 +25,9 @@ class Gradients(CurveArrays):
     """The gradient fills of N curves, with room for S stops each.
 
     kinds: (N,) int32, `FLAT` (the curve has its one colour, and nothing else here is read), `LINEAR` or `RADIAL`.
-    frames: (N, 2, 3), an affine map from px, as (x, y, 1), to the gradient's own plane. The place t on the way from the
-        first stop to the last is the first coordinate there (linear), or the distance from the origin (radial).
+    frames: (N, 2, 4): an affine map from px, as (x, y, 1), to the gradient's own plane, and in the last column a lean
+        m. With u the result of the map, the place t on the way from the first stop to the last is the first coordinate
+        of u (linear), or |u| + m . u (radial; see `RadialGradient.frame`). Frames (N, 2, 3) get the lean 0.
     counts: (N,) int32, stops in use, 1..S; those behind are padding, which nothing reads.
     offsets: (N, S), where on the way each stop is, in [0, 1], not falling along a row.
     stops: (N, S, 4), sRGB and opacity, in [0, 1].
@@ -43,6 +44,11 @@ class Gradients(CurveArrays):
     offsets: Array
     stops: Array
 
+    def __post_init__(self) -> None:
+        if is_array(self.frames) and self.frames.shape[1:] == (2, 3):
+            xp = namespace(self.frames)
+            self.frames = xp.concat((self.frames, xp.zeros_like(self.frames[..., :1])), axis=-1)
+
     @property
     def most_stops(self) -> int:
         """S."""
@@ -54,7 +60,7 @@ class Gradients(CurveArrays):
 
     def scaled(self, across: float, down: float) -> Gradients:
         """Return the same fills for curves whose x and y are multiplied by these factors."""
-        return replace(self, frames=self.frames / like(self.frames, [across, down, 1.0]))
+        return replace(self, frames=self.frames / like(self.frames, [across, down, 1.0, 1.0]))
 
     def seen_from(self, left: float, top: float) -> Gradients:
         """Return the same fills in coordinates relative to (left, top), px."""
@@ -72,6 +78,8 @@ class Gradients(CurveArrays):
         counted = (self.counts >= 1) & (self.counts <= self.most_stops)
         self._refuse(~counted & painted, f"counts must lie between 1 and {self.most_stops}")
         self._refuse(~xp.all(xp.isfinite(self.frames), axis=(1, 2)) & painted, "frames must be finite")
+        leaning = xp.sum(xp.square(self.frames[..., 3]), axis=1) >= 1.0
+        self._refuse(leaning & (self.kinds == RADIAL), "frames must have a lean shorter than 1")
         # Written so that NaN fails as well.
         inside = (self.offsets >= 0.0) & (self.offsets <= 1.0)
         rising = xp.concat((xp.ones_like(inside[:, :1]), xp.diff(self.offsets, axis=1) >= 0.0), axis=1)
@@ -91,7 +99,7 @@ class Gradients(CurveArrays):
         if not is_array(self.stops) or self.stops.ndim != 3 or self.stops.shape[1] < 1:
             raise InputError(f"gradients.stops must be an array of shape ({n}, S, 4) with S >= 1")
         wanted = {
-            "kinds": (n,), "frames": (n, 2, 3), "counts": (n,), "offsets": (n, self.most_stops),
+            "kinds": (n,), "frames": (n, 2, 4), "counts": (n,), "offsets": (n, self.most_stops),
             "stops": (n, self.most_stops, 4),
         }  # fmt: skip
         for name, shape in wanted.items():
@@ -108,11 +116,12 @@ class Gradients(CurveArrays):
 
 
 def linear_frames(starts: Array, ends: Array) -> Array:
-    """Return frames (N, 2, 3) of linear gradients from `starts` to `ends`, (N, 2) px; differentiable in both."""
+    """Return frames (N, 2, 4) of linear gradients from `starts` to `ends`, (N, 2) px; differentiable in both."""
     xp = namespace(starts)
     along = ends - starts
     slope = along / xp.clip(xp.sum(along * along, axis=1, keepdims=True), min=1e-12)
-    row = xp.concat((slope, -xp.sum(slope * starts, axis=1, keepdims=True)), axis=1)
+    shift = -xp.sum(slope * starts, axis=1, keepdims=True)
+    row = xp.concat((slope, shift, xp.zeros_like(shift)), axis=1)
     return xp.stack((row, xp.zeros_like(row)), axis=1)
 
 
@@ -121,7 +130,7 @@ def ends_of(frames: Array, near: Array) -> tuple[Array, Array]:
     xp = namespace(frames)
     row = frames[:, 0]
     along = row[:, :2] / xp.sum(row[:, :2] * row[:, :2], axis=1, keepdims=True)
-    starts = near - (xp.sum(row[:, :2] * near, axis=1, keepdims=True) + row[:, 2:]) * along
+    starts = near - (xp.sum(row[:, :2] * near, axis=1, keepdims=True) + row[:, 2:3]) * along
     return starts, starts + along
 
 
@@ -129,13 +138,13 @@ def paint_at(gradients: Gradients, curve: int, places: Array) -> Array:
     """Return colour and opacity (P, 4) of one curve that is not flat at places (P, 2) px; differentiable."""
     xp = namespace(places)
     frame = xp.astype(gradients.frames[curve], places.dtype)
-    plane = places @ frame[:, :2].T + frame[:, 2]
+    plane, lean = places @ frame[:, :2].T + frame[:, 2], frame[:, 3]
     if int(gradients.kinds[curve]) == LINEAR:
         t = plane[..., 0]
     else:
         # The square root has no derivative at 0.
         squared = xp.sum(plane * plane, axis=-1)
-        t = xp.sqrt(xp.where(squared > 0.0, squared, 1.0)) * (squared > 0.0)
+        t = xp.sqrt(xp.where(squared > 0.0, squared, 1.0)) * (squared > 0.0) + plane @ lean
     count = int(gradients.counts[curve])
     offsets, stops = (xp.astype(given[curve], places.dtype) for given in (gradients.offsets, gradients.stops))
     value = xp.broadcast_to(stops[0], (*t.shape, 4))
@@ -155,7 +164,7 @@ def gradients_of(paints: Sequence[Gradient | None]) -> Gradients | None:
         return None
     n, room = len(paints), max(len(paint.stops) for paint in paints if paint)
     kinds, counts = np.zeros(n, np.int32), np.ones(n, np.int32)
-    frames, offsets, stops = np.zeros((n, 2, 3)), np.zeros((n, room)), np.zeros((n, room, 4))
+    frames, offsets, stops = np.zeros((n, 2, 4)), np.zeros((n, room)), np.zeros((n, room, 4))
     for curve, paint in enumerate(paints):
         if paint is None:
             continue

@@ -35,11 +35,11 @@ class LinearGradient:
     stops: tuple[Stop, ...]
 
     def frame(self) -> np.ndarray:
-        """Return (2, 3), an affine map of px; t is the first coordinate of its result."""
+        """Return (2, 4): an affine map of px, and a column of zeros; t is the first coordinate of the map's result."""
         dx, dy = self.x2 - self.x1, self.y2 - self.y1
         square = max(dx * dx + dy * dy, 1e-18)
         along = np.array([dx, dy]) / square
-        return np.array([[*along, -along @ (self.x1, self.y1)], [0.0, 0.0, 0.0]])
+        return np.array([[*along, -along @ (self.x1, self.y1), 0.0], [0.0] * 4])
 
     def scaled(self, across: float, down: float) -> LinearGradient:
         """Return the gradient of a picture with its x times `across` and its y times `down`."""
@@ -63,15 +63,19 @@ class RadialGradient:
     focus: tuple[float, float] | None = None
 
     def frame(self) -> np.ndarray:
-        """Return (2, 3), an affine map of px that takes the ellipse to the unit circle; without a focus t is the length
-        of its result."""
+        """Return (2, 4): an affine map u of px that takes the focus to 0, and the focus m in the unit circle, to which
+        an affine map q takes the ellipse; t = |u| + m . u.
+
+        By SVG 1.1, section 13.2.3, the circle around (1 - t) m with radius t holds the place: |q - m + t m| = t. The
+        positive solution is t = (m . w + sqrt((m . w)^2 + (1 - m . m) w . w)) / (1 - m . m), with w = q - m. The root
+        is (1 - m . m) |u| for u = `_focal(m)` w, and m . w is (1 - m . m) m . u.
+        """
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         turn = np.array([[cos / self.rx, sin / self.rx], [-sin / self.ry, cos / self.ry]])
-        return np.column_stack([turn, -turn @ (self.cx, self.cy)])
-
-    def unit_focus(self) -> np.ndarray:
-        """Return (2,): the focus in the unit circle, as `frame` maps it."""
-        return np.zeros(2) if self.focus is None else self.frame() @ (*self.focus, 1.0)
+        middle = turn @ (self.cx, self.cy)
+        focus = np.zeros(2) if self.focus is None else turn @ self.focus - middle
+        change = _focal(focus)
+        return np.column_stack([change @ turn, -change @ (middle + focus), focus])
 
     def matrix(self) -> np.ndarray:
         """Return (2, 3), an affine map that takes the unit circle to the ellipse, the inverse of the frame."""
@@ -85,6 +89,23 @@ class RadialGradient:
 
 
 Gradient = LinearGradient | RadialGradient
+
+
+def _focal(focus: np.ndarray) -> np.ndarray:
+    """Return (2, 2): the map of the unit circle's plane by which `RadialGradient.frame` differs from that of the same
+    gradient without a focus (2,), which lies within the circle."""
+    rest = max(1.0 - float(focus @ focus), 1e-6)  # rounding may take a focus to the rim, where t has no bound
+    root = math.sqrt(rest)
+    return (root * np.eye(2) + np.outer(focus, focus) / (1.0 + root)) / rest
+
+
+def radial_of_frame(frame: np.ndarray, span: float, stops: tuple[Stop, ...]) -> RadialGradient:
+    """Return the gradient with t = 1 where the frame (2, 4) of `RadialGradient.frame` has t = span."""
+    turn, lean = np.linalg.inv(frame[:, :2]), frame[:, 3]
+    focus = -turn @ frame[:, 2]
+    axes = turn @ _focal(lean) * span
+    place = (float(focus[0]), float(focus[1])) if lean.any() else None
+    return radial_from(np.column_stack([axes, focus - axes @ lean]), stops, place)
 
 
 def radial_from(
@@ -102,18 +123,12 @@ def radial_from(
 
 def parameter(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return t at places x, y in px, not clipped."""
-    (a, b, c), (d, e, f) = gradient.frame()
+    (a, b, c, along), (d, e, f, across) = gradient.frame()
     first = a * x + b * y + c
     if not isinstance(gradient, RadialGradient):
         return first
     second = d * x + e * y + f
-    if gradient.focus is None:
-        return np.hypot(first, second)
-    # The circle around (1 - t) focus with radius t holds the place (SVG 1.1, section 13.2.3).
-    fx, fy = gradient.unit_focus()
-    first, second, rest = first - fx, second - fy, 1.0 - fx * fx - fy * fy
-    along = first * fx + second * fy
-    return (along + np.sqrt(along * along + rest * (first * first + second * second))) / rest
+    return np.hypot(first, second) + along * first + across * second
 
 
 def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:

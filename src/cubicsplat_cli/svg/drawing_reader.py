@@ -36,6 +36,8 @@ from cubicsplat_cli.svg.values import hex_colour, parse_number, picture_in
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
+# px^2: a hole of less area may run the wrong way round after its points are rounded, and an outer ring is not visible.
+_INVISIBLE = 0.1
 _CAPS, _JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
 ShadingCurve = tuple[np.ndarray, tuple[float, ...]]  # control points (K, 2) px; sRGB levels and opacity
 AnyPath = TypeVar("AnyPath", bound=Path)
@@ -286,7 +288,7 @@ def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
             "has path data other than closed rings of L, H, V, C, S, two half ellipses, or a rounded rectangle"
         )
     ring = ring_of(subpath)
-    return ring, signed_area(ring) > 0.0
+    return ring, signed_area(ring) > _INVISIBLE
 
 
 def _centre_line(subpath: Sequence[PathSegment]) -> Path:

@@ -179,7 +179,7 @@ def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
             # The transform maps the unit circle to the ellipse.
             places = {"cx": "0", "cy": "0", "r": "1"}
             if focus is not None:
-                places |= zip(("fx", "fy"), (number(place, _DECIMALS) for place in gradient.unit_focus()), strict=True)
+                places |= zip(("fx", "fy"), (number(place, _DECIMALS) for place in gradient.frame()[:, 3]), strict=True)
             places["gradientTransform"] = f"matrix({' '.join(map(number, gradient.matrix().T.ravel()))})"
     element = ElementTree.Element(tag, {**places, "gradientUnits": "userSpaceOnUse"})
     for stop in gradient.stops:

@@ -16,7 +16,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
-from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, radial_from
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, radial_of_frame
 from cubicsplat_cli.settings import PRECISION, Mode
 from cubicsplat_cli.svg.values import levels_of
 
@@ -232,8 +232,7 @@ def _linear(frame: np.ndarray, middle: np.ndarray, step: float, stops: tuple[Sto
 def _radial(frame: np.ndarray, step: float, stops: tuple[Stop, ...]) -> Gradient | None:
     if abs(float(np.linalg.det(frame[:, :2]))) * _LONGEST**2 < 1.0:
         return None
-    inverse = np.linalg.inv(frame[:, :2])
-    gradient = radial_from(np.column_stack([inverse, -inverse @ frame[:, 2]]), stops)
+    gradient = radial_of_frame(frame, 1.0, stops)
     if max(gradient.rx, abs(gradient.cx), abs(gradient.cy)) > _LONGEST or gradient.ry < step:
         return None
     return gradient

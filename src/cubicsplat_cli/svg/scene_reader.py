@@ -12,7 +12,6 @@ import numpy as np
 
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.progress import log
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient, mean_fill
@@ -67,8 +66,6 @@ def read_svg(text: str | bytes) -> Scene:
             f"line {shading.line} clips shading, which no scene of curves has; "
             "use cubicsplat_cli.svg.drawing_reader.read_drawing"
         )
-    if any({"fx", "fy"} & element.attributes.keys() for element in elements if element.name == "radialGradient"):
-        log.warning("left out of the SVG's gradients: their focus, which those of a scene do not have")
     return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_of_frame
 
 CLOSE = 2.0  # levels by which a gradient may differ from a pixel that it explains
 SIGMA = 0.4  # levels, standard deviation of rounding to 8 bits and of the arithmetic of drawing programs
@@ -149,16 +148,7 @@ def gradient_of(shade: Shade) -> Gradient:
         start = slope * (first - shade.frame[0, 2]) / square
         end = start + slope * span / square
         return LinearGradient(float(start[0]), float(start[1]), float(end[0]), float(end[1]), stops)
-    turn, lean = np.linalg.inv(shade.frame[:, :2]), shade.frame[:, 3]
-    origin, square = -turn @ shade.frame[:, 2], float(lean @ lean)
-    if square == 0.0:
-        return radial_from(np.column_stack([turn * span, origin]), stops)
-    # t = span is an ellipse with the focus 0 and the eccentricity |lean|, longer by its root along that.
-    rest = 1.0 - square
-    along = np.outer(lean, lean) / square
-    axes = span / rest * (along + math.sqrt(rest) * (np.eye(2) - along))
-    focus = float(origin[0]), float(origin[1])
-    return radial_from(np.column_stack([turn @ axes, origin - turn @ lean * (span / rest)]), stops, focus)
+    return radial_of_frame(shade.frame, span, stops)
 
 
 def _fills(colours: np.ndarray) -> list[tuple[int, int, int, int]]:

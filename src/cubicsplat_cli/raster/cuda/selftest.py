@@ -59,7 +59,7 @@ def scene(program: Program, device: torch.device | str, *, logits: bool = False)
 
 
 def gradients(device: torch.device | str) -> Gradients:
-    """Flat fills, linear and radial gradients in turn, of one to three stops."""
+    """Flat fills, linear gradients, and radial ones with a focus in turn, of one to three stops."""
     curves = torch.arange(CURVES)
     turn = 0.9 * curves[:, None, None] + torch.tensor([[0.0, 1.6], [1.6, 3.1]])
     plane = 0.06 * (turn.cos() + torch.eye(2))
@@ -67,7 +67,8 @@ def gradients(device: torch.device | str) -> Gradients:
     offsets = torch.stack((0.1 + 0.0 * curves, 0.4 + 0.1 * curves.sin(), 0.9 + 0.1 * curves.cos()), 1)
     stops = 0.5 + 0.45 * (curves[:, None, None] + 1.7 * torch.arange(12).view(3, 4)).sin()
     kinds, counts = curves % 3, 1 + curves // 3 % 3
-    floats = (t.float().contiguous().to(device) for t in (torch.cat((plane, shift), 2), offsets, stops))
+    lean = 0.4 * torch.stack((curves.cos(), curves.sin()), 1)[..., None]
+    floats = (t.float().contiguous().to(device) for t in (torch.cat((plane, shift, lean), 2), offsets, stops))
     frames, offsets, stops = floats
     return Gradients(kinds.int().to(device), frames, counts.int().to(device), offsets, stops)
 

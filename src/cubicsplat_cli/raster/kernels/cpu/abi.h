@@ -31,7 +31,7 @@ struct CsScene {
   // Gradient fills, or null where all are flat: see Paints in paint.h. Their stops are values even where `logits` is set.
   const int32_t* kinds;   // N
   const int32_t* counts;  // N, 1 .. most_stops where not flat
-  const float* frames;    // N x 2 x 3
+  const float* frames;    // N x 2 x 4
   const float* offsets;   // N x most_stops
   const float* stops;     // N x most_stops x 4
   int32_t most_stops;
@@ -67,7 +67,7 @@ struct CsGradients {
   float* edge_widths;
   float* importance;  // N
   float* background;  // C
-  float* frames;      // N x 2 x 3; like the next only where the scene has gradients
+  float* frames;      // N x 2 x 4; like the next only where the scene has gradients
   float* stops;       // N x most_stops x 4
 };
 

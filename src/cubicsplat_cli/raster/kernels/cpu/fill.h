@@ -14,8 +14,8 @@ CS_INLINE float* paint_gradient(const TileTask& task, const Outline& o) {
   return chunk.paint_gradients + size_t(o.pair - chunk.pairs) * paint_stride(task.scene->most_stops);
 }
 
-CS_INLINE void add_to(float* sums, const Four& more, int count) {
-  for (int i = 0; i < count; i++) sums[i] += more.v[i];
+CS_INLINE void add_four_to(float* sums, const Four& more) {
+  for (int i = 0; i < 4; i++) sums[i] += more.v[i];
 }
 
 // What the way back finds out of a block's pixels: T alpha, dL/dF, dL/dalpha and the coverage.
@@ -67,14 +67,13 @@ struct GradientFill {
     float* const sums = paint_gradient(task, o);
     const OnTheWay<Lanes> at = place(task, b);
     const Lanes d_t = paint_backward(paint, at.t, d, [&](int k, Lanes share) {
-      add_to(sums + kStopValues * k, sum_of_four(share * d[0], share * d[1], share * d[2], share * d[3]), kStopValues);
+      add_four_to(sums + kStopValues * k, sum_of_four(share * d[0], share * d[1], share * d[2], share * d[3]));
     });
-    Lanes d_u, d_v;
-    plane_backward(paint, at, d_t, d_u, d_v);
+    Lanes f[kFrameValues];
+    frame_backward(paint, at, x_of(task, b), y_of(task, b), d_t, f);
     float* const frame = sums + kStopValues * task.scene->most_stops;
-    const Lanes x = x_of(task, b), y = y_of(task, b), none(0.0f);
-    add_to(frame, sum_of_four(d_u * x, d_u * y, d_u, none), 3);
-    if (paint.kind == kRadial) add_to(frame + 3, sum_of_four(d_v * x, d_v * y, d_v, none), 3);
+    add_four_to(frame, sum_of_four(f[0], f[1], f[2], f[3]));
+    if (paint.kind == kRadial) add_four_to(frame + 4, sum_of_four(f[4], f[5], f[6], f[7]));
   }
 
  private:

@@ -37,23 +37,21 @@ struct Fill {
     const float d_t = paint_backward(paint, at.t, d, [&](int k, float share) {
       float of_stop[kStopValues];
       for (int c = 0; c < kStopValues; c++) of_stop[c] = share * d[c];
-      if (f.out_stops)
-        add_four(f.out_stops + (size_t(curve) * f.most_stops + k) * kStopValues, of_stop, lane, kStopValues);
+      if (f.out_stops) add_four(f.out_stops + (size_t(curve) * f.most_stops + k) * kStopValues, of_stop, lane);
     });
     if (!f.out_frames) return;
-    float d_u, d_v;
-    plane_backward(paint, at, d_t, d_u, d_v);
+    float of_frame[kFrameValues];
+    frame_backward(paint, at, px, py, d_t, of_frame);
     float* out = f.out_frames + size_t(curve) * kFrameValues;
-    float of_u[4] = {d_u * px, d_u * py, d_u, 0.0f}, of_v[4] = {d_v * px, d_v * py, d_v, 0.0f};
-    add_four(out, of_u, lane, 3);
-    if (paint.kind == kRadial) add_four(out + 3, of_v, lane, 3);
+    add_four(out, of_frame, lane);
+    if (paint.kind == kRadial) add_four(out + 4, of_frame + 4, lane);
   }
 
  private:
-  // Adds the warp's sums of the first values to those of the whole picture.
-  static CS_INLINE void add_four(float* sums, float* values, int lane, int count) {
+  // Adds the warp's sums of four values to those of the whole picture.
+  static CS_INLINE void add_four(float* sums, float* values, int lane) {
     const float total = sum_of_four(values, lane);
-    if (lane % 8 == 0 && lane / 8 < count && total != 0.0f) atomicAdd(sums + lane / 8, total);
+    if (lane % 8 == 0 && total != 0.0f) atomicAdd(sums + lane / 8, total);
   }
 };
 

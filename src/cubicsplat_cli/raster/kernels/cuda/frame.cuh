@@ -92,7 +92,7 @@ struct Frame {
   const int* ring_ends;  // N x R, or null where every curve is one ring of all segments: see Rings in curve.h
   // gradient fills, in programs for them: see Paints in paint.h
   const int *kinds, *counts;              // N
-  const float *frames, *offsets, *stops;  // N x 2 x 3, N x most_stops, N x most_stops x 4
+  const float *frames, *offsets, *stops;  // N x 2 x 4, N x most_stops, N x most_stops x 4
   // the flattened curves
   float4* bounds;         // N: left, top, right, bottom, reach included
   float4* edges;          // N x edge_stride: start and end

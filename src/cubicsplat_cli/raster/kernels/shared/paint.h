@@ -6,14 +6,14 @@
 namespace cs {
 
 constexpr float kLeastLength = 1e-6f;  // of the way between two stops; shorter, the second takes over at once
-constexpr int kStopValues = 4, kFrameValues = 6;
+constexpr int kStopValues = 4, kFrameValues = 8;
 
 enum PaintKind { kFlat, kLinear, kRadial };
 
 // How one curve is filled; see gradients.py. A flat one has nothing but its colour, which stands elsewhere.
 struct Paint {
   int kind, count;       // stops
-  const float* frame;    // 2 x 3: from px, as (x, y, 1), to the gradient's plane
+  const float* frame;    // 2 x 4: from px, as (x, y, 1), to the gradient's plane; and the lean
   const float* offsets;  // count, rising
   const float* stops;    // count x 4: sRGB, opacity
 
@@ -36,18 +36,20 @@ struct Paints {
   }
 };
 
-// A pixel in the gradient's plane, and how far it is on the way from the first stop to the last.
+// A pixel in the gradient's plane, its distance from the origin there, and how far it is on the way from the first stop
+// to the last.
 template <class F>
 struct OnTheWay {
-  F u, v, t;
+  F u, v, distance, t;
 };
 
 template <class F>
 CS_INLINE OnTheWay<F> on_the_way(const Paint& p, F x, F y) {
   const F u = fused(F(p.frame[0]), x, fused(F(p.frame[1]), y, F(p.frame[2])));
-  if (p.kind == kLinear) return {u, F(0.0f), u};
-  const F v = fused(F(p.frame[3]), x, fused(F(p.frame[4]), y, F(p.frame[5])));
-  return {u, v, square_root(fused(u, u, v * v))};
+  if (p.kind == kLinear) return {u, F(0.0f), u, u};
+  const F v = fused(F(p.frame[4]), x, fused(F(p.frame[5]), y, F(p.frame[6])));
+  const F distance = square_root(fused(u, u, v * v));
+  return {u, v, distance, fused(F(p.frame[3]), u, fused(F(p.frame[7]), v, distance))};
 }
 
 // How far stop k has taken over from the one before it.
@@ -86,15 +88,18 @@ CS_INLINE F paint_backward(const Paint& p, F t, const F* d, Visit&& visit) {
   return d_t;
 }
 
-// dL/du and dL/dv from dL/dt.
+// dL/d of a frame's values from dL/dt at a pixel; those of the second row are 0 in a linear gradient.
 template <class F>
-CS_INLINE void plane_backward(const Paint& p, const OnTheWay<F>& at, F d_t, F& d_u, F& d_v) {
-  d_u = d_t;
-  d_v = F(0.0f);
-  if (p.kind == kLinear) return;
-  const F inverse = select(at.t > F(0.0f), quotient(F(1.0f), at.t), F(0.0f));
-  d_u = d_t * at.u * inverse;
-  d_v = d_t * at.v * inverse;
+CS_INLINE void frame_backward(const Paint& p, const OnTheWay<F>& at, F x, F y, F d_t, F* d) {
+  F d_u = d_t, d_v(0.0f), d_lean(0.0f);
+  if (p.kind == kRadial) {
+    const F inverse = select(at.distance > F(0.0f), quotient(F(1.0f), at.distance), F(0.0f));
+    d_u = fused(d_t, F(p.frame[3]), d_t * at.u * inverse);
+    d_v = fused(d_t, F(p.frame[7]), d_t * at.v * inverse);
+    d_lean = d_t;
+  }
+  const F of[kFrameValues] = {d_u * x, d_u * y, d_u, d_lean * at.u, d_v * x, d_v * y, d_v, d_lean * at.v};
+  for (int i = 0; i < kFrameValues; i++) d[i] = of[i];
 }
 
 }  // namespace cs
