@@ -30,7 +30,7 @@ def test_results_do_not_depend_on_threads(mode, coverage):
         for _ in range(5):
             loss = engine.step(
                 parameters, RasterSettings(coverage, 1.0, 8), Training(target, state, Rates(0.5, 0.05, 0.05, 0.1),
-                importance=importance, importance_kind="loo"),
+                out={"importance": importance}, importance="loo"),
             )  # fmt: skip
         results.append((loss, parameters.points, parameters.colours, parameters.half_widths, importance))
     for other in results[1:]:

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 
-from cubicsplat_cli.raster.cpu import Blunting, pointer_on
+from cubicsplat_cli.raster.cpu import Blunting
+from cubicsplat_cli.raster.native import address_on
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import segments_from_points
 from cubicsplat_cli.scene.arrays import Array, namespace
@@ -55,11 +56,10 @@ class Regulariser:
         """
         if not self.due(progress):
             return None
-        pointer = pointer_on(points.device)
         if self._blunting is None:
             weight = self.recipe.spike_penalty
             self.spikes = namespace(points).empty_like(points)
-            gradient = pointer(self.spikes, "spikes", tuple(points.shape), "float32")
+            gradient = address_on(points.device, self.spikes, "spikes", tuple(points.shape), "float32")
             # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
             turns, slivers = TURNS * weight / self.joins, SLIVERS * weight / (self.size[0] * self.size[1])
             self._blunting = Blunting(
@@ -70,7 +70,7 @@ class Regulariser:
             self._blunting.loss = loss
         else:
             self._loss = namespace(loss).astype(loss, namespace(loss).float64)
-            self._blunting.loss_at = pointer(self._loss, "loss", (), "float64")
+            self._blunting.loss_at = address_on(points.device, self._loss, "loss", (), "float64")
         return self._blunting
 
     def crossing_gradient(self, points: Array, ring_ends: Array | None) -> Array | None:

@@ -13,7 +13,7 @@ from itertools import compress
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, doubles, floats, int32s, native
+from cubicsplat_cli.raster.native import Out, doubles, floats, int32s, native
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
 

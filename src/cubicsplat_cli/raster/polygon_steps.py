@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, floats, int32s, native
+from cubicsplat_cli.raster.native import Out, floats, int32s, native
 
 _native = partial(native, "search")
 FEWEST = 3  # vertices of a polygon

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, doubles, floats, int32s, int64s, native
+from cubicsplat_cli.raster.native import Out, doubles, floats, int32s, int64s, native
 
 _native = partial(native, "gradients")
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import Out, address_of, int32s, int64s, members, native
+from cubicsplat_cli.raster.native import Out, address_of, int32s, int64s, members, native
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 

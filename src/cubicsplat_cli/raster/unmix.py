@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import Out, doubles, floats, int32s, int64s, native
+from cubicsplat_cli.raster.native import Out, doubles, floats, int32s, int64s, native
 
 _native = partial(native, "regions")
 SLOTS, REACH = 4, 3  # fills that are looked at near a pixel, and px up to which they lie away

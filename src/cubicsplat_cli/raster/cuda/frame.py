@@ -13,9 +13,10 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import Blunting, members, pointer_on
-from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Rates
-from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
+from cubicsplat_cli.raster.cpu import Blunting
+from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Pass, Rates
+from cubicsplat_cli.raster.native import members
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
 # Twins of the constants in frame.cuh.
@@ -170,21 +171,8 @@ def order_places(frame: StepFrame) -> int:
     return 2 * COSTS * (1 + tiles) if tiles <= MOST_ORDERED else 0
 
 
-def make_frame(
-    scene: EngineScene, settings: RasterSettings, slots: int, device: torch.device, *, backward: bool
-) -> StepFrame:
-    """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors, and
-    where this engine cannot draw the scene.
-    """
-    return StepFrame(
-        **sizes_of(scene, settings), rings=scene.most_rings,
-        slots=slots, logits=scene.logits, backward=backward, exact=settings.coverage == "exact",
-        most_stops=scene.most_stops, **scene.own_addresses(pointer_on(device)),
-    )  # fmt: skip
-
-
 def put(structure: StepFrame | StepValues, addresses: dict[str, int | None]) -> None:
-    """Puts addresses into the fields of their names."""
+    """Put addresses into the fields of their names."""
     for name, address in addresses.items():
         setattr(structure, name, address)
 
@@ -195,18 +183,21 @@ def attach(frame: StepFrame, tensors: dict[str, Tensor]) -> None:
 
 
 def step_values(
-    scene: EngineScene, settings: RasterSettings, importance: str | None, number: int = 0, penalty: Penalty = SQUARED
+    scene: EngineScene, settings: RasterSettings, device: torch.device, given: Pass, number: int = 0
 ) -> StepValues:
-    """The values of one call, without rates and outputs."""
+    """Return the values of a pass, of the step with a number, without the loss and what only training has. Raises
+    EngineError for unfit tensors.
+    """
+    filled = {"image": given.image} | {name: given.out.get(name) for name in ("importance", "background")}
+    addresses = scene.addresses(device, filled)
     return StepValues(
         edge_width=settings.edge_width, tolerance=settings.tolerance,
-        background=(c_float * 4)(*(scene.background or ()), 0.0), importance_kind=IMPORTANCE[importance], number=number,
-        penalty=(c_float * 3)(*penalty),
+        background=(c_float * 4)(*(scene.background or ()), 0.0), importance_kind=IMPORTANCE[given.importance],
+        number=number, penalty=(c_float * 3)(*given.penalty), image=addresses["image"],
+        importance=addresses["importance"], background_gradient=addresses["background"],
     )  # fmt: skip
 
 
 def set_rates(values: StepValues, rates: Rates) -> None:
-    """Puts the rates in the order of `AdanRates` in curve.h."""
-    values.rates = (c_float * 9)(
-        rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep, rates.epsilon
-    )
+    """Put the rates in the order of `AdanRates` in curve.h."""
+    values.rates = (c_float * 9)(*rates.sizes, *rates.keep, rates.epsilon)
