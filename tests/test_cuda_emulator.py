@@ -316,7 +316,7 @@ import torch
 from emulated import EmulatedDriver
 from engines import packed, state_for
 from scenes import PAPER, ragged_scene, random_scene, random_target
-from cubicsplat_cli.raster.engine import Pass, Rates, Training
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.frame import StepFrame

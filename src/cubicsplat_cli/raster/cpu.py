@@ -130,7 +130,7 @@ class CpuEngine(Engine):
     def close(self) -> None:
         """Free the threads and the memory; later calls raise EngineError."""
         if getattr(self, "_handle", None):
-            function("cs_destroy", None)(self._handle)
+            self._call("cs_destroy", None)
             self._handle = c_void_p()
 
     def __del__(self) -> None:
@@ -139,11 +139,13 @@ class CpuEngine(Engine):
     def describe(self) -> dict[str, object]:
         return {"name": self.name, "isa": self.isa, "threads": self.threads}
 
-    def _call(self, name: str, result: type | None, *given: object) -> Any:
-        """Call a function of the native engine. Raises EngineError if it is closed: it would read freed memory."""
+    def _call(self, name: str, result: type | None, *given: Any) -> Any:
+        """Call a function of the native engine with the addresses of objects of ctypes. Raises EngineError if it is
+        closed: it would read freed memory.
+        """
         if not self._handle:
             raise EngineError("the engine is closed; open another one")
-        return function(name, result)(self._handle, *given)
+        return function(name, result)(self._handle, *map(byref, given))
 
     def _draw(
         self, name: str, scene: EngineScene, settings: RasterSettings, given: Pass, *further: ctypes.Structure
@@ -162,7 +164,7 @@ class CpuEngine(Engine):
         loss = c_double(0.0)
         pictures = given.pictures | {"image": given.image, "ground": self.ground, "metric": self.metric}
         images = _Images(**scene.addresses(self.device, pictures), loss=ctypes.addressof(loss))
-        if self._call(name, c_int32, *map(byref, (curves, coverage, images, *further))):
+        if self._call(name, c_int32, curves, coverage, images, *further):
             raise EngineError(f"{self._failed}: {self._call('cs_error', c_char_p).decode()}")
         return loss.value
 
