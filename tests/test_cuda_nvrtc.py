@@ -60,7 +60,7 @@ def test_a_library_that_lacks_a_function_is_passed_over():
 
 def fake(**functions):
     """A library whose functions return 0 but for the given ones."""
-    return types.SimpleNamespace(**({name: lambda *_: 0 for name in nvrtc.PROTOTYPES} | functions))
+    return types.SimpleNamespace(**({name: lambda *_: 0 for name in nvrtc.FUNCTIONS} | functions))
 
 
 def test_old_compilers_and_failing_calls_are_said():

@@ -110,8 +110,12 @@ def _super_shift(tiles: tuple[int, int]) -> int:
     return shift
 
 
-def check_lengths(segments: int, samples: int) -> None:
-    """Raises EngineError where curves of so many segments and edges per cubic are too long for the kernels."""
+def check_drawable(segments: int, samples: int, subdivide: bool) -> None:
+    """Raise EngineError if curves of so many segments and edges per cubic are too long for the kernels, or if cubics
+    shall be subdivided by de Casteljau's algorithm.
+    """
+    if subdivide:
+        raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
     if segments > MOST_SEGMENTS or segments * samples > MOST_EDGES:
         raise EngineError(
             f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
@@ -120,15 +124,15 @@ def check_lengths(segments: int, samples: int) -> None:
 
 
 def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
-    """The fields of a frame that sizes of buffers depend on; EngineError where this engine cannot draw the scene."""
-    if settings.subdivide:
-        raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
+    """Return the fields of a frame that sizes of buffers depend on. Raises EngineError if this engine cannot draw the
+    scene.
+    """
     n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
     segments = k // 3
     shared = 0 if scene.mode is Mode.CLOSED else 1
     if segments < 1 or k != 3 * segments + shared or scene.width < 1 or scene.height < 1:
         raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
-    check_lengths(segments, settings.samples)
+    check_drawable(segments, settings.samples, settings.subdivide)
     tiles = -(-scene.width // TILE), -(-scene.height // TILE)
     shift = _super_shift(tiles)  # tiles per side of a super-tile, as a power of two
     supers = _supers(tiles, shift)

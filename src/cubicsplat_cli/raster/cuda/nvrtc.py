@@ -7,7 +7,7 @@ import importlib.util
 import re
 import sys
 from collections.abc import Sequence
-from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p, create_string_buffer
+from ctypes import byref, c_char_p, c_int, c_size_t, c_void_p, create_string_buffer
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,21 +19,12 @@ from cubicsplat_cli.formatting import one_line
 
 OLDEST_VERSION = 12
 INSTALL = "torch's CUDA wheels bring it; else: pip install nvidia-cuda-nvrtc"
-# Arguments of the functions in use (nvrtc.h); each returns a status, 0 for success.
-PROTOTYPES: dict[str, list[Any]] = {
-    "nvrtcVersion": [POINTER(c_int), POINTER(c_int)],
-    "nvrtcGetNumSupportedArchs": [POINTER(c_int)],
-    "nvrtcGetSupportedArchs": [POINTER(c_int)],
-    "nvrtcCreateProgram": [POINTER(c_void_p), c_char_p, c_char_p, c_int, POINTER(c_char_p), POINTER(c_char_p)],
-    "nvrtcCompileProgram": [c_void_p, c_int, POINTER(c_char_p)],
-    "nvrtcGetProgramLogSize": [c_void_p, POINTER(c_size_t)],
-    "nvrtcGetProgramLog": [c_void_p, c_char_p],
-    "nvrtcGetCUBINSize": [c_void_p, POINTER(c_size_t)],
-    "nvrtcGetCUBIN": [c_void_p, c_char_p],
-    "nvrtcGetPTXSize": [c_void_p, POINTER(c_size_t)],
-    "nvrtcGetPTX": [c_void_p, c_char_p],
-    "nvrtcDestroyProgram": [POINTER(c_void_p)],
-}
+# The functions in use (nvrtc.h); each returns a status, 0 for success.
+FUNCTIONS = (
+    "nvrtcVersion", "nvrtcGetNumSupportedArchs", "nvrtcGetSupportedArchs", "nvrtcCreateProgram", "nvrtcCompileProgram",
+    "nvrtcGetProgramLogSize", "nvrtcGetProgramLog", "nvrtcGetCUBINSize", "nvrtcGetCUBIN", "nvrtcGetPTXSize",
+    "nvrtcGetPTX", "nvrtcDestroyProgram",
+)  # fmt: skip
 _PATTERNS = {"linux": ("libnvrtc.so.*", r"so\.(\d+)"), "win32": ("nvrtc64_*_0.dll", r"64_(\d+)\d_")}
 
 
@@ -69,18 +60,18 @@ def library_names(
 
 @lru_cache(maxsize=1)
 def nvrtc_library() -> Any:
-    """The library with its prototypes. Raises EngineError where there is none that can be used."""
+    """Return the library. Raises EngineError if there is none that can be used."""
     return loaded(library_names())
 
 
 def loaded(names: Sequence[str]) -> Any:
-    """The first of these libraries that can be used. Raises EngineError where there is none."""
+    """Return the first of these libraries that can be used. Raises EngineError if there is none."""
     why = "there is none"
     for name in names:
         try:
             found = ctypes.CDLL(name)
-            for function, arguments in PROTOTYPES.items():
-                getattr(found, function).argtypes = arguments
+            for function in FUNCTIONS:
+                getattr(found, function)
         except (OSError, AttributeError) as error:  # not there, or too old to have all functions
             why = one_line(error)
             continue
