@@ -11,6 +11,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from ctypes import c_int, c_void_p
 from typing import Any, Protocol
 from weakref import WeakSet
 
@@ -24,7 +25,7 @@ from cubicsplat_cli.raster.cuda.compile import Program, machine_code
 from cubicsplat_cli.raster.cuda.frame import carve_out
 from cubicsplat_cli.raster.cuda.libcuda import LibCuda
 
-Argument = ctypes.Structure | ctypes.c_void_p
+Argument = ctypes.Structure | c_void_p
 
 
 class Kernels(Protocol):
@@ -134,24 +135,27 @@ def require_gpu() -> None:
 class _LoadedKernels:
     """Functions of a module in the device's memory."""
 
-    def __init__(self, driver: CudaDriver, module: ctypes.c_void_p) -> None:
+    def __init__(self, driver: CudaDriver, module: c_void_p) -> None:
         self._driver = driver
         self._module = module
-        self._functions: dict[str, ctypes.c_void_p] = {}
+        self._functions: dict[str, c_void_p] = {}
 
-    def _function(self, name: str, shared: int) -> ctypes.c_void_p:
+    def _function(self, name: str, shared: int) -> c_void_p:
         if name not in self._functions:
-            function = self._driver.library.function(self._module, name)
-            if shared:
-                percent = carve_out(name, shared, self._driver.shared_per_sm)
-                self._driver.library.carve_out(function, percent)
+            library = self._driver.library
+            doing = f"looking up the kernel {name}"
+            function = library.value(c_void_p, doing, "cuModuleGetFunction", self._module, name.encode())
+            if shared:  # a hint how much of a multiprocessor's fast memory it would like as shared memory
+                hint = libcuda.PREFERRED_SHARED_MEMORY_CARVEOUT, carve_out(name, shared, self._driver.shared_per_sm)
+                library.call("dividing its memory", "cuFuncSetAttribute", function, *hint)
             self._functions[name] = function
         return self._functions[name]
 
     def launch(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments: Argument) -> None:
-        driver = self._driver
-        function = self._function(name, shared)
-        driver.library.launch(name, function, grid, threads, shared, driver.stream(), arguments)
+        addresses = (c_void_p * len(arguments))(*map(ctypes.addressof, arguments))
+        size, stream = (*grid, 1, threads, 1, 1, shared), self._driver.stream()
+        given = self._function(name, shared), *size, stream, addresses, None
+        self._driver.library.call(f"starting the kernel {name}", "cuLaunchKernel", *given)
 
 
 class CudaDriver(Driver):
@@ -176,12 +180,16 @@ class CudaDriver(Driver):
         self.name = properties.name
         self.capability = (properties.major, properties.minor)
         self.memory = properties.total_memory
-        self.library = LibCuda()
-        handle = self.library.device(number)
-        self._context = self.library.primary_context(handle)
-        self.shared_per_block = self.library.attribute(handle, libcuda.MAX_SHARED_MEMORY_PER_BLOCK)
-        self.shared_per_sm = self.library.attribute(handle, libcuda.MAX_SHARED_MEMORY_PER_MULTIPROCESSOR)
-        self.driver_version = self.library.driver_version()
+        self.library = library = LibCuda()
+        device = library.value(c_int, "asking for the device", "cuDeviceGet", number)
+        # The one that torch works in, held for the life of the process.
+        self._context = library.value(c_void_p, "sharing torch's context", "cuDevicePrimaryCtxRetain", device)
+        self.shared_per_block, self.shared_per_sm = (
+            library.value(c_int, "asking for its properties", "cuDeviceGetAttribute", attribute, device).value
+            for attribute in (libcuda.MAX_SHARED_MEMORY_PER_BLOCK, libcuda.MAX_SHARED_MEMORY_PER_MULTIPROCESSOR)
+        )
+        # 1000 major + 10 minor of the newest CUDA that it supports.
+        self.driver_version = library.value(c_int, "asking for the driver's version", "cuDriverGetVersion").value
         if self.driver_version // 1000 < nvrtc.version()[0]:
             raise EngineError(
                 f"the NVIDIA driver is too old: it supports CUDA {self.driver_version // 1000}, the compiler is for "
@@ -191,7 +199,8 @@ class CudaDriver(Driver):
     def _load(self, program: Program) -> Kernels:
         code, _ = machine_code(program, self.capability)
         with self.active():
-            return _LoadedKernels(self, self.library.load_module(code))
+            doing = "loading the kernels (is the driver too old?)"
+            return _LoadedKernels(self, self.library.value(c_void_p, doing, "cuModuleLoadData", code))
 
     def stream(self) -> int:
         return torch.cuda.current_stream(self.device).cuda_stream
@@ -220,14 +229,15 @@ class CudaDriver(Driver):
             with torch.cuda.device(self.device):
                 # torch does not touch a device that is already the current one: a new thread may have no context yet,
                 # and another library may have entered one of its own.
-                entered = self.library.current_context() != self._context.value
+                now = self.library.value(c_void_p, "asking for the context", "cuCtxGetCurrent")
+                entered = now.value != self._context.value
                 if entered:
-                    self.library.push(self._context)
+                    self.library.call("entering the context", "cuCtxPushCurrent_v2", self._context)
                 try:
                     yield
                 finally:
                     if entered:
-                        self.library.pop()
+                        self.library.value(c_void_p, "leaving the context", "cuCtxPopCurrent_v2")
         except DeviceError:
             self._give_up()
             raise
