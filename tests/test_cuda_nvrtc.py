@@ -69,6 +69,6 @@ def test_old_compilers_and_failing_calls_are_said():
         return 0
 
     with pytest.raises(EngineError, match=r"NVRTC 11\.8 is too old; version 12 or newer is needed"):
-        nvrtc.version_of(fake(nvrtcVersion=old))
+        nvrtc.version(fake(nvrtcVersion=old))
     with pytest.raises(EngineError, match="NVRTC failed in nvrtcGetNumSupportedArchs: error 3"):
         nvrtc.architectures(fake(nvrtcGetNumSupportedArchs=lambda *_: 3))

@@ -105,7 +105,7 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
 
 
 def _handles(points: Array, found: SegmentIndices) -> tuple[Array, Array, Array]:
-    """Return the first and the last handle (N, M, 2) of each cubic, and its turn (N, M) between them: -1 left, else 1."""
+    """Return the first and last handle (N, M, 2) of each cubic, and (N, M) -1 if it turns left between them, else 1."""
     xp = namespace(points)
     a, b, c = (points_of_segments(points, 3 * found.index + k) for k in range(3))
     d = points_of_segments(points, 3 * found.after)

@@ -84,23 +84,19 @@ def _checked(function: str, *arguments: object, library: Any) -> None:
         raise EngineError(f"NVRTC failed in {function}: error {status}")
 
 
-@lru_cache(maxsize=1)
-def version() -> tuple[int, int]:
-    """Version of NVRTC. Raises EngineError where there is none, or one that is too old."""
-    return version_of(nvrtc_library())
-
-
-def version_of(library: Any) -> tuple[int, int]:
-    """Version of an NVRTC. Raises EngineError where it is too old."""
+def version(of: Any = None) -> tuple[int, int]:
+    """Return the version of an NVRTC (default: `nvrtc_library`). Raises EngineError if it is too old, or missing."""
     major, minor = c_int(), c_int()
-    _checked("nvrtcVersion", byref(major), byref(minor), library=library)
+    _checked("nvrtcVersion", byref(major), byref(minor), library=of or nvrtc_library())
     if major.value < OLDEST_VERSION:
         raise EngineError(f"NVRTC {major.value}.{minor.value} is too old; version 12 or newer is needed. {INSTALL}")
     return major.value, minor.value
 
 
 def architectures(of: Any = None) -> list[int]:
-    """Compute capabilities that an NVRTC (default: `library`) compiles for, as 10 * major + minor, ascending."""
+    """Return the compute capabilities that an NVRTC (default: `nvrtc_library`) compiles for, as 10 * major + minor,
+    ascending.
+    """
     of = of or nvrtc_library()
     count = c_int()
     _checked("nvrtcGetNumSupportedArchs", byref(count), library=of)
