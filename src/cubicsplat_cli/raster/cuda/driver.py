@@ -32,7 +32,7 @@ class Kernels(Protocol):
     """The kernels of one program, ready to run."""
 
     def launch(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments: Argument) -> None:
-        """Queues a kernel of `grid` blocks with `threads` threads and `shared` bytes of dynamic shared memory each."""
+        """Queue a kernel of `grid` blocks with `threads` threads and `shared` bytes of dynamic shared memory each."""
 
 
 class Driver(ABC):
@@ -53,7 +53,7 @@ class Driver(ABC):
         self._loaded: dict[Program, Kernels] = {}
 
     def kernels(self, program: Program) -> Kernels:
-        """The kernels of a program, loaded once. Raises EngineError where they cannot be had."""
+        """Return the kernels of a program, loaded once. Raises EngineError if they are not available."""
         with self.lock:
             if program not in self._loaded:
                 self._loaded[program] = self._load(program)
@@ -61,27 +61,27 @@ class Driver(ABC):
 
     @abstractmethod
     def _load(self, program: Program) -> Kernels:
-        """Brings the kernels of a program to the device."""
+        """Bring the kernels of a program to the device."""
 
     @abstractmethod
     def stream(self) -> int:
-        """Address of the queue that launches go to now: buffers of one queue must not be reused in another."""
+        """Return the address of the queue that launches go to now. Buffers of a queue must not be reused in another."""
 
     @abstractmethod
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
-        """Records the launches of `body` without running them; the result replays them with the same arguments."""
+        """Record the launches of `body` without running them. Return a function that runs them with these arguments."""
 
     @abstractmethod
     def active(self) -> AbstractContextManager[Any]:
-        """Within, the device is torch's current one, and what torch says of its failure is an EngineError."""
+        """Return a context in which the device is torch's current one, and its failures are EngineErrors."""
 
     @abstractmethod
     def late_copy(self, source: Tensor) -> LateCopy:
-        """A tensor's values, read without waiting for the device."""
+        """Return a copy of a tensor that is read without waiting for the device."""
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """Its properties for the user, as plain values."""
+        """Return its properties for the user, as plain values."""
 
 
 class LateCopy:
@@ -96,11 +96,11 @@ class LateCopy:
         self._asked = False
 
     def keep_forever(self) -> None:
-        """After the device's failure: to free its pinned memory torch would ask the device, and end the process."""
+        """Keep the memory after the device failed: to free it torch would ask the device, and end the process."""
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self))
 
     def poll(self) -> list[int] | None:
-        """The values at the time of an earlier call, None while they are on their way; and asks for the next."""
+        """Return the values at the time of an earlier call, None while they are on their way. Ask for the next."""
         if self._asked and self._event is not None and not self._event.query():
             return None
         values = self._copy.tolist() if self._asked else None
@@ -112,7 +112,7 @@ class LateCopy:
 
 
 def missing_piece(cuda: str | None = torch.version.cuda) -> str | None:
-    """Why torch has no GPU here, in one sentence that says what to do; None where it has one. cuda: it is built for."""
+    """Return why torch has no GPU here, and what to do, in one sentence; None if it has one. cuda: it is built for."""
     if cuda is None:
         return "this torch has no CUDA: install the CUDA wheel of torch (https://pytorch.org), or use --device cpu"
     if torch.cuda.is_available():
@@ -127,7 +127,7 @@ def missing_piece(cuda: str | None = torch.version.cuda) -> str | None:
 
 
 def require_gpu() -> None:
-    """Raise EngineError, which says what to do, where torch has no GPU."""
+    """Raise EngineError, which says what to do, if torch has no GPU."""
     if reason := missing_piece():
         raise EngineError(reason)
 
@@ -268,7 +268,7 @@ _lock = threading.Lock()
 
 
 def cuda_driver(index: int | None = None) -> CudaDriver:
-    """The driver of a GPU (default: torch's current one): one for the process, since loaded kernels stay for its life.
+    """Return the driver of a GPU (default: torch's current one), one for the process: loaded kernels stay for its life.
 
     Raises EngineError as `CudaDriver` does.
     """
@@ -281,7 +281,7 @@ def cuda_driver(index: int | None = None) -> CudaDriver:
 
 
 def _current_device() -> int | None:
-    """Torch's current GPU; None where asking fails, which `CudaDriver` then reports."""
+    """Return torch's current GPU; None if asking fails, which `CudaDriver` then reports."""
     try:
         return torch.cuda.current_device() if missing_piece() is None else None
     except (RuntimeError, AssertionError):

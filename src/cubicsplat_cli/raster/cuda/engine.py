@@ -30,7 +30,6 @@ from cubicsplat_cli.raster.cuda.frame import (
     WARP,
     StepFrame,
     StepValues,
-    attach,
     blocks,
     order_places,
     put,
@@ -69,7 +68,7 @@ class CudaEngine(Engine):
     """The CUDA engine on one GPU. Steps are not to be made from several Python threads at once.
 
     device: torch's number of the GPU (default: its current one). program: what it will draw first, loaded now. driver:
-    another device, for tests. Raises EngineError with the reason where it cannot run. Every program is tried on a tiny
+    another device, for tests. Raises EngineError with the reason if it cannot run. Every program is tried on a tiny
     scene before its first use in the process (`self_test`).
     """
 
@@ -93,7 +92,7 @@ class CudaEngine(Engine):
         return as_torch(array, self.device)
 
     def close(self) -> None:
-        """Frees the prepared steps and their memory, and forgets a fault; the next step prepares its own again."""
+        """Free the prepared steps and their memory, and forget a fault; the next step prepares its own again."""
         self._plans.clear()
         with self._driver.active():
             self._status.zero_()
@@ -120,7 +119,7 @@ class CudaEngine(Engine):
             return float(loss) if given.target is not None else 0.0  # reading it waits for the GPU
 
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Tensor:
-        """It does not wait: the loss comes as a float64 tensor without dimensions on the GPU, and float() of it waits.
+        """See `Engine.step`. Return the loss as a float64 tensor without dimensions on the GPU; float() of it waits.
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
@@ -142,7 +141,7 @@ class CudaEngine(Engine):
         return loss
 
     def fault(self, wait: bool = True) -> tuple[int, int] | None:
-        """See `Engine.fault`; the steps are counted from 0 since `close`."""
+        """See `Engine.fault`; steps are counted from 0 since `close`."""
         with self._driver.active():
             found = self._status.tolist() if wait else self._late_status.poll()
         return (found[0] - 1, found[1]) if found and found[0] else None
@@ -180,7 +179,7 @@ class CudaEngine(Engine):
         kernels.launch("set_step", (1, 1), WARP, 0, values, ctypes.c_void_p(step.data_ptr()))
 
     def _launch(self, kernels: Kernels, frame: StepFrame, blunted: int = 0) -> None:
-        """Queues the kernels of one step, render or gradient. blunted: as of `_Plan`."""
+        """Queue the kernels of one step, render or gradient. blunted: as of `_Plan`."""
         if blunted:
             shared = frame.segments * blunted * SIDE_BYTES
             kernels.launch("blunt", (max(1, frame.curves), 1), SMALL_THREADS, shared, frame)
@@ -212,16 +211,17 @@ class CudaEngine(Engine):
         return frame
 
     def _attach_workspace(self, frame: StepFrame) -> tuple[Tensor, dict[str, Tensor]]:
-        """Gives a frame its buffers: the device's StepValues, and those between the kernels."""
+        """Give a frame its buffers, and return them: the device's StepValues, and those between the kernels."""
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         buffers = workspace(frame, self.most_looks, self._allocate)
-        attach(frame, buffers | {"step": step, "status": self._status})
+        named = buffers | {"step": step, "status": self._status}
+        put(frame, {name: tensor.data_ptr() for name, tensor in named.items()})
         return step, buffers
 
     def _run(
         self, scene: EngineScene, settings: RasterSettings, given: Pass, loss: Tensor | None = None
     ) -> None:  # fmt: skip
-        """One call without a graph, in buffers of its own, so that calls on several streams do not meet."""
+        """Run a pass without a graph, in buffers of its own, so that passes on several streams do not meet."""
         frame = self._frame(scene, settings, given, backward=bool(given.out))
         values = step_values(scene, settings, self.device, given)
         values.loss = None if loss is None else loss.data_ptr()
@@ -247,7 +247,7 @@ class CudaEngine(Engine):
         return values
 
     def _plan(self, frame: StepFrame, scene: EngineScene, blunted: int, kept: tuple[object, ...]) -> _Plan:
-        """The prepared step for these tensors and settings; what differs from step to step is not part of a frame.
+        """Return the prepared step for these tensors and settings. A frame holds nothing that differs between steps.
 
         A stream has plans of its own: their buffers are of its memory, which is given out again in its order.
         """
@@ -262,12 +262,12 @@ class CudaEngine(Engine):
         order = None
         if places := order_places(frame):
             order = self._allocate("the tiles' order", places, torch.int32).zero_()
-            attach(frame, {"order": order})
+            frame.order = order.data_ptr()
         plan = self._plans[key] = _Plan(frame, blunted, kernels, step, (buffers, order, *kept))
         return plan
 
     def _repeat(self, plan: _Plan) -> None:
-        """Runs a plan: directly at first, which also loads the kernels, and from a graph ever after."""
+        """Run a plan: directly at first, which also loads the kernels, and from a graph ever after."""
         if not plan.ran:
             self._launch(plan.kernels, plan.frame, plan.blunted)
             plan.ran = True

@@ -76,24 +76,24 @@ class StepFrame(ctypes.Structure):
 
 
 def blocks(count: int, per_block: int) -> int:
-    """Blocks that hold `count` things; at least one, since an empty grid cannot be launched."""
+    """Return the number of blocks that hold `count` things; at least one, since an empty grid cannot be launched."""
     return max(1, -(-count // per_block))
 
 
 def slots_for(coverage: str, shared_per_block: int, shared_per_sm: int) -> int:
-    """Boundary pairs per strip whose nearest edges fit into shared memory without costing a resident block."""
+    """Return the boundary pairs per strip whose nearest edges fit into shared memory at no cost of a resident block."""
     exact = coverage == "exact"
     room = min(shared_per_sm // BLOCKS_PER_SM[coverage] - RESERVED_SHARED, shared_per_block)
     return max(0, min(MOST_SLOTS, (room - FIXED_SHARED) // (CODE_BYTES + (EXACT_BYTES if exact else 0))))
 
 
 def shared_bytes(coverage: str, slots: int) -> int:
-    """Dynamic shared memory of a block of the raster kernel."""
+    """Return the bytes of dynamic shared memory of a block of the raster kernel."""
     return FIXED_SHARED + slots * (CODE_BYTES + (EXACT_BYTES if coverage == "exact" else 0))
 
 
 def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:
-    """Percent of a multiprocessor's shared memory that a kernel's blocks take, as many as registers allow."""
+    """Return the percent of a multiprocessor's shared memory that the blocks of a kernel take, as registers allow."""
     resident = BLOCKS_PER_SM.get(kernel.removeprefix("raster_"), 1)
     return min(100, blocks(100 * resident * (shared + RESERVED_SHARED), shared_per_sm))
 
@@ -147,9 +147,9 @@ def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
 def workspace(
     frame: StepFrame, most_looks: int, allocate: Callable[[str, int, torch.dtype], Tensor]
 ) -> dict[str, Tensor]:
-    """The buffers between the kernels, by the names of their fields in `Frame`.
+    """Return the buffers between the kernels, by the names of their fields in `Frame`.
 
-    most_looks: of tiles at curves; where there would be more, curves are sorted into super-tiles first.
+    most_looks: of tiles at curves; if there would be more, curves are sorted into super-tiles first.
     allocate(what, count, dtype) gives an uninitialised tensor, or raises EngineError.
     """
     n, stride, tiles = max(frame.curves, 1), frame.edge_stride, frame.tiles_x * frame.tiles_y
@@ -170,7 +170,7 @@ def workspace(
 
 
 def order_places(frame: StepFrame) -> int:
-    """Numbers in the two lists of tiles by their time, which are zero before the first step (order.cuh); 0 for none."""
+    """Return the length of the two lists of tiles by time, which begin with zeros (order.cuh); 0 for none."""
     tiles = frame.tiles_x * frame.tiles_y
     return 2 * COSTS * (1 + tiles) if tiles <= MOST_ORDERED else 0
 
@@ -179,11 +179,6 @@ def put(structure: StepFrame | StepValues, addresses: dict[str, int | None]) -> 
     """Put addresses into the fields of their names."""
     for name, address in addresses.items():
         setattr(structure, name, address)
-
-
-def attach(frame: StepFrame, tensors: dict[str, Tensor]) -> None:
-    """Puts the addresses of tensors into the fields of their names."""
-    put(frame, {name: tensor.data_ptr() for name, tensor in tensors.items()})
 
 
 def step_values(

@@ -34,7 +34,7 @@ PREFERRED_SHARED_MEMORY_CARVEOUT = 9
 
 
 def open_library(name: str = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1") -> Any:
-    """The driver's library, which comes with the driver. Raises EngineError where it cannot be loaded."""
+    """Return the driver's library. Raises EngineError if it cannot be loaded."""
     try:
         return ctypes.CDLL(name)
     except OSError as error:
@@ -45,8 +45,7 @@ def open_library(name: str = "nvcuda.dll" if sys.platform == "win32" else "libcu
 
 
 def gpus(opened: Callable[[], Any] = open_library) -> int:
-    """The number of GPUs that the driver shows this process; 0 where there is no driver, or it fails. Needs no
-    torch."""
+    """Return the number of GPUs that the driver shows this process; 0 without a driver, or if it fails."""
     try:
         library = opened()
     except EngineError:

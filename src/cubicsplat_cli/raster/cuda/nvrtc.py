@@ -29,7 +29,7 @@ _PATTERNS = {"linux": ("libnvrtc.so.*", r"so\.(\d+)"), "win32": ("nvrtc64_*_0.dl
 
 
 def _packages() -> list[Path]:
-    """The folders of torch, and of NVIDIA's packages."""
+    """Return the folders of torch, and of NVIDIA's packages."""
     nvidia = importlib.util.find_spec("nvidia")
     return [Path(torch.__file__).parent, *map(Path, (nvidia and nvidia.submodule_search_locations) or ())]
 
@@ -37,7 +37,7 @@ def _packages() -> list[Path]:
 def library_names(
     packages: Sequence[Path] | None = None, cuda: str | None = torch.version.cuda, platform: str = sys.platform
 ) -> list[str]:
-    """Files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest.
+    """Return files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest.
 
     packages: folders of torch and of NVIDIA's packages (default: this Python's). cuda: version that torch is built for.
     platform: as `sys.platform`.
@@ -116,9 +116,9 @@ def _result(handle: c_void_p, size_of: str, get: str) -> bytes:
 def compile_program(
     name: str, text: bytes, headers: dict[str, bytes], options: list[str], *, intermediate: bool = False
 ) -> tuple[bytes | None, str]:
-    """Compiles a text with its headers by name: the machine code, or PTX (`intermediate`); and the compiler's log.
+    """Compile a text with its headers by name. Return the machine code, or PTX if `intermediate`, and the log.
 
-    The code is None where the text has a mistake, which the log then shows.
+    The code is None if the text has a mistake, which the log then shows.
     """
     handle = c_void_p()
     names = (c_char_p * len(headers))(*(header.encode() for header in headers))
