@@ -112,12 +112,8 @@ class OptimiserState(CurveArrays):
     @classmethod
     def zeros_for(cls, points: Array) -> OptimiserState:
         """Return the state of new curves with control points (N, K, 2), in arrays of the same kind and device."""
-        xp, (n, k) = namespace(points), points.shape[:2]
-
-        def zeros(*shape: int, dtype: Any = xp.float32) -> Array:
-            return xp.zeros(shape, dtype=dtype, device=points.device)
-
-        return cls(zeros(n, values_per_curve(k), 4), zeros(n, 4), zeros(n, dtype=xp.int32))
+        moments, ages = unmoved(points, values_per_curve(points.shape[1]))
+        return cls(moments, namespace(points).zeros_like(moments[:, 0]), ages)
 
     def resize(self, across: float, down: float) -> None:
         """Adapt, in place, to a picture whose sides are multiplied by these factors.
@@ -129,6 +125,13 @@ class OptimiserState(CurveArrays):
         growth[:-PAINTS] = scale
         growth[-1] = scale  # the half-width
         grow(self.moments, growth)
+
+
+def unmoved(points: Array, values: int) -> tuple[Array, Array]:
+    """Return Adan's moments (N, V, 4) and ages (N,) for so many values of each of new curves (N, K, 2)."""
+    xp, n = namespace(points), len(points)
+    moments = xp.zeros((n, values, 4), dtype=xp.float32, device=points.device)
+    return moments, xp.zeros((n,), dtype=xp.int32, device=points.device)
 
 
 def grow(moments: Array, growth: Array) -> None:
