@@ -18,6 +18,7 @@ from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped
 from cubicsplat_cli.photo.stepper import Phase, Schedule, Stepper, gini
 from cubicsplat_cli.progress import FrameRecorder, Progress
+from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.scene import Scene, points_from_segments, scaled_scene
@@ -238,7 +239,7 @@ class FitLoop:
         if self.saved is None:
             raise error
         step, curves = self.saved
-        self.engine = open_engine("cpu", self.settings.threads, mode=curves.mode, channels=curves.channels)
+        self.engine = CpuEngine(self.settings.threads)
         self._look_at(self.target, self.inputs)
         self._go_on_with(FitState.unmoved(curves))
         unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"

@@ -33,7 +33,6 @@ from cubicsplat_cli.raster.cuda.frame import (
     blocks,
     order_places,
     put,
-    set_rates,
     shared_bytes,
     sizes_of,
     slots_for,
@@ -238,7 +237,8 @@ class CudaEngine(Engine):
 
     def _training_values(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepValues:
         values = step_values(scene, settings, self.device, training, self._number)
-        set_rates(values, training.rates)
+        rates = training.rates
+        values.rates = (ctypes.c_float * 9)(*rates.sizes, *rates.keep, rates.epsilon)  # as `AdanRates` in curve.h
         names = ("points_gradient", "rate_scale")
         put(values, scene.addresses(self.device, {name: getattr(training, name) for name in names}))
         if (penalty := training.blunting) is not None:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import Blunting
-from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Pass, Rates
+from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Pass
 from cubicsplat_cli.raster.native import members
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
@@ -195,8 +195,3 @@ def step_values(
         number=number, penalty=(c_float * 3)(*given.penalty), image=addresses["image"],
         importance=addresses["importance"], background_gradient=addresses["background"],
     )  # fmt: skip
-
-
-def set_rates(values: StepValues, rates: Rates) -> None:
-    """Put the rates in the order of `AdanRates` in curve.h."""
-    values.rates = (c_float * 9)(*rates.sizes, *rates.keep, rates.epsilon)
