@@ -75,10 +75,11 @@ def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> 
 
 def _memory_of(array: np.ndarray) -> Any:
     """Return the first bytes of an array as an object of ctypes. Raises EngineError unless it is contiguous by rows."""
+    if array.flags.carray:  # writeable too, as this way, five times faster than `array.ctypes`, needs it
+        return _Memory.from_buffer(array.data)
     if not array.flags.c_contiguous:
         raise EngineError(f"expected an array that is contiguous by rows, not one of shape {array.shape}")
-    # Five times faster than `array.ctypes`, which also works for arrays that are not writeable.
-    return _Memory.from_buffer(array.data) if array.flags.writeable else _Memory.from_address(array.ctypes.data)
+    return _Memory.from_address(array.ctypes.data)
 
 
 def address_of(array: np.ndarray) -> int:
