@@ -149,3 +149,6 @@ class ArmEngine(CpuEngine):
     def __init__(self, threads: int, isa: str) -> None:
         self.threads, self.isa, self._handle = threads, isa, 1
         self._library: Any = _Library(threads, isa)
+
+    def _call(self, name: str, result: type | None, *given: Any) -> Any:
+        return getattr(self._library, name)(None, *given)

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import doubles, native
 from cubicsplat_cli.raster.cubics import Division
+from cubicsplat_cli.raster.native import doubles, native
 
 _native = partial(native, "outlines")
 

@@ -50,24 +50,19 @@ def test_the_operator_with_the_cuda_engine(mode, monkeypatch):
         assert close(got, want, 3e-3, 0.02)
 
 
-class Emulated(engines.Gpus):
-    """A machine with a GPU, or one on which the engine does not run for a reason."""
+def emulated(program: Program, engine: type[CudaEngine] = CudaEngine) -> CudaEngine:
+    """The engine of a machine with a GPU."""
+    return engine(program=program, driver=EmulatedDriver())
 
-    def __init__(self, broken: str = "", engine: type[CudaEngine] = CudaEngine) -> None:
-        self._broken, self._engine = broken, engine
 
-    def usable(self) -> bool:
-        return True
-
-    def engine(self, program: Program) -> CudaEngine:
-        if self._broken:
-            raise EngineError(self._broken)
-        return self._engine(program=program, driver=EmulatedDriver())
+def broken(program: Program) -> CudaEngine:
+    """The same of a GPU on which the engine does not run."""
+    raise EngineError("its self-test failed")
 
 
 @needs_compiler
 def test_auto_takes_the_gpu_where_there_is_one(caplog):
-    opened = partial(engines.open_engine, gpus=Emulated())
+    opened = partial(engines.open_engine, opened=emulated)
     assert opened("auto").name == opened("cuda").name == "cuda"
     assert opened("cpu").name == "cpu"
     assert opened("auto", 1, subdivide=True).name == "cpu"
@@ -76,15 +71,14 @@ def test_auto_takes_the_gpu_where_there_is_one(caplog):
     assert opened("auto", 1, segments=43).name == "cpu"
     with pytest.raises(EngineError, match="at most 42 segments and 4096 edges, not 20 and 20000"):
         opened("cuda", segments=20, samples=1000)
-    broken = Emulated("its self-test failed")
-    assert engines.open_engine("auto", 1, gpus=broken).name == "cpu"
+    assert engines.open_engine("auto", 1, opened=broken).name == "cpu"
     assert [message.split(";")[0] for message in caplog.messages] == [
         "using the CPU: the CUDA engine has no de Casteljau subdivision",
         "using the CPU: the CUDA engine draws curves of at most 42 segments and 4096 edges, not 43 and 43",
         "using the CPU: its self-test failed",
     ]  # fmt: skip
     with pytest.raises(EngineError, match="self-test failed"):
-        engines.open_engine("cuda", gpus=broken)
+        engines.open_engine("cuda", opened=broken)
 
 
 @needs_compiler
@@ -100,7 +94,7 @@ def test_a_gpu_that_fails_leaves_the_best_so_far(failing):
 
     picture = random_target(random_scene(Mode.CLOSED, 1, 3, 24, 20, background=PAPER), 4).numpy()
     settings = FitSettings.from_preset("draft", curves=4, steps=60, device="cuda")
-    loop = FitLoop(picture, settings, opened=partial(engines.open_engine, gpus=Emulated(engine=Failing)))
+    loop = FitLoop(picture, settings, opened=partial(engines.open_engine, opened=partial(emulated, engine=Failing)))
     if not failing:
         with pytest.raises(DeviceError, match="gone"):
             loop.finish()

@@ -24,7 +24,7 @@ from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.frame import MOST_LOOKS, StepFrame, sizes_of, workspace
-from cubicsplat_cli.raster.engine import Rates, Training
+from cubicsplat_cli.raster.engine import Pass, Rates, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -86,7 +86,7 @@ def test_outlines_that_are_searched_again_give_the_same(engine, shared_kb, setti
     """Multiprocessors with less shared memory keep fewer nearest edges for the backward pass, or none."""
     small = CudaEngine(driver=EmulatedDriver(shared_per_sm=shared_kb * 1024))
     scene, _ = scene_and_target()
-    few, usual = (each._frame(scene, settings, backward=True).slots for each in (small, engine))
+    few, usual = (each._frame(scene, settings, Pass(None), backward=True).slots for each in (small, engine))
     assert few < usual == 16
     for mode in Mode:
         scene, target = scene_and_target(mode)

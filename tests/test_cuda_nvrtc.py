@@ -60,7 +60,7 @@ def test_a_library_that_lacks_a_function_is_passed_over():
 
 def fake(**functions):
     """A library whose functions return 0 but for the given ones."""
-    return types.SimpleNamespace(**({name: lambda *_: 0 for name in nvrtc.PROTOTYPES} | functions))
+    return types.SimpleNamespace(**({name: lambda *_: 0 for name in nvrtc.FUNCTIONS} | functions))
 
 
 def test_old_compilers_and_failing_calls_are_said():
@@ -69,6 +69,6 @@ def test_old_compilers_and_failing_calls_are_said():
         return 0
 
     with pytest.raises(EngineError, match=r"NVRTC 11\.8 is too old; version 12 or newer is needed"):
-        nvrtc.version_of(fake(nvrtcVersion=old))
+        nvrtc.version(fake(nvrtcVersion=old))
     with pytest.raises(EngineError, match="NVRTC failed in nvrtcGetNumSupportedArchs: error 3"):
         nvrtc.architectures(fake(nvrtcGetNumSupportedArchs=lambda *_: 3))

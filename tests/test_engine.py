@@ -221,7 +221,7 @@ def test_a_step_follows_weights_and_a_given_gradient(engine):
     weights[:, :10] = 2.0
     moved = []
     gradient = 2.0 * weights.unsqueeze(-1) * (engine.render(packed(start, engine.device), SETTINGS[1]) - target)
-    for extra in ({"weights": weights}, {"image_gradient": gradient.contiguous()}):
+    for extra in ({"weights": weights}, {"gradient": gradient.contiguous()}):
         here = packed(start, engine.device)
         training = Training(target, state_for(here), RATES, **extra)
         loss = float(engine.step(here, SETTINGS[1], training))
@@ -269,14 +269,12 @@ def test_steps_are_those_of_the_reference(engine, mode, settings):
     target, losses, fit = trained(mode, settings)
     scene, here = untrained(mode), packed(untrained(mode), engine.device)
     state, target = state_for(here), target.to(engine.device)
-    extras = {
-        "image": torch.zeros(18, 21, 3, device=engine.device), "importance": torch.zeros(5, device=engine.device),
-    }  # fmt: skip
+    image, importance = torch.zeros(18, 21, 3, device=engine.device), torch.zeros(5, device=engine.device)
     for i in range(STEPS):
-        asked = extras | {"importance_kind": "loo"} if i == STEPS - 1 else {}
+        asked = {"image": image, "out": {"importance": importance}, "importance": "loo"} if i == STEPS - 1 else {}
         loss = float(engine.step(here, changing(settings, i), Training(target, state, RATES, **asked)))
         assert loss == pytest.approx(losses[i], rel=2e-3)
-    for name, value in extras.items():
+    for name, value in (("image", image), ("importance", importance)):
         assert close(value, getattr(fit, name), 2e-2, 0.05), name
     assert state.ages.tolist() == [STEPS] * 5
     for name, value in fit.values.items():

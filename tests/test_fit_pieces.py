@@ -100,7 +100,7 @@ def test_snapped_colours_are_not_darker_on_average():
 def crossing_penalty(points, mode, ring_ends=None):
     """What `crossing_gradient` is the gradient of, with a weight of 1."""
     found = segments_of(points, mode, ring_ends)
-    first, last, side = _handles(points, mode, found)
+    first, last, side = _handles(points, found)
     sine = cross(first, last) / (lengths(first) * lengths(last)).clip(LEAST_CROSSING)
     return ((side * sine).clip(0.0) * found.real).sum() / found.real.sum()
 

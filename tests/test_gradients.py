@@ -279,12 +279,11 @@ def test_a_step_gives_the_gradients_of_frames_and_stops(engine):
     before, state = here.copy(), state_for(here)
     training = Training(
         target, state, Rates(0.3, 0.05, 0.05, 0.0),
-        frames_gradient=torch.zeros(9, 2, 4, device=engine.device),
-        stops_gradient=torch.zeros(9, 4, 4, device=engine.device),
+        out={"frames": torch.zeros(9, 2, 4, device=engine.device), "stops": torch.zeros(9, 4, 4, device=engine.device)},
     )  # fmt: skip
     loss = float(engine.step(here, RELAXED, training))
-    assert close(training.frames_gradient, want["frames"], 1e-5)
-    assert close(training.stops_gradient, want["stops"], 1e-5)
+    assert close(training.out["frames"], want["frames"], 1e-5)
+    assert close(training.out["stops"], want["stops"], 1e-5)
     assert torch.equal(here.gradients.stops, before.gradients.stops)
     assert not torch.equal(here.points, before.points)
     assert float(engine.step(here, RELAXED, training)) < loss

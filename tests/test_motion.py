@@ -229,13 +229,13 @@ def test_polylines_are_as_coarse_as_the_soft_edge_hides_until_coverage_is_exact(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     used = []
-    call = CpuEngine._call
+    draw = CpuEngine._draw
 
-    def noted(engine: CpuEngine, function: str, scene: object, raster: RasterSettings, *rest: object, **named: object):
+    def noted(engine: CpuEngine, name: str, scene: object, raster: RasterSettings, *rest: object) -> float:
         used.append(raster)
-        return call(engine, function, scene, raster, *rest, **named)
+        return draw(engine, name, scene, raster, *rest)
 
-    monkeypatch.setattr(CpuEngine, "_call", noted)
+    monkeypatch.setattr(CpuEngine, "_draw", noted)
     fitted([disc(8.0 + frame, 12.0) for frame in range(3)], steps=40)
     edge = QUICK.recipe.edge_end
     assert {raster.tolerance for raster in used if raster.coverage == "relaxed"} == {0.5 * edge}

@@ -14,7 +14,7 @@ from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, o
 from cubicsplat_cli.evaluate.rerender import MAX_SIDE
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.metrics import Quality
-from cubicsplat_cli.raster.cpu import native
+from cubicsplat_cli.raster.native import native
 from cubicsplat_cli.settings import cpu_count
 
 # Squared difference, far below half a step of 16 bits: smaller ones come from float arithmetic, not from the pictures.

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.progress import nothing, work
-from cubicsplat_cli.raster.cpu import CpuEngine, FrameSteps, NativeTrack, address_of, native, pointer_on
+from cubicsplat_cli.raster.cpu import CpuEngine, FrameSteps, NativeTrack
 from cubicsplat_cli.raster.engine import EngineScene
+from cubicsplat_cli.raster.native import address_of, native
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
@@ -199,7 +200,7 @@ class JointFit:
         }
         self.held = tracks.by_name["opacities"].values == 0.0
         self.canvas, _ = tracks.at(0, self.lines)
-        pictures = [self.canvas.addresses(pointer_on("cpu"), {"target": frame})["target"] for frame in frames]
+        pictures = [self.canvas.addresses("cpu", {"target": frame})["target"] for frame in frames]
         self.targets = np.array(pictures, np.uintp)
         self.native = (NativeTrack * len(TRACKS))(*(self._native(name) for name in TRACKS))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.raster.engine import Rates, grow
+from cubicsplat_cli.raster.engine import Rates, grow, unmoved
 from cubicsplat_cli.scene import shapes
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, like, namespace, sigmoid
 from cubicsplat_cli.scene.gradients import LINEAR, Gradients, linear_frames
@@ -33,13 +33,9 @@ class LinearFills(CurveArrays):
     @classmethod
     def flat(cls, colour_logits: Array, along: Array) -> LinearFills:
         """Return fills of one colour (n, 3) at both ends, which lie at -along and along (n, 2) px."""
-        xp, n, device = namespace(along), len(colour_logits), colour_logits.device
-        return cls(
-            contiguous(xp.stack((-along, along), axis=1)),
-            contiguous(xp.stack((colour_logits, colour_logits), axis=1)),
-            xp.zeros((n, 10, 4), dtype=xp.float32, device=device),
-            xp.zeros((n,), dtype=xp.int32, device=device),
-        )
+        xp = namespace(along)
+        ends, stop_logits = xp.stack((-along, along), axis=1), xp.stack((colour_logits, colour_logits), axis=1)
+        return cls(contiguous(ends), contiguous(stop_logits), *unmoved(along, 10))
 
     def gradients(self, middles: Array) -> Gradients:
         """Return the gradients that the engine draws, for curves with these middles (N, 2) px."""
@@ -142,9 +138,8 @@ class Shapes(CurveArrays):
     @classmethod
     def nearest(cls, kind: str, points: Array) -> Shapes:
         """Return the shapes nearest to closed curves (N, K, 2) that have not moved yet."""
-        xp, values = namespace(points), contiguous(shapes.nearest_shape(kind, points))
-        zeros = xp.zeros((*values.shape, 4), dtype=xp.float32, device=points.device)
-        return cls(kind, values, zeros, xp.zeros((len(points),), dtype=xp.int32, device=points.device))
+        values = contiguous(shapes.nearest_shape(kind, points))
+        return cls(kind, values, *unmoved(points, values.shape[1]))
 
     @property
     def has_axes(self) -> bool:

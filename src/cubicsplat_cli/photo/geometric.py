@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 
-from cubicsplat_cli.raster.cpu import Blunting, pointer_on
+from cubicsplat_cli.raster.cpu import Blunting
+from cubicsplat_cli.raster.native import address_on
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import segments_from_points
 from cubicsplat_cli.scene.arrays import Array, namespace
@@ -44,22 +45,21 @@ class Regulariser:
             self._blunting.left = 0
 
     def due(self, progress: float) -> bool:
-        """True if spikes and slivers count at this progress of the fit, in [0, 1]."""
+        """Return whether spikes and slivers count at this progress of the fit, in [0, 1]."""
         return self.recipe.spike_penalty > 0.0 and progress > SPIKES_FROM
 
     def blunting(self, points: Array, *, progress: float, loss: float | Array) -> Blunting | None:
-        """The penalty on spikes and slivers for an engine; None where they do not count.
+        """Return the penalty on spikes and slivers for an engine; None if they do not count.
 
         points: (N, K, 2), the engine's own. progress: of the fit, in [0, 1]. loss: of the last step; a tensor stays on
         its device.
         """
         if not self.due(progress):
             return None
-        pointer = pointer_on(points.device)
         if self._blunting is None:
             weight = self.recipe.spike_penalty
             self.spikes = namespace(points).empty_like(points)
-            gradient = pointer(self.spikes, "spikes", tuple(points.shape), "float32")
+            gradient = address_on(points.device, self.spikes, "spikes", tuple(points.shape), "float32")
             # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
             turns, slivers = TURNS * weight / self.joins, SLIVERS * weight / (self.size[0] * self.size[1])
             self._blunting = Blunting(
@@ -70,18 +70,18 @@ class Regulariser:
             self._blunting.loss = loss
         else:
             self._loss = namespace(loss).astype(loss, namespace(loss).float64)
-            self._blunting.loss_at = pointer(self._loss, "loss", (), "float64")
+            self._blunting.loss_at = address_on(points.device, self._loss, "loss", (), "float64")
         return self._blunting
 
     def crossing_gradient(self, points: Array, ring_ends: Array | None) -> Array | None:
-        """That of the penalty on self-crossings, (N, K, 2); None without one."""
+        """Return the gradient (N, K, 2) of the penalty on self-crossings; None without one."""
         weight = self.recipe.crossing_penalty * self.size[0] * self.size[1]
         return crossing_gradient(points, self.mode, weight, ring_ends) if weight > 0.0 else None
 
 
 def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array | None = None) -> Array:
-    """Gradient (N, K, 2) of weight times the mean over all cubics of the Xing loss of points (N, K, 2), which is 0
-    where no handles of a cubic cross, and at most 1.
+    """Return the gradient (N, K, 2) of weight times the mean over all cubics of the Xing loss of points (N, K, 2). The
+    loss of a cubic is 0 if its handles do not cross, and at most 1.
 
     For a cubic A B C D let D1 = [AB x BC > 0] and D2 = AB x CD / (|AB| |CD|), the sine between the handles. A cubic
     whose handles turn the other way at its end crosses itself or nearly so: the loss is relu(-D2) where D1, else
@@ -89,10 +89,10 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     section on the Xing loss.
     """
     xp, found = namespace(points), segments_of(points, mode, ring_ends)
-    first, last, side = _handles(points, mode, found)
+    first, last, side = _handles(points, found)
     # The sine is the cosine between the first handle, turned by a right angle, and the last one.
     turned = xp.stack((-first[..., 1], first[..., 0]), axis=-1)
-    sine, of_turned, of_last = _cosine(turned, last, LEAST_CROSSING)
+    sine, of_turned, of_last = _cosine(turned, last)
     factor = weight * side * ((side * sine > 0.0) & found.real) / xp.sum(xp.astype(found.real, points.dtype))
     of_first = factor[..., None] * xp.stack((of_turned[..., 1], -of_turned[..., 0]), axis=-1)
     of_last = factor[..., None] * of_last
@@ -104,8 +104,8 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     return interleaved(starts, of_first, -of_last, ends, mode)
 
 
-def _handles(points: Array, mode: Mode, found: SegmentIndices) -> tuple[Array, Array, Array]:
-    """First and last handle (N, M, 2) of each cubic, and (N, M) -1 where it turns left between them, else 1."""
+def _handles(points: Array, found: SegmentIndices) -> tuple[Array, Array, Array]:
+    """Return the first and last handle (N, M, 2) of each cubic, and (N, M) -1 if it turns left between them, else 1."""
     xp = namespace(points)
     a, b, c = (points_of_segments(points, 3 * found.index + k) for k in range(3))
     d = points_of_segments(points, 3 * found.after)
@@ -113,13 +113,13 @@ def _handles(points: Array, mode: Mode, found: SegmentIndices) -> tuple[Array, A
     return first, last, 1.0 - 2.0 * xp.astype(cross(first, middle) > 0, points.dtype)
 
 
-def _cosine(u: Array, v: Array, least: float) -> tuple[Array, Array, Array]:
-    """u v / max(|u| |v|, least) of vectors (..., 2), and its derivatives by u and by v."""
+def _cosine(u: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Return u v / max(|u| |v|, LEAST_CROSSING) of vectors (..., 2), and its derivatives by u and by v."""
     xp = namespace(u)
     product = lengths(u) * lengths(v)
-    divisor = xp.clip(product, min=least)[..., None]
+    divisor = xp.clip(product, min=LEAST_CROSSING)[..., None]
     cosine = xp.sum(u * v, axis=-1)[..., None] / divisor
-    through = cosine * (product >= least)[..., None]
+    through = cosine * (product >= LEAST_CROSSING)[..., None]
     of_u, of_v = (
         other / divisor - through * own / xp.clip(xp.sum(own * own, axis=-1)[..., None], min=_NEXT_TO_NOTHING)
         for own, other in ((u, v), (v, u))
@@ -141,6 +141,7 @@ class SegmentIndices:
 
 
 def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> SegmentIndices:
+    """Return the segments of curves (N, K, 2) and their neighbours. ring_ends: as in `Scene`."""
     xp, count, device = namespace(points), segments_from_points(mode, points.shape[1]), points.device
     if ring_ends is None:
         ends = xp.full((1, 1), count, dtype=xp.int64, device=device)
@@ -159,21 +160,23 @@ def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> SegmentIn
 
 
 def interleaved(starts: Array, seconds: Array, thirds: Array, end: Array, mode: Mode) -> Array:
-    """(N, K, 2) from what each segment's first three points have, (N, M, 2), and a stroke's last one, (N, 1, 2)."""
+    """Return (N, K, 2) of a value (N, M, 2) of each segment's first three points, and a stroke's last, (N, 1, 2)."""
     xp, (n, m, _) = namespace(starts), starts.shape
     found = xp.reshape(xp.stack((starts, seconds, thirds), axis=2), (n, 3 * m, 2))
     return found if mode is Mode.CLOSED else xp.concat((found, end), axis=1)
 
 
 def points_of_segments(values: Array, index: Array) -> Array:
-    """Of (N, K, 2) those at (N or 1, M) places of each curve: (N, M, 2)."""
+    """Return (N, M, 2): the values (N, K, 2) at places (N or 1, M) of each curve."""
     return namespace(values).take_along_axis(values, index[..., None], axis=1)
 
 
 def lengths(u: Array) -> Array:
+    """Return the lengths (...) of vectors (..., 2)."""
     xp = namespace(u)
     return xp.sqrt(xp.sum(u * u, axis=-1))
 
 
 def cross(u: Array, v: Array) -> Array:
+    """Return the cross products (...) of vectors (..., 2)."""
     return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]

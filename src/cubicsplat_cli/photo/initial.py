@@ -136,7 +136,7 @@ def curves_to_fit(
     soft = settings.recipe.edges == "soft"
     return FitCurves(
         settings.mode, width, height, contiguous(copied(sized.points)), _logits(sized.colours),
-        xp.clip(logit(xp.clip(sized.opacities, 1e-6, 1.0 - 1e-6)), -MOST_LOGIT, MOST_LOGIT),
+        _logits(sized.opacities, 1e-6),
         xp.clip(sized.half_widths, min=LEAST_HALF_WIDTH), background, sized.ring_ends,
         edge_widths=xp.full_like(sized.half_widths, settings.recipe.soft_edge) if soft else None,
         fills=_fills(sized, settings),
@@ -166,9 +166,10 @@ def _fills(scene: Scene, settings: FitSettings) -> LinearFills | None:
     return fills
 
 
-def _logits(colours: Array) -> Array:
-    xp, margin = namespace(colours), 1e-3 * COLOUR_MARGIN
-    return xp.clip(logit(xp.clip(colours, margin, 1.0 - margin)), -MOST_LOGIT, MOST_LOGIT)
+def _logits(shares: Array, margin: float = 1e-3 * COLOUR_MARGIN) -> Array:
+    """Return the logits, of at most MOST_LOGIT, of colours or opacities that are kept a margin from 0 and 1."""
+    xp = namespace(shares)
+    return xp.clip(logit(xp.clip(shares, margin, 1.0 - margin)), -MOST_LOGIT, MOST_LOGIT)
 
 
 def keep_frozen(scene: Scene, start: Scene, count: int) -> None:

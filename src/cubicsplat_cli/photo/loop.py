@@ -18,9 +18,10 @@ from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped
 from cubicsplat_cli.photo.stepper import Phase, Schedule, Stepper, gini
 from cubicsplat_cli.progress import FrameRecorder, Progress
+from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene, points_from_segments, scaled_scene
 from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, like, namespace, one_torch_thread, with_channels
 from cubicsplat_cli.settings import FitSettings
 
@@ -99,7 +100,7 @@ class FitLoop:
 
     def _resized_to_count(self, curves: FitCurves) -> FitCurves:
         """Return a drawing's curves without the least important if they are too many, or behind new ones if too few."""
-        wanted, room = self.settings.curves, 3 * self.settings.segments + (self.settings.mode.value == "open")
+        wanted, room = self.settings.curves, points_from_segments(self.settings.mode, self.settings.segments)
         if curves.curves > wanted:
             xp, (_, importance) = namespace(self.goal), self.evaluator.importance(curves)
             return curves.chosen(xp.sort(xp.argsort(-importance)[:wanted])).with_room_for(room)
@@ -242,7 +243,7 @@ class FitLoop:
         if self.saved is None:
             raise error
         step, curves = self.saved
-        self.engine = open_engine("cpu", self.settings.threads, mode=curves.mode, channels=curves.channels)
+        self.engine = CpuEngine(self.settings.threads)
         self._look_at(self.target, self.inputs)
         self._go_on_with(FitState.unmoved(curves))
         unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"

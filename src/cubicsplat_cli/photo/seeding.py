@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.photo import initial
 from cubicsplat_cli.photo.initial import colour_to_logits, control_points, picture_colours_at
 from cubicsplat_cli.photo.state import Background, FitCurves
-from cubicsplat_cli.raster.cpu import native
+from cubicsplat_cli.raster.native import native
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, copied, like, namespace
 from cubicsplat_cli.scene.shapes import TEMPLATES, polygon_points

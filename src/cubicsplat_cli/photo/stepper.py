@@ -145,15 +145,14 @@ class Stepper:
         self.image, self.importance = xp.empty_like(goal), xp.zeros_like(curves.half_widths)
         self.loss: float | Array = 0.0
         self.training = Training(
-            goal, state.optimiser, Rates(0.0, 0.0, 0.0, 0.0), importance_kind=recipe.importance,
-            weights=self.objective.weights, penalty=self.objective.judged_by,
-            image_gradient=None if self.objective.pixelwise else xp.empty_like(goal),
+            goal, state.optimiser, Rates(0.0, 0.0, 0.0, 0.0), weights=self.objective.weights,
+            penalty=self.objective.judged_by, gradient=None if self.objective.pixelwise else xp.empty_like(goal),
         )  # fmt: skip
         if self.scene.gradients is not None:
-            self.training.frames_gradient = xp.empty_like(self.scene.gradients.frames)
-            self.training.stops_gradient = xp.empty_like(self.scene.gradients.stops)
+            names = ("frames", "stops")
+            self.training.out |= {name: xp.empty_like(getattr(self.scene.gradients, name)) for name in names}
         if curves.restricted is not None:
-            self.training.of_points = xp.empty_like(curves.points)
+            self.training.out["points"] = xp.empty_like(curves.points)
         self.still: Array | None = None  # (N,): the curves that are frozen
         if frozen:
             scale = xp.ones((curves.curves, RATED), dtype=xp.float32, device=goal.device)
@@ -189,8 +188,7 @@ class Stepper:
             middles = curves.middles()
             self.scene.gradients.overwrite(curves.fills.gradients(middles))
             self.loss = self._engine_step(raster)
-            gradients = training.frames_gradient, training.stops_gradient
-            curves.fills.learn(middles, *gradients, training.rates, self.still)
+            curves.fills.learn(middles, training.out["frames"], training.out["stops"], training.rates, self.still)
         if self.schedule.recipe.shared_opacity > 0.0 and not self._by_engine:
             curves.opacities[...] = curves.opacities.mean()
         return self.loss
@@ -213,7 +211,8 @@ class Stepper:
         if curves.restricted is None or not curves.restricted.has_axes:  # those have no spikes and cannot cross
             training.points_gradient = self.regulariser.crossing_gradient(curves.points, curves.ring_ends)
             training.blunting = self.regulariser.blunting(curves.points, progress=progress, loss=self.loss)
-        training.importance = self.importance if measured else None
+        training.importance = self.schedule.recipe.importance if measured else None
+        training.out["importance"] = self.importance if measured else None
         training.image = self.image if measured or not self.objective.squared else None
 
     def _step_shapes(self, shapes: Shapes, raster: RasterSettings) -> None:
@@ -221,16 +220,16 @@ class Stepper:
         training, rates, further = self.training, self.training.rates, self.training.points_gradient
         training.rates, training.points_gradient = replace(rates, points=0.0), None
         self.loss = self._engine_step(raster)
-        of_points = training.of_points
+        of_points = training.out["points"]
         shapes.learn(of_points if further is None else of_points + further, rates)
         self.state.curves.points[...] = shapes.points()
 
     def _engine_step(self, raster: RasterSettings) -> float | Array:
         training = self.training
-        if training.image_gradient is None:
+        if training.gradient is None:
             return self.engine.step(self.scene, raster, training)
         loss, gradient = self.objective.gradient(self.engine.render(self.scene, raster))
-        training.image_gradient[...] = gradient
+        training.gradient[...] = gradient
         self.engine.step(self.scene, raster, training)
         return loss if self.engine.runs_ahead else float(loss)
 

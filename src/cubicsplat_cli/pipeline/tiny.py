@@ -29,8 +29,8 @@ from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import scene_arrays
-from cubicsplat_cli.raster.polygon_steps import FEWEST, SLACK, PolygonSteps
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.stack import FEWEST, SLACK, PolygonSteps
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import FitSettings, cpu_count

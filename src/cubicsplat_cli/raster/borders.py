@@ -13,7 +13,7 @@ from itertools import compress
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, doubles, floats, int32s, native
+from cubicsplat_cli.raster.native import Out, doubles, floats, int32s, native
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
 
@@ -72,13 +72,9 @@ class BorderMap:
     def loops(self) -> Loops:
         """The loops around all regions."""
         room = int(self.cracks.sum()) + 2 * sum(self.labels.shape)
-        cracks, beside, loops = (
-            np.empty((room, 3), np.int64),
-            np.empty(room, np.int64),
-            (Out(room, np.int64), Out(room, np.int64)),
-        )
-        ends = _native("cs_loops", self.labels, *self.labels.shape, cracks, beside, *loops, result=c_int64)
-        return Loops(cracks, beside, *ends)
+        cracks, beside = np.empty((room, 3), np.int64), np.empty(room, np.int64)
+        out = cracks, beside, Out(room, np.int64), Out(room, np.int64)
+        return Loops(cracks, beside, *_native("cs_loops", self.labels, *self.labels.shape, *out, result=c_int64))
 
 
 def border_map(labels: np.ndarray) -> BorderMap:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, bools, doubles, int64s, native
+from cubicsplat_cli.raster.native import Out, bools, doubles, int64s, native
 from cubicsplat_cli.record import record
 
 _native = partial(native, "outlines")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.native import address_on
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings, image_loss
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, namespace
@@ -22,9 +22,6 @@ IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 RATED = 5  # groups of parameters with a rate of their own, in the order of `Rates`
 MOVED = ("points", "colours", "opacities", "half_widths", "edge_widths")  # arrays of a scene that steps move
 INTEGERS = ("ring_ends", "kinds", "counts", "ages")  # int32, all others float32
-# A function of an array, its name for messages, its shape and type: the address of its values, None for None. It raises
-# EngineError if the engine cannot use the array.
-Pointer = Callable[[Array, str, tuple[int, ...], str], "int | None"]
 PAINTS = 5  # values of a curve beside its points: three of its colour, opacity, half-width
 
 
@@ -39,10 +36,9 @@ def _shapes(n: int, k: int, rings: int, stops: int, picture: tuple[int, int, int
         "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
         "ring_ends": (n, rings), "background": picture[2:], "importance": (n,),
         "kinds": (n,), "counts": (n,), "frames": (n, 2, 4), "offsets": (n, stops), "stops": (n, stops, 4),
-        "frames_gradient": (n, 2, 4), "stops_gradient": (n, stops, 4),
         "moments": (n, values_per_curve(k), 4), "edge_moments": (n, 4), "ages": (n,),
-        "points_gradient": (n, k, 2), "of_points": (n, k, 2), "rate_scale": (n, RATED),
-        "target": picture, "gradient": picture, "image": picture, "image_gradient": picture, "weights": picture[:2],
+        "points_gradient": (n, k, 2), "rate_scale": (n, RATED),
+        "target": picture, "gradient": picture, "image": picture, "weights": picture[:2],
         "ground": picture, "metric": (2, *picture),
     }  # fmt: skip
 
@@ -63,19 +59,21 @@ class EngineScene(Scene):
         picture = self.height, self.width, self.channels
         return _shapes(self.curves, self.points_per_curve, self.most_rings, self.most_stops, picture)
 
-    def addresses(self, pointer: Pointer, arrays: dict[str, Array], prefix: str = "") -> dict[str, int | None]:
-        """Return the addresses of arrays, by the names of `shapes`; messages put a prefix before these."""
+    def addresses(self, device: Any, arrays: dict[str, Array], prefix: str = "") -> dict[str, int | None]:
+        """Return the addresses of arrays on an engine's device, by the names of `shapes`; messages put a prefix before
+        these. Raises EngineError for an array that the engine cannot use.
+        """
         shapes = self.shapes()
         return {
-            name: pointer(array, prefix + name, shapes[name], "int32" if name in INTEGERS else "float32")
+            name: address_on(device, array, prefix + name, shapes[name], "int32" if name in INTEGERS else "float32")
             for name, array in arrays.items()
         }
 
-    def own_addresses(self, pointer: Pointer) -> dict[str, int | None]:
+    def own_addresses(self, device: Any) -> dict[str, int | None]:
         """Return the addresses of the arrays of the scene and of its gradients."""
         fills = {} if self.gradients is None else vars(self.gradients)
         own = {name: getattr(self, name) for name in (*MOVED, "ring_ends")}
-        return self.addresses(pointer, own) | self.addresses(pointer, fills, "gradients.")
+        return self.addresses(device, own) | self.addresses(device, fills, "gradients.")
 
 
 @dataclass(eq=False)
@@ -114,12 +112,8 @@ class OptimiserState(CurveArrays):
     @classmethod
     def zeros_for(cls, points: Array) -> OptimiserState:
         """Return the state of new curves with control points (N, K, 2), in arrays of the same kind and device."""
-        xp, (n, k) = namespace(points), points.shape[:2]
-
-        def zeros(*shape: int, dtype: Any = xp.float32) -> Array:
-            return xp.zeros(shape, dtype=dtype, device=points.device)
-
-        return cls(zeros(n, values_per_curve(k), 4), zeros(n, 4), zeros(n, dtype=xp.int32))
+        moments, ages = unmoved(points, values_per_curve(points.shape[1]))
+        return cls(moments, namespace(points).zeros_like(moments[:, 0]), ages)
 
     def resize(self, across: float, down: float) -> None:
         """Adapt, in place, to a picture whose sides are multiplied by these factors.
@@ -133,63 +127,64 @@ class OptimiserState(CurveArrays):
         grow(self.moments, growth)
 
 
+def unmoved(points: Array, values: int) -> tuple[Array, Array]:
+    """Return Adan's moments (N, V, 4) and ages (N,) for so many values of each of new curves (N, K, 2)."""
+    xp, n = namespace(points), len(points)
+    moments = xp.zeros((n, values, 4), dtype=xp.float32, device=points.device)
+    return moments, xp.zeros((n,), dtype=xp.int32, device=points.device)
+
+
 def grow(moments: Array, growth: Array) -> None:
     """Adapt Adan's moments (N, V, 4), in place, to gradients that grow by factors (V,)."""
     moments *= namespace(moments).stack([growth, growth, growth * growth, growth], axis=-1)
 
 
 @dataclass(eq=False)
-class Backward:
-    """A backward pass: the sources of its gradient, and the tensors to fill; see `Engine.gradients`."""
+class Pass:
+    """The pictures of a pass over a scene, and the arrays that it fills.
 
-    gradient: Array | None
+    Read unless None: target (H, W, C), with the penalty of its pixels' errors; gradient (H, W, C), dL/dF of another
+    loss, which a backward pass follows in place of the target's; weights (H, W), at least 0, factors of the pixels'
+    losses and importances. importance: "visibility" or "loo" to measure it. Filled: image (H, W, C) unless None; and
+    the arrays of out, dL/d of the scene's by their names, and "importance" (N,) if it is measured.
+    """
+
     target: Array | None
-    weights: Array | None
-    penalty: Penalty
-    importance: str | None
-    out: dict[str, Array]
+    _: KW_ONLY
+    gradient: Array | None = None
+    weights: Array | None = None
+    penalty: Penalty = SQUARED
+    importance: str | None = None
+    image: Array | None = None
+    out: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def pictures(self) -> dict[str, Array | None]:
+        """The pictures that are read, by name."""
+        return {"target": self.target, "gradient": self.gradient, "weights": self.weights}
 
 
 @dataclass(eq=False)
-class Training:
-    """The inputs of training steps, their rates, and the arrays that they fill. A fit makes it once and changes it.
+class Training(Pass):
+    """A pass that ends with a training step, whose `out` may hold "points", "frames", "stops" and "importance". A step
+    leaves the scene's gradients, "frames" and "stops", to its caller. A fit makes it once and changes it.
 
-    target (H, W, C): the picture; penalty: the cost of its pixels' errors. importance_kind: "visibility" or "loo".
-    Read unless None: weights (H, W), at least 0, factors of the pixels' losses and importances; image_gradient (H, W,
-    C), dL/dF of another loss, which the step follows in place of the target's; points_gradient (N, K, 2), of a further
-    loss term, added to the picture's; rate_scale (N, 5), each curve's factors of the step sizes, in the order of
-    `Rates`. Filled unless None: image (H, W, C); importance (N,); of_points (N, K, 2), dL/d of the control points; and
-    if the scene has gradients, whose frames and stops a step leaves to its caller, frames_gradient (N, 2, 4) and
-    stops_gradient (N, S, 4), dL/d of either. blunting: the penalty on spikes and slivers, whose gradient is added too
-    (`raster.cpu.Blunting`).
+    Read unless None: points_gradient (N, K, 2), of a further loss term, added to the picture's; rate_scale (N, 5), each
+    curve's factors of the step sizes, in the order of `Rates`. blunting: the penalty on spikes and slivers, whose
+    gradient is added too (`raster.cpu.Blunting`).
 
     Only the CPU's engine has these. tied: arrays of numpy that determine the control points and are moved in their
     place: values (N, V, 2), Adan's moments (N, 2 V, 4) and ages (N,) for them, and map (K, V), with points = map
     values. shared_opacity: after a step all curves have the mean of their opacities.
     """
 
-    target: Array
     state: OptimiserState
     rates: Rates
-    image: Array | None = None
-    importance: Array | None = None
-    importance_kind: str | None = None
-    weights: Array | None = None
-    penalty: Penalty = SQUARED
-    image_gradient: Array | None = None
     points_gradient: Array | None = None
     rate_scale: Array | None = None
-    of_points: Array | None = None
-    frames_gradient: Array | None = None
-    stops_gradient: Array | None = None
     blunting: Any = None
     tied: tuple[Array, Array, Array, Array] | None = None
     shared_opacity: bool = False
-
-    @property
-    def wanted_importance(self) -> str | None:
-        """The kind of importance to measure; None without a tensor to fill."""
-        return None if self.importance is None else self.importance_kind
 
 
 class Checkpoint(Protocol):
@@ -286,11 +281,12 @@ class Engine(ABC):
         xp, place = namespace(scene.points), scene.points.device
         shapes = scene.shapes()
         out = {name: xp.zeros(shapes[name], dtype=xp.float32, device=place) for name in names}
-        return self._gradients(scene, settings, Backward(gradient, target, weights, penalty, importance, out)), out
+        given = Pass(target, gradient=gradient, weights=weights, penalty=penalty, importance=importance, out=out)
+        return self._gradients(scene, settings, given), out
 
     @abstractmethod
-    def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
-        """Fill `wanted.out`, whose tensors are zero, and return the loss."""
+    def _gradients(self, scene: EngineScene, settings: RasterSettings, given: Pass) -> float:
+        """Fill `given.out`, whose arrays are zero, and return the loss."""
 
     @abstractmethod
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float | Array:

@@ -31,22 +31,6 @@ _of_gpu: dict[int, CudaEngine] = {}
 _lock = threading.Lock()
 
 
-class Gpus:
-    """The GPUs of this machine, for `open_engine`."""
-
-    def usable(self) -> bool:
-        """Return whether torch can use one."""
-        if gpus() == 0:  # asked first, since the import of torch takes seconds
-            return False
-        from cubicsplat_cli.raster.cuda.driver import missing_piece
-
-        return missing_piece() is None
-
-    def engine(self, program: Program) -> Engine:
-        """Return CUDA's engine, for a program at first. Raises EngineError if it cannot run."""
-        return cuda_engine(program=program)
-
-
 def open_engine(
     device: str = "auto",
     threads: int | None = None,
@@ -57,34 +41,42 @@ def open_engine(
     subdivide: bool = False,
     segments: int = 1,
     samples: int = 1,
-    gpus: Gpus | None = None,
+    opened: Callable[[Program], Engine] | None = None,
 ) -> Engine:
     """Open the engine for `device`: "cpu", "cuda", or "auto", CUDA's if there is a GPU that passes its self-test.
 
     mode, channels, painted (with gradients): of the first scene, whose kernels CUDA compiles and tests at once.
     subdivide: de Casteljau subdivision is needed, which only the CPU's engine has. segments: of the longest curve.
-    samples: edges per cubic at most. gpus: default this machine's. Raises EngineError with the reason if the requested
-    engine cannot run or draw this. If "auto" finds a GPU that it cannot use, it logs why.
+    samples: edges per cubic at most. opened: opens CUDA's engine for a program at first; by default on a GPU of this
+    machine, if it has one. Raises EngineError with the reason if the requested engine cannot run or draw this. If
+    "auto" finds a GPU that it cannot use, it logs why.
     """
-    gpus = gpus or Gpus()
 
     def cuda() -> Engine:
-        if subdivide:
-            raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
         from cubicsplat_cli.raster.cuda.compile import Program
-        from cubicsplat_cli.raster.cuda.frame import check_lengths
+        from cubicsplat_cli.raster.cuda.frame import check_drawable
 
-        check_lengths(segments, samples)
-        return gpus.engine(Program(mode, channels, painted))
+        check_drawable(segments, samples, subdivide)
+        program = Program(mode, channels, painted)
+        return opened(program) if opened else cuda_engine(program=program)
 
     if device == "cuda":
         return cuda()
-    if device == "auto" and gpus.usable():
+    if device == "auto" and (opened or _gpu_is_usable()):
         try:
             return cuda()
         except EngineError as error:
             _log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
+
+
+def _gpu_is_usable() -> bool:
+    """Return whether torch can use a GPU of this machine."""
+    if gpus() == 0:  # asked first, since the import of torch takes seconds
+        return False
+    from cubicsplat_cli.raster.cuda.driver import missing_piece
+
+    return missing_piece() is None
 
 
 def cuda_engine(index: int | None = None, program: Program | None = None) -> CudaEngine:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, bools, doubles, native
+from cubicsplat_cli.raster.native import Out, bools, doubles, native
 
 _native = partial(native, "filters")
 # The numbers that kernels/cpu/line_filters.cpp has for them.

@@ -28,14 +28,11 @@ _TENSORS = (
     "points", "colours", "opacities", "half_widths", "gradients.frames", "gradients.stops", "gradients.offsets",
     "gradients.kinds", "gradients.counts", "ring_ends",
 )  # fmt: skip
-_ALWAYS, _DIFFERENTIABLE, _FLOATS = 4, 6, 7
-_NUMBERS = "int[] canvas, float[] background, int[] counts, float[] lengths"
+_DIFFERENTIABLE, _FLOATS = 6, 7
 _SCHEMA = (
-    ", ".join(
-        f"Tensor{'?' * (place >= _ALWAYS)} {name.replace('.counts', '.stop_counts').rpartition('.')[2]}"
-        for place, name in enumerate(_TENSORS)
-    )
-    + f", {_NUMBERS}"
+    "Tensor points, Tensor colours, Tensor opacities, Tensor half_widths, Tensor? frames, Tensor? stops, "
+    "Tensor? offsets, Tensor? kinds, Tensor? stop_counts, Tensor? ring_ends, "
+    "int[] canvas, float[] background, int[] counts, float[] lengths"
 )
 
 
@@ -57,7 +54,7 @@ def _given(*inputs: Any) -> tuple[EngineScene, RasterSettings]:
     (closed, width, height), background, (exact, samples, subdivide), (edge_width, tolerance) = inputs[len(_TENSORS) :]
     fills = {name.partition(".")[2]: t for name, t in tensors.items() if "." in name}
     scene = EngineScene(
-        Mode.CLOSED if closed else Mode.OPEN, width, height, **{name: tensors[name] for name in _TENSORS[:_ALWAYS]},
+        Mode.CLOSED if closed else Mode.OPEN, width, height, **{name: tensors[name] for name in _TENSORS[:4]},
         background=tuple(background) or None, ring_ends=tensors["ring_ends"],
         gradients=None if fills["frames"] is None else Gradients(**fills),
     )  # fmt: skip

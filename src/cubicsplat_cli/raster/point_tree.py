@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, address_of, doubles, int64s, native
+from cubicsplat_cli.raster.native import Out, address_of, doubles, int64s, native
 
 _native = partial(native, "points")
 

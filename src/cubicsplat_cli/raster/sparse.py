@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import int64s, native
+from cubicsplat_cli.raster.native import int64s, native
 from cubicsplat_cli.record import record
 
 

@@ -1,4 +1,5 @@
-"""Stacks of shapes in double precision: their picture, and steps that bring it nearer to a target.
+"""Stacks of shapes in double precision: their picture, and steps that bring it nearer to a target; and steps of one
+polygon of a stack on a grid, other outlines and colours.
 
 The structures mirror kernels/cpu/stack.h field by field. Pictures are (H, W, 4) float64, premultiplied, in [0, 1].
 """
@@ -6,7 +7,7 @@ The structures mirror kernels/cpu/stack.h field by field. Pictures are (H, W, 4)
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from ctypes import byref, c_double, c_int32, c_int64, c_void_p
 from dataclasses import field
 from functools import cached_property, partial
@@ -15,12 +16,16 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import Out, address_of, int32s, int64s, members, native
+from cubicsplat_cli.raster.native import Out, address_of, floats, int32s, int64s, members, native
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
 _native = partial(native, "finish")
 _OPAQUE = 254.5 / 255.0
+FEWEST = 3  # vertices of a polygon
+STEPS = 5  # that may be proposed for a polygon at once
+SLACK = 3.0  # bytes by which a file may turn out smaller than the guess from the length of a path
+PolygonStep = tuple[float, float, np.ndarray, np.ndarray]  # score, rise of the loss, vertices (n, 2) and levels (3,)
 
 
 class _Goal(ctypes.Structure):
@@ -229,6 +234,40 @@ class DrawnStack:
         )  # fmt: skip
         out = Out(variables), Out(variables), Out(outlines), Out(outlines)
         return Step(*_native("cs_stack_step", self._handle, byref(given), float(chance), *out))
+
+
+class PolygonSteps:
+    """Looks for steps of polygons over a ground, front to back, towards a picture.
+
+    goal: (H, W, C) float32, and its weights (H, W) or None. scale: (2,) px per unit. most: vertices of a polygon.
+    """
+
+    def __init__(
+        self, goal: np.ndarray, weights: np.ndarray | None, scale: np.ndarray, most: int, threads: int
+    ) -> None:
+        self.picture = goal, None if weights is None else floats(weights), *goal.shape, scale
+        self.most, self.threads = most, threads
+
+    def take(self, vertices: list[np.ndarray], levels: np.ndarray, ground: np.ndarray | None, opacity: float) -> None:
+        """Take over the polygons, their colours (N, 3) in 0..15, the ground's (3,) in 0..1, and the opacity of all."""
+        ends = np.cumsum([len(polygon) for polygon in vertices], dtype=np.int32)
+        behind = np.zeros(4, np.float32)
+        behind[:3] = 0.0 if ground is None else ground
+        self._polygons = int32s(np.concatenate(vertices)), ends, int32s(levels), len(vertices), behind, opacity
+
+    def best(self, index: int, price: float) -> Iterator[PolygonStep]:
+        """Yield the steps of a polygon with the best scores, of loss + price x bytes; the bytes are guessed."""
+        outlines, levels = Out((STEPS, self.most, 2), np.int32), Out((STEPS, 3), np.int32)
+        out = Out(STEPS), Out(STEPS), outlines, Out(STEPS, np.int32), levels
+        given = *self.picture, *self._polygons, index, self.most, price, SLACK, self.threads, STEPS
+        steps = native("search", "cs_polygon_steps", *given, *out, result=c_int64)
+        for score, rise, outline, corners, paint in zip(*steps, strict=True):
+            yield float(score), float(rise), outline[:corners], paint
+
+    def removals(self, index: int, corners: int) -> np.ndarray:
+        """Return by how much the loss rises without each of a polygon's vertices, and last without all of it."""
+        rises = Out(corners + 1 if corners > FEWEST else 1)
+        return native("search", "cs_polygon_removals", *self.picture, *self._polygons, index, rises)
 
 
 def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:

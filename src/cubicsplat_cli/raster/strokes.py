@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import Out, bools, doubles, native
+from cubicsplat_cli.raster.native import Out, bools, doubles, native
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 

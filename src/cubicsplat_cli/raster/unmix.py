@@ -13,7 +13,8 @@ from functools import partial
 import numpy as np
 
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.cpu import Out, doubles, floats, int32s, int64s, native
+from cubicsplat_cli.raster.native import Out, doubles, floats, int32s, int64s, native
+from cubicsplat_cli.raster.shades import nearest_paints
 
 _native = partial(native, "regions")
 SLOTS, REACH = 4, 3  # fills that are looked at near a pixel, and px up to which they lie away
@@ -46,9 +47,7 @@ def near_fills(fills: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> n
     """Return (n, SLOTS) int32: the different fills >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px
     away along rows and columns; -1 in slots that are left.
     """
-    pixels = int64s(y * fills.shape[1] + x)
-    near = Out((len(pixels), SLOTS), np.int32)
-    return _native("cs_near", int32s(fills), *fills.shape, len(pixels), pixels, reach, SLOTS, near, None)
+    return nearest_paints(fills, y * fills.shape[1] + x, reach, SLOTS)[0]
 
 
 def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -223,13 +222,12 @@ def steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     and from the one to the right, in the channel with the largest.
     """
     height, width, channels = levels.shape
-    down, along = (
-        _native(
-            "cs_steps", floats(levels), *size, channels, width * channels, apart, Out(size, np.float32), result=None
-        )
-        for size, apart in (((max(height - 1, 0), width), width * channels), ((height, max(width - 1, 0)), channels))
-    )
-    return down, along
+    levels, row = floats(levels), width * channels
+
+    def across(size: tuple[int, int], apart: int) -> np.ndarray:
+        return _native("cs_steps", levels, *size, channels, row, apart, Out(size, np.float32), result=None)
+
+    return across((max(height - 1, 0), width), row), across((height, max(width - 1, 0)), channels)
 
 
 def off_palette(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.raster.shadows import ShadedPixels, shadow_box, shadow_window
+from cubicsplat_cli.raster.shades import ShadedPixels, shadow_box, shadow_window
 from cubicsplat_cli.record import record
 
 FAR = 400.0  # px beyond the canvas at which a side lies that the canvas cuts off

@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.shadows.casters import (
     shaded_grounds,
     silhouettes_of,
 )
-from cubicsplat_cli.raster.shadows import ShadedPixels
+from cubicsplat_cli.raster.shades import ShadedPixels
 from cubicsplat_cli.record import record
 
 HALFWAY = 0.6  # share of the shaded pixels that layers must explain to be continued

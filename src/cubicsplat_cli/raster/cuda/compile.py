@@ -1,4 +1,4 @@
-"""Compiles the CUDA kernels: no CUDA toolkit, no CUDA_HOME, no compiler but NVRTC, which comes with torch.
+"""The compiler of the CUDA kernels: no CUDA toolkit, no CUDA_HOME, no compiler but NVRTC, which comes with torch.
 
 The kernels lie in the package as text. They are compiled when they are first needed on a kind of GPU, about a second
 for each of the eight programs (fills or strokes, three or four channels, flat or with gradients), and read from the
@@ -38,7 +38,7 @@ class Program:
 
     @classmethod
     def of(cls, scene: EngineScene) -> Program:
-        """The program that draws a scene."""
+        """Return the program that draws a scene."""
         return cls(scene.mode, scene.channels, scene.gradients is not None)
 
     @property
@@ -56,7 +56,7 @@ class Program:
 
 
 def sources(kernels: Path = KERNELS) -> dict[str, bytes]:
-    """Every file of the kernels by name. Raises EngineError where the package is incomplete."""
+    """Return every file of the kernels by name. Raises EngineError if the package is incomplete."""
     headers = sorted(path for folder in ("cuda", "shared") for path in (kernels / folder).glob("*.*h"))
     try:
         return {path.name: path.read_bytes() for path in (kernels / "cuda" / MAIN, *headers)}
@@ -65,7 +65,7 @@ def sources(kernels: Path = KERNELS) -> dict[str, bytes]:
 
 
 def options(program: Program, architecture: str) -> list[str]:
-    """Options of NVRTC. Divisions and square roots may be off in the last places, and a * b + c may be rounded once."""
+    """Return options of NVRTC. Divisions and roots may be off in the last places, and a * b + c may be rounded once."""
     return [
         f"--gpu-architecture={architecture}", "--std=c++17", "--ftz=true", "--prec-div=false", "--prec-sqrt=false",
         "--diag-suppress=128", *program.definitions(),
@@ -73,7 +73,7 @@ def options(program: Program, architecture: str) -> list[str]:
 
 
 def architecture_for(capability: tuple[int, int]) -> str:
-    """The target on a GPU of this compute capability: its own machine code, or the nearest that runs there.
+    """Return the target on a GPU of this compute capability: its own machine code, or the nearest that runs there.
 
     A GPU newer than the compiler gets intermediate code (compute_NN), which its driver finishes.
     """
@@ -96,7 +96,7 @@ def architecture_for(capability: tuple[int, int]) -> str:
 def compile_text(
     program: Program, architecture: str, extra: tuple[str, ...] = (), text: dict[str, bytes] | None = None
 ) -> tuple[bytes, str]:
-    """Compiles the kernels: the machine code (CUBIN, or PTX for compute_NN) and the compiler's log.
+    """Compile the kernels. Return the machine code (CUBIN, or PTX for compute_NN) and the compiler's log.
 
     extra: further options of NVRTC. text: as of `sources` (default: those).
     """
@@ -111,7 +111,7 @@ def compile_text(
 
 
 def cache_key(program: Program, architecture: str, version: tuple[int, int], text: dict[str, bytes]) -> str:
-    """Changes with the kernels' text, the options, the architecture and the compiler's version."""
+    """Return a key that changes with the kernels' text, the options, the architecture and the compiler's version."""
     digest = hashlib.sha256()
     parts = sorted(text.items())
     parts += [("options", "\n".join(options(program, architecture)).encode())]
@@ -125,7 +125,7 @@ def cache_key(program: Program, architecture: str, version: tuple[int, int], tex
 def machine_code(
     program: Program, capability: tuple[int, int], compiled: Callable[[Program, str], tuple[bytes, str]] = compile_text
 ) -> tuple[bytes, str]:
-    """Machine code of the kernels for a GPU, from the cache or compiled now (which it logs), and its architecture."""
+    """Return machine code for a GPU, from the cache or compiled now (which it logs), and its architecture."""
     architecture = architecture_for(capability)
     key = cache_key(program, architecture, nvrtc.version(), sources())
     code = read_cache(CACHE, key)

@@ -11,6 +11,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from ctypes import c_int, c_void_p
 from typing import Any, Protocol
 from weakref import WeakSet
 
@@ -24,14 +25,14 @@ from cubicsplat_cli.raster.cuda.compile import Program, machine_code
 from cubicsplat_cli.raster.cuda.frame import carve_out
 from cubicsplat_cli.raster.cuda.libcuda import LibCuda
 
-Argument = ctypes.Structure | ctypes.c_void_p
+Argument = ctypes.Structure | c_void_p
 
 
 class Kernels(Protocol):
     """The kernels of one program, ready to run."""
 
     def launch(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments: Argument) -> None:
-        """Queues a kernel of `grid` blocks with `threads` threads and `shared` bytes of dynamic shared memory each."""
+        """Queue a kernel of `grid` blocks with `threads` threads and `shared` bytes of dynamic shared memory each."""
 
 
 class Driver(ABC):
@@ -52,7 +53,7 @@ class Driver(ABC):
         self._loaded: dict[Program, Kernels] = {}
 
     def kernels(self, program: Program) -> Kernels:
-        """The kernels of a program, loaded once. Raises EngineError where they cannot be had."""
+        """Return the kernels of a program, loaded once. Raises EngineError if they are not available."""
         with self.lock:
             if program not in self._loaded:
                 self._loaded[program] = self._load(program)
@@ -60,30 +61,30 @@ class Driver(ABC):
 
     @abstractmethod
     def _load(self, program: Program) -> Kernels:
-        """Brings the kernels of a program to the device."""
+        """Bring the kernels of a program to the device."""
 
     @abstractmethod
     def stream(self) -> int:
-        """Address of the queue that launches go to now: buffers of one queue must not be reused in another."""
+        """Return the address of the queue that launches go to now. Buffers of a queue must not be reused in another."""
 
     @abstractmethod
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
-        """Records the launches of `body` without running them; the result replays them with the same arguments.
+        """Record the launches of `body` without running them. Return a function that runs them with these arguments.
 
         The caller holds the lock, here and where it drops the result: torch keeps a list of all graphs.
         """
 
     @abstractmethod
     def active(self) -> AbstractContextManager[Any]:
-        """Within, the device is torch's current one, and what torch says of its failure is an EngineError."""
+        """Return a context in which the device is torch's current one, and its failures are EngineErrors."""
 
     @abstractmethod
     def late_copy(self, source: Tensor) -> LateCopy:
-        """A tensor's values, read without waiting for the device."""
+        """Return a copy of a tensor that is read without waiting for the device."""
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """Its properties for the user, as plain values."""
+        """Return its properties for the user, as plain values."""
 
 
 class LateCopy:
@@ -98,11 +99,11 @@ class LateCopy:
         self._asked = False
 
     def keep_forever(self) -> None:
-        """After the device's failure: to free its pinned memory torch would ask the device, and end the process."""
+        """Keep the memory after the device failed: to free it torch would ask the device, and end the process."""
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self))
 
     def poll(self) -> list[int] | None:
-        """The values at the time of an earlier call, None while they are on their way; and asks for the next."""
+        """Return the values at the time of an earlier call, None while they are on their way. Ask for the next."""
         if self._asked and self._event is not None and not self._event.query():
             return None
         values = self._copy.tolist() if self._asked else None
@@ -114,7 +115,7 @@ class LateCopy:
 
 
 def missing_piece(cuda: str | None = torch.version.cuda) -> str | None:
-    """Why torch has no GPU here, in one sentence that says what to do; None where it has one. cuda: it is built for."""
+    """Return why torch has no GPU here, and what to do, in one sentence; None if it has one. cuda: it is built for."""
     if cuda is None:
         return "this torch has no CUDA: install the CUDA wheel of torch (https://pytorch.org), or use --device cpu"
     if torch.cuda.is_available():
@@ -129,7 +130,7 @@ def missing_piece(cuda: str | None = torch.version.cuda) -> str | None:
 
 
 def require_gpu() -> None:
-    """Raise EngineError, which says what to do, where torch has no GPU."""
+    """Raise EngineError, which says what to do, if torch has no GPU."""
     if reason := missing_piece():
         raise EngineError(reason)
 
@@ -137,24 +138,27 @@ def require_gpu() -> None:
 class _LoadedKernels:
     """Functions of a module in the device's memory."""
 
-    def __init__(self, driver: CudaDriver, module: ctypes.c_void_p) -> None:
+    def __init__(self, driver: CudaDriver, module: c_void_p) -> None:
         self._driver = driver
         self._module = module
-        self._functions: dict[str, ctypes.c_void_p] = {}
+        self._functions: dict[str, c_void_p] = {}
 
-    def _function(self, name: str, shared: int) -> ctypes.c_void_p:
+    def _function(self, name: str, shared: int) -> c_void_p:
         if name not in self._functions:
-            function = self._driver.library.function(self._module, name)
-            if shared:
-                percent = carve_out(name, shared, self._driver.shared_per_sm)
-                self._driver.library.carve_out(function, percent)
+            library = self._driver.library
+            doing = f"looking up the kernel {name}"
+            function = library.value(c_void_p, doing, "cuModuleGetFunction", self._module, name.encode())
+            if shared:  # a hint how much of a multiprocessor's fast memory it would like as shared memory
+                hint = libcuda.PREFERRED_SHARED_MEMORY_CARVEOUT, carve_out(name, shared, self._driver.shared_per_sm)
+                library.call("dividing its memory", "cuFuncSetAttribute", function, *hint)
             self._functions[name] = function
         return self._functions[name]
 
     def launch(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments: Argument) -> None:
-        driver = self._driver
-        function = self._function(name, shared)
-        driver.library.launch(name, function, grid, threads, shared, driver.stream(), arguments)
+        addresses = (c_void_p * len(arguments))(*map(ctypes.addressof, arguments))
+        size, stream = (*grid, 1, threads, 1, 1, shared), self._driver.stream()
+        given = self._function(name, shared), *size, stream, addresses, None
+        self._driver.library.call(f"starting the kernel {name}", "cuLaunchKernel", *given)
 
 
 class CudaDriver(Driver):
@@ -179,12 +183,16 @@ class CudaDriver(Driver):
         self.name = properties.name
         self.capability = (properties.major, properties.minor)
         self.memory = properties.total_memory
-        self.library = LibCuda()
-        handle = self.library.device(number)
-        self._context = self.library.primary_context(handle)
-        self.shared_per_block = self.library.attribute(handle, libcuda.MAX_SHARED_MEMORY_PER_BLOCK)
-        self.shared_per_sm = self.library.attribute(handle, libcuda.MAX_SHARED_MEMORY_PER_MULTIPROCESSOR)
-        self.driver_version = self.library.driver_version()
+        self.library = library = LibCuda()
+        device = library.value(c_int, "asking for the device", "cuDeviceGet", number)
+        # The one that torch works in, held for the life of the process.
+        self._context = library.value(c_void_p, "sharing torch's context", "cuDevicePrimaryCtxRetain", device)
+        self.shared_per_block, self.shared_per_sm = (
+            library.value(c_int, "asking for its properties", "cuDeviceGetAttribute", attribute, device).value
+            for attribute in (libcuda.MAX_SHARED_MEMORY_PER_BLOCK, libcuda.MAX_SHARED_MEMORY_PER_MULTIPROCESSOR)
+        )
+        # 1000 major + 10 minor of the newest CUDA that it supports.
+        self.driver_version = library.value(c_int, "asking for the driver's version", "cuDriverGetVersion").value
         if self.driver_version // 1000 < nvrtc.version()[0]:
             raise EngineError(
                 f"the NVIDIA driver is too old: it supports CUDA {self.driver_version // 1000}, the compiler is for "
@@ -194,7 +202,8 @@ class CudaDriver(Driver):
     def _load(self, program: Program) -> Kernels:
         code, _ = machine_code(program, self.capability)
         with self.active():
-            return _LoadedKernels(self, self.library.load_module(code))
+            doing = "loading the kernels (is the driver too old?)"
+            return _LoadedKernels(self, self.library.value(c_void_p, doing, "cuModuleLoadData", code))
 
     def stream(self) -> int:
         return torch.cuda.current_stream(self.device).cuda_stream
@@ -223,14 +232,15 @@ class CudaDriver(Driver):
             with torch.cuda.device(self.device):
                 # torch does not touch a device that is already the current one: a new thread may have no context yet,
                 # and another library may have entered one of its own.
-                entered = self.library.current_context() != self._context.value
+                now = self.library.value(c_void_p, "asking for the context", "cuCtxGetCurrent")
+                entered = now.value != self._context.value
                 if entered:
-                    self.library.push(self._context)
+                    self.library.call("entering the context", "cuCtxPushCurrent_v2", self._context)
                 try:
                     yield
                 finally:
                     if entered:
-                        self.library.pop()
+                        self.library.value(c_void_p, "leaving the context", "cuCtxPopCurrent_v2")
         except DeviceError:
             self._give_up()
             raise
@@ -261,7 +271,7 @@ _lock = threading.Lock()
 
 
 def cuda_driver(index: int | None = None) -> CudaDriver:
-    """The driver of a GPU (default: torch's current one): one for the process, since loaded kernels stay for its life.
+    """Return the driver of a GPU (default: torch's current one), one for the process: loaded kernels stay for its life.
 
     Raises EngineError as `CudaDriver` does.
     """
@@ -274,7 +284,7 @@ def cuda_driver(index: int | None = None) -> CudaDriver:
 
 
 def _current_device() -> int | None:
-    """Torch's current GPU; None where asking fails, which `CudaDriver` then reports."""
+    """Return torch's current GPU; None if asking fails, which `CudaDriver` then reports."""
     try:
         return torch.cuda.current_device() if missing_piece() is None else None
     except (RuntimeError, AssertionError):

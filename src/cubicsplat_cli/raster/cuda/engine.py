@@ -21,7 +21,6 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import DeviceError
-from cubicsplat_cli.raster.cpu import pointer_on
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import Driver, Kernels, cuda_driver
 from cubicsplat_cli.raster.cuda.frame import (
@@ -32,19 +31,17 @@ from cubicsplat_cli.raster.cuda.frame import (
     WARP,
     StepFrame,
     StepValues,
-    attach,
     blocks,
-    make_frame,
     order_places,
     put,
-    set_rates,
     shared_bytes,
+    sizes_of,
     slots_for,
     step_values,
     workspace,
 )
 from cubicsplat_cli.raster.cuda.selftest import self_test
-from cubicsplat_cli.raster.engine import RATED, Backward, Checkpoint, Engine, EngineScene, Training
+from cubicsplat_cli.raster.engine import RATED, Checkpoint, Engine, EngineScene, Pass, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene.arrays import Array, as_torch
 from cubicsplat_cli.settings import Mode
@@ -71,7 +68,7 @@ class CudaEngine(Engine):
     """The CUDA engine on one GPU. Steps are not to be made from several Python threads at once.
 
     device: torch's number of the GPU (default: its current one). program: what it will draw first, loaded now. driver:
-    another device, for tests. Raises EngineError with the reason where it cannot run. Every program is tried on a tiny
+    another device, for tests. Raises EngineError with the reason if it cannot run. Every program is tried on a tiny
     scene before its first use in the process (`self_test`).
     """
 
@@ -85,7 +82,6 @@ class CudaEngine(Engine):
     ) -> None:
         self._driver: Driver = driver or cuda_driver(device)
         self.device = self._driver.device
-        self._pointer = pointer_on(self.device)
         self._plans: OrderedDict[bytes, _Plan] = OrderedDict()
         self._number = 0
         with self._driver.active():
@@ -97,7 +93,7 @@ class CudaEngine(Engine):
         return as_torch(array, self.device)
 
     def close(self) -> None:
-        """Frees the prepared steps and their memory, and forgets a fault; the next step prepares its own again."""
+        """Free the prepared steps and their memory, and forget a fault; the next step prepares its own again."""
         with self._driver.lock:
             self._plans.clear()
         with self._driver.active():
@@ -112,30 +108,20 @@ class CudaEngine(Engine):
 
     def render(self, scene: EngineScene, settings: RasterSettings) -> Tensor:
         with self._driver.active():
-            image = self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
-            values = step_values(scene, settings, None)
-            values.image = image.data_ptr()
-            self._run(scene, settings, values, {}, {})
-        return image.view(scene.height, scene.width, scene.channels)
+            image = self._picture(scene)
+            self._run(scene, settings, Pass(None, image=image))
+        return image
 
-    def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
-        target, importance, out = wanted.target, wanted.importance, wanted.out
-        values = step_values(scene, settings, importance, penalty=wanted.penalty)
-        values.background_gradient = out["background"].data_ptr()
-        if importance:
-            values.importance = out["importance"].data_ptr()
-        parameters = {f"out_{name}": t for name, t in out.items() if name not in ("background", "importance")}
-        pictures = {"target": target, "gradient": wanted.gradient, "weights": wanted.weights}
+    def _gradients(self, scene: EngineScene, settings: RasterSettings, given: Pass) -> float:
         with self._driver.active():
-            image = self._picture_for(scene, importance)
-            values.image = None if image is None else image.data_ptr()
+            if given.importance == "loo":
+                given.image = self._picture(scene)
             loss = torch.zeros((), dtype=torch.float64, device=self.device)
-            values.loss = loss.data_ptr()
-            self._run(scene, settings, values, pictures, parameters)
-            return float(loss) if target is not None else 0.0  # reading it waits for the GPU
+            self._run(scene, settings, given, loss)
+            return float(loss) if given.target is not None else 0.0  # reading it waits for the GPU
 
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Tensor:
-        """It does not wait: the loss comes as a float64 tensor without dimensions on the GPU, and float() of it waits.
+        """See `Engine.step`. Return the loss as a float64 tensor without dimensions on the GPU; float() of it waits.
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
@@ -150,14 +136,15 @@ class CudaEngine(Engine):
         tensor (n,) on the GPU, and a `best` cannot be kept.
         """
         assert best is None
-        frame = self._training_frame(scene, settings, training)
+        frame = self._frame(scene, settings, training, backward=True)
+        put(frame, scene.addresses(self.device, vars(training.state)))
         values = self._training_values(scene, settings, training)
-        pictures = (training.target, training.weights, training.image_gradient)
-        found = (training.of_points, training.frames_gradient, training.stops_gradient)
+        kept = (scene, *training.pictures.values(), *training.out.values(), training.state)
         with self._driver.active():
             blunted = 0 if training.blunting is None else training.blunting.edges
-            plan = self._plan(frame, scene, blunted, (scene, *pictures, *found, training.state))
-            if training.image is None and (image := self._picture_for(scene, training.wanted_importance)) is not None:
+            plan = self._plan(frame, scene, blunted, kept)
+            if training.importance == "loo" and training.image is None:
+                image = self._picture(scene)
                 values.image = image.data_ptr()
             losses = torch.empty(len(paces), dtype=torch.float64, device=self.device)
             for index, (edge_width, *rates) in enumerate(paces.tolist()):
@@ -174,7 +161,7 @@ class CudaEngine(Engine):
         return losses
 
     def fault(self, wait: bool = True) -> tuple[int, int] | None:
-        """See `Engine.fault`; the steps are counted from 0 since `close`."""
+        """See `Engine.fault`; steps are counted from 0 since `close`."""
         with self._driver.active():
             found = self._status.tolist() if wait else self._late_status.poll()
         return (found[0] - 1, found[1]) if found and found[0] else None
@@ -212,7 +199,7 @@ class CudaEngine(Engine):
         kernels.launch("set_step", (1, 1), WARP, 0, values, ctypes.c_void_p(step.data_ptr()))
 
     def _launch(self, kernels: Kernels, frame: StepFrame, blunted: int = 0) -> None:
-        """Queues the kernels of one step, render or gradient. blunted: as of `_Plan`."""
+        """Queue the kernels of one step, render or gradient. blunted: as of `_Plan`."""
         if blunted:
             shared = frame.segments * blunted * SIDE_BYTES
             kernels.launch("blunt", (max(1, frame.curves), 1), SMALL_THREADS, shared, frame)
@@ -228,62 +215,57 @@ class CudaEngine(Engine):
         if frame.backward:
             kernels.launch("update", (1 + curves, 1), SMALL_THREADS, 0, frame)
 
-    def _frame(self, scene: EngineScene, settings: RasterSettings, *, backward: bool) -> StepFrame:
+    def _frame(self, scene: EngineScene, settings: RasterSettings, given: Pass, *, backward: bool) -> StepFrame:
+        """Return the frame of a pass, without buffers and optimiser. Raises EngineError for unfit tensors, and if this
+        engine cannot draw the scene.
+        """
         slots = slots_for(settings.coverage, self._driver.shared_per_block, self._driver.shared_per_sm)
-        return make_frame(scene, settings, slots, self.device, backward=backward)
+        frame = StepFrame(
+            **sizes_of(scene, settings), rings=scene.most_rings, slots=slots, logits=scene.logits, backward=backward,
+            exact=settings.coverage == "exact", most_stops=scene.most_stops, **scene.own_addresses(self.device),
+            **scene.addresses(self.device, given.pictures),
+        )  # fmt: skip
+        out = {name: tensor for name, tensor in given.out.items() if name not in ("background", "importance")}
+        found = scene.addresses(self.device, out, "gradient of ")
+        put(frame, {f"out_{name}": address for name, address in found.items()})
+        return frame
 
     def _attach_workspace(self, frame: StepFrame) -> tuple[Tensor, dict[str, Tensor]]:
-        """Gives a frame its buffers: the device's StepValues, and those between the kernels."""
+        """Give a frame its buffers, and return them: the device's StepValues, and those between the kernels."""
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         buffers = workspace(frame, self.most_looks, self._allocate)
-        attach(frame, buffers | {"step": step, "status": self._status})
+        named = buffers | {"step": step, "status": self._status}
+        put(frame, {name: tensor.data_ptr() for name, tensor in named.items()})
         return step, buffers
 
     def _run(
-        self,
-        scene: EngineScene,
-        settings: RasterSettings,
-        values: StepValues,
-        pictures: dict[str, Tensor | None],
-        outputs: dict[str, Tensor],
-    ) -> None:
-        """One call without a graph, in buffers of its own, so that calls on several streams do not meet."""
-        frame = self._frame(scene, settings, backward=bool(outputs))
-        put(frame, scene.addresses(self._pointer, pictures))
+        self, scene: EngineScene, settings: RasterSettings, given: Pass, loss: Tensor | None = None
+    ) -> None:  # fmt: skip
+        """Run a pass without a graph, in buffers of its own, so that passes on several streams do not meet."""
+        frame = self._frame(scene, settings, given, backward=bool(given.out))
+        values = step_values(scene, settings, self.device, given)
+        values.loss = None if loss is None else loss.data_ptr()
         kernels = self._load(Program.of(scene))
         step, buffers = self._attach_workspace(frame)
-        attach(frame, outputs)
         self._set_step(kernels, values, step)
         self._launch(kernels, frame)
         del buffers  # until here the frame points to them
 
-    def _picture_for(self, scene: EngineScene, importance: str | None) -> Tensor | None:
-        """The buffer of the picture that leave-one-out importance is computed from."""
-        if importance != "loo":
-            return None
-        return self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
-
-    def _training_frame(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepFrame:
-        frame = self._frame(scene, settings, backward=True)
-        pictures = {"target": training.target, "weights": training.weights}
-        put(frame, scene.addresses(self._pointer, pictures | vars(training.state)))
-        renamed = {
-            "gradient": "image_gradient", "out_points": "of_points", "out_frames": "frames_gradient",
-            "out_stops": "stops_gradient",
-        }  # fmt: skip
-        found = scene.addresses(self._pointer, {name: getattr(training, name) for name in renamed.values()})
-        put(frame, {field: found[name] for field, name in renamed.items()})
-        return frame
+    def _picture(self, scene: EngineScene) -> Tensor:
+        """Return a buffer (H, W, C) for a picture, which leave-one-out importance is computed from."""
+        size = scene.height, scene.width, scene.channels
+        return self._allocate("the picture", math.prod(size), torch.float32).view(size)
 
     def _training_values(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepValues:
-        values = step_values(scene, settings, training.wanted_importance, penalty=training.penalty)
-        set_rates(values, training.rates)
-        names = ("image", "importance", "points_gradient", "rate_scale")
-        put(values, scene.addresses(self._pointer, {name: getattr(training, name) for name in names}))
+        values = step_values(scene, settings, self.device, training, self._number)
+        rates = training.rates
+        values.rates = (ctypes.c_float * 9)(*rates.sizes, *rates.keep, rates.epsilon)  # as `AdanRates` in curve.h
+        names = ("points_gradient", "rate_scale")
+        put(values, scene.addresses(self.device, {name: getattr(training, name) for name in names}))
         return values
 
     def _plan(self, frame: StepFrame, scene: EngineScene, blunted: int, kept: tuple[object, ...]) -> _Plan:
-        """The prepared step for these tensors and settings; what differs from step to step is not part of a frame.
+        """Return the prepared step for these tensors and settings. A frame holds nothing that differs between steps.
 
         A stream has plans of its own: their buffers are of its memory, which is given out again in its order.
         """
@@ -299,12 +281,12 @@ class CudaEngine(Engine):
         order = None
         if places := order_places(frame):
             order = self._allocate("the tiles' order", places, torch.int32).zero_()
-            attach(frame, {"order": order})
+            frame.order = order.data_ptr()
         plan = self._plans[key] = _Plan(frame, blunted, kernels, step, (buffers, order, *kept))
         return plan
 
     def _repeat(self, plan: _Plan) -> None:
-        """Runs a plan: directly at first, which also loads the kernels, and from a graph ever after."""
+        """Run a plan: directly at first, which also loads the kernels, and from a graph ever after."""
         if not plan.ran:
             self._launch(plan.kernels, plan.frame, plan.blunted)
             plan.ran = True

@@ -13,9 +13,10 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import Blunting, members, pointer_on
-from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Rates
-from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
+from cubicsplat_cli.raster.cpu import Blunting
+from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Pass
+from cubicsplat_cli.raster.native import members
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
 # Twins of the constants in frame.cuh.
@@ -75,24 +76,24 @@ class StepFrame(ctypes.Structure):
 
 
 def blocks(count: int, per_block: int) -> int:
-    """Blocks that hold `count` things; at least one, since an empty grid cannot be launched."""
+    """Return the number of blocks that hold `count` things; at least one, since an empty grid cannot be launched."""
     return max(1, -(-count // per_block))
 
 
 def slots_for(coverage: str, shared_per_block: int, shared_per_sm: int) -> int:
-    """Boundary pairs per strip whose nearest edges fit into shared memory without costing a resident block."""
+    """Return the boundary pairs per strip whose nearest edges fit into shared memory at no cost of a resident block."""
     exact = coverage == "exact"
     room = min(shared_per_sm // BLOCKS_PER_SM[coverage] - RESERVED_SHARED, shared_per_block)
     return max(0, min(MOST_SLOTS, (room - FIXED_SHARED) // (CODE_BYTES + (EXACT_BYTES if exact else 0))))
 
 
 def shared_bytes(coverage: str, slots: int) -> int:
-    """Dynamic shared memory of a block of the raster kernel."""
+    """Return the bytes of dynamic shared memory of a block of the raster kernel."""
     return FIXED_SHARED + slots * (CODE_BYTES + (EXACT_BYTES if coverage == "exact" else 0))
 
 
 def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:
-    """Percent of a multiprocessor's shared memory that a kernel's blocks take, as many as registers allow."""
+    """Return the percent of a multiprocessor's shared memory that the blocks of a kernel take, as registers allow."""
     resident = BLOCKS_PER_SM.get(kernel.removeprefix("raster_"), 1)
     return min(100, blocks(100 * resident * (shared + RESERVED_SHARED), shared_per_sm))
 
@@ -109,8 +110,12 @@ def _super_shift(tiles: tuple[int, int]) -> int:
     return shift
 
 
-def check_lengths(segments: int, samples: int) -> None:
-    """Raises EngineError where curves of so many segments and edges per cubic are too long for the kernels."""
+def check_drawable(segments: int, samples: int, subdivide: bool) -> None:
+    """Raise EngineError if curves of so many segments and edges per cubic are too long for the kernels, or if cubics
+    shall be subdivided by de Casteljau's algorithm.
+    """
+    if subdivide:
+        raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
     if segments > MOST_SEGMENTS or segments * samples > MOST_EDGES:
         raise EngineError(
             f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
@@ -119,15 +124,15 @@ def check_lengths(segments: int, samples: int) -> None:
 
 
 def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
-    """The fields of a frame that sizes of buffers depend on; EngineError where this engine cannot draw the scene."""
-    if settings.subdivide:
-        raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
+    """Return the fields of a frame that sizes of buffers depend on. Raises EngineError if this engine cannot draw the
+    scene.
+    """
     n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
     segments = k // 3
     shared = 0 if scene.mode is Mode.CLOSED else 1
     if segments < 1 or k != 3 * segments + shared or scene.width < 1 or scene.height < 1:
         raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
-    check_lengths(segments, settings.samples)
+    check_drawable(segments, settings.samples, settings.subdivide)
     tiles = -(-scene.width // TILE), -(-scene.height // TILE)
     shift = _super_shift(tiles)  # tiles per side of a super-tile, as a power of two
     supers = _supers(tiles, shift)
@@ -142,9 +147,9 @@ def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
 def workspace(
     frame: StepFrame, most_looks: int, allocate: Callable[[str, int, torch.dtype], Tensor]
 ) -> dict[str, Tensor]:
-    """The buffers between the kernels, by the names of their fields in `Frame`.
+    """Return the buffers between the kernels, by the names of their fields in `Frame`.
 
-    most_looks: of tiles at curves; where there would be more, curves are sorted into super-tiles first.
+    most_looks: of tiles at curves; if there would be more, curves are sorted into super-tiles first.
     allocate(what, count, dtype) gives an uninitialised tensor, or raises EngineError.
     """
     n, stride, tiles = max(frame.curves, 1), frame.edge_stride, frame.tiles_x * frame.tiles_y
@@ -165,48 +170,28 @@ def workspace(
 
 
 def order_places(frame: StepFrame) -> int:
-    """Numbers in the two lists of tiles by their time, which are zero before the first step (order.cuh); 0 for none."""
+    """Return the length of the two lists of tiles by time, which begin with zeros (order.cuh); 0 for none."""
     tiles = frame.tiles_x * frame.tiles_y
     return 2 * COSTS * (1 + tiles) if tiles <= MOST_ORDERED else 0
 
 
-def make_frame(
-    scene: EngineScene, settings: RasterSettings, slots: int, device: torch.device, *, backward: bool
-) -> StepFrame:
-    """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors, and
-    where this engine cannot draw the scene.
-    """
-    return StepFrame(
-        **sizes_of(scene, settings), rings=scene.most_rings,
-        slots=slots, logits=scene.logits, backward=backward, exact=settings.coverage == "exact",
-        most_stops=scene.most_stops, **scene.own_addresses(pointer_on(device)),
-    )  # fmt: skip
-
-
 def put(structure: StepFrame | StepValues, addresses: dict[str, int | None]) -> None:
-    """Puts addresses into the fields of their names."""
+    """Put addresses into the fields of their names."""
     for name, address in addresses.items():
         setattr(structure, name, address)
 
 
-def attach(frame: StepFrame, tensors: dict[str, Tensor]) -> None:
-    """Puts the addresses of tensors into the fields of their names."""
-    put(frame, {name: tensor.data_ptr() for name, tensor in tensors.items()})
-
-
 def step_values(
-    scene: EngineScene, settings: RasterSettings, importance: str | None, number: int = 0, penalty: Penalty = SQUARED
+    scene: EngineScene, settings: RasterSettings, device: torch.device, given: Pass, number: int = 0
 ) -> StepValues:
-    """The values of one call, without rates and outputs."""
+    """Return the values of a pass, of the step with a number, without the loss and what only training has. Raises
+    EngineError for unfit tensors.
+    """
+    filled = {"image": given.image} | {name: given.out.get(name) for name in ("importance", "background")}
+    addresses = scene.addresses(device, filled)
     return StepValues(
         edge_width=settings.edge_width, tolerance=settings.tolerance,
-        background=(c_float * 4)(*(scene.background or ()), 0.0), importance_kind=IMPORTANCE[importance], number=number,
-        penalty=(c_float * 3)(*penalty),
+        background=(c_float * 4)(*(scene.background or ()), 0.0), importance_kind=IMPORTANCE[given.importance],
+        number=number, penalty=(c_float * 3)(*given.penalty), image=addresses["image"],
+        importance=addresses["importance"], background_gradient=addresses["background"],
     )  # fmt: skip
-
-
-def set_rates(values: StepValues, rates: Rates) -> None:
-    """Puts the rates in the order of `AdanRates` in curve.h."""
-    values.rates = (c_float * 9)(
-        rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep, rates.epsilon
-    )

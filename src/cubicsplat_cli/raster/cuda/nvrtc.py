@@ -7,7 +7,7 @@ import importlib.util
 import re
 import sys
 from collections.abc import Sequence
-from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p, create_string_buffer
+from ctypes import byref, c_char_p, c_int, c_size_t, c_void_p, create_string_buffer
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,26 +19,17 @@ from cubicsplat_cli.formatting import one_line
 
 OLDEST_VERSION = 12
 INSTALL = "torch's CUDA wheels bring it; else: pip install nvidia-cuda-nvrtc"
-# Arguments of the functions in use (nvrtc.h); each returns a status, 0 for success.
-PROTOTYPES: dict[str, list[Any]] = {
-    "nvrtcVersion": [POINTER(c_int), POINTER(c_int)],
-    "nvrtcGetNumSupportedArchs": [POINTER(c_int)],
-    "nvrtcGetSupportedArchs": [POINTER(c_int)],
-    "nvrtcCreateProgram": [POINTER(c_void_p), c_char_p, c_char_p, c_int, POINTER(c_char_p), POINTER(c_char_p)],
-    "nvrtcCompileProgram": [c_void_p, c_int, POINTER(c_char_p)],
-    "nvrtcGetProgramLogSize": [c_void_p, POINTER(c_size_t)],
-    "nvrtcGetProgramLog": [c_void_p, c_char_p],
-    "nvrtcGetCUBINSize": [c_void_p, POINTER(c_size_t)],
-    "nvrtcGetCUBIN": [c_void_p, c_char_p],
-    "nvrtcGetPTXSize": [c_void_p, POINTER(c_size_t)],
-    "nvrtcGetPTX": [c_void_p, c_char_p],
-    "nvrtcDestroyProgram": [POINTER(c_void_p)],
-}
+# The functions in use (nvrtc.h); each returns a status, 0 for success.
+FUNCTIONS = (
+    "nvrtcVersion", "nvrtcGetNumSupportedArchs", "nvrtcGetSupportedArchs", "nvrtcCreateProgram", "nvrtcCompileProgram",
+    "nvrtcGetProgramLogSize", "nvrtcGetProgramLog", "nvrtcGetCUBINSize", "nvrtcGetCUBIN", "nvrtcGetPTXSize",
+    "nvrtcGetPTX", "nvrtcDestroyProgram",
+)  # fmt: skip
 _PATTERNS = {"linux": ("libnvrtc.so.*", r"so\.(\d+)"), "win32": ("nvrtc64_*_0.dll", r"64_(\d+)\d_")}
 
 
 def _packages() -> list[Path]:
-    """The folders of torch, and of NVIDIA's packages."""
+    """Return the folders of torch, and of NVIDIA's packages."""
     nvidia = importlib.util.find_spec("nvidia")
     return [Path(torch.__file__).parent, *map(Path, (nvidia and nvidia.submodule_search_locations) or ())]
 
@@ -46,7 +37,7 @@ def _packages() -> list[Path]:
 def library_names(
     packages: Sequence[Path] | None = None, cuda: str | None = torch.version.cuda, platform: str = sys.platform
 ) -> list[str]:
-    """Files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest.
+    """Return files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest.
 
     packages: folders of torch and of NVIDIA's packages (default: this Python's). cuda: version that torch is built for.
     platform: as `sys.platform`.
@@ -69,18 +60,18 @@ def library_names(
 
 @lru_cache(maxsize=1)
 def nvrtc_library() -> Any:
-    """The library with its prototypes. Raises EngineError where there is none that can be used."""
+    """Return the library. Raises EngineError if there is none that can be used."""
     return loaded(library_names())
 
 
 def loaded(names: Sequence[str]) -> Any:
-    """The first of these libraries that can be used. Raises EngineError where there is none."""
+    """Return the first of these libraries that can be used. Raises EngineError if there is none."""
     why = "there is none"
     for name in names:
         try:
             found = ctypes.CDLL(name)
-            for function, arguments in PROTOTYPES.items():
-                getattr(found, function).argtypes = arguments
+            for function in FUNCTIONS:
+                getattr(found, function)
         except (OSError, AttributeError) as error:  # not there, or too old to have all functions
             why = one_line(error)
             continue
@@ -93,23 +84,19 @@ def _checked(function: str, *arguments: object, library: Any) -> None:
         raise EngineError(f"NVRTC failed in {function}: error {status}")
 
 
-@lru_cache(maxsize=1)
-def version() -> tuple[int, int]:
-    """Version of NVRTC. Raises EngineError where there is none, or one that is too old."""
-    return version_of(nvrtc_library())
-
-
-def version_of(library: Any) -> tuple[int, int]:
-    """Version of an NVRTC. Raises EngineError where it is too old."""
+def version(of: Any = None) -> tuple[int, int]:
+    """Return the version of an NVRTC (default: `nvrtc_library`). Raises EngineError if it is too old, or missing."""
     major, minor = c_int(), c_int()
-    _checked("nvrtcVersion", byref(major), byref(minor), library=library)
+    _checked("nvrtcVersion", byref(major), byref(minor), library=of or nvrtc_library())
     if major.value < OLDEST_VERSION:
         raise EngineError(f"NVRTC {major.value}.{minor.value} is too old; version 12 or newer is needed. {INSTALL}")
     return major.value, minor.value
 
 
 def architectures(of: Any = None) -> list[int]:
-    """Compute capabilities that an NVRTC (default: `library`) compiles for, as 10 * major + minor, ascending."""
+    """Return the compute capabilities that an NVRTC (default: `nvrtc_library`) compiles for, as 10 * major + minor,
+    ascending.
+    """
     of = of or nvrtc_library()
     count = c_int()
     _checked("nvrtcGetNumSupportedArchs", byref(count), library=of)
@@ -129,9 +116,9 @@ def _result(handle: c_void_p, size_of: str, get: str) -> bytes:
 def compile_program(
     name: str, text: bytes, headers: dict[str, bytes], options: list[str], *, intermediate: bool = False
 ) -> tuple[bytes | None, str]:
-    """Compiles a text with its headers by name: the machine code, or PTX (`intermediate`); and the compiler's log.
+    """Compile a text with its headers by name. Return the machine code, or PTX if `intermediate`, and the log.
 
-    The code is None where the text has a mistake, which the log then shows.
+    The code is None if the text has a mistake, which the log then shows.
     """
     handle = c_void_p()
     names = (c_char_p * len(headers))(*(header.encode() for header in headers))

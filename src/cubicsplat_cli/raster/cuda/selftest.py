@@ -1,4 +1,4 @@
-"""Does this GPU, with its driver and compiler, compute what the CPU does? A small scene, before a program is used."""
+"""A test that this GPU, with its driver and compiler, computes a small scene as the CPU does."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ TRAINED = ("points", "colours", "opacities", "half_widths")
 
 
 def scene(program: Program, device: torch.device | str, *, logits: bool = False) -> EngineScene:
-    """Overlapping faint curves, some of them partly outside the canvas. logits: whether as a fit has them."""
+    """Return overlapping faint curves, some of them partly outside the canvas. logits: as a fit has them."""
     count = points_from_segments(program.mode, SEGMENTS)
     along = torch.arange(count) / count
     shapes = []
@@ -59,7 +59,7 @@ def scene(program: Program, device: torch.device | str, *, logits: bool = False)
 
 
 def gradients(device: torch.device | str) -> Gradients:
-    """Flat fills, linear gradients, and radial ones with a focus in turn, of one to three stops."""
+    """Return flat fills, linear gradients, and radial ones with a focus in turn, of one to three stops."""
     curves = torch.arange(CURVES)
     turn = 0.9 * curves[:, None, None] + torch.tensor([[0.0, 1.6], [1.6, 3.1]])
     plane = 0.06 * (turn.cos() + torch.eye(2))
@@ -74,7 +74,7 @@ def gradients(device: torch.device | str) -> Gradients:
 
 
 def target(program: Program, device: torch.device | str) -> Tensor:
-    """A smooth picture (H, W, C)."""
+    """Return a smooth picture (H, W, C)."""
     y, x = torch.meshgrid(torch.arange(HEIGHT) / HEIGHT, torch.arange(WIDTH) / WIDTH, indexing="ij")
     planes = [0.5 + 0.4 * (3.0 * x + 2.0 * y + c).sin() for c in range(program.channels)]
     return torch.stack(planes, -1).float().contiguous().to(device)
@@ -85,7 +85,7 @@ def settings(coverage: str) -> RasterSettings:
 
 
 def _digest(loss: float, values: list[Tensor]) -> tuple[float, ...]:
-    """A few numbers that any mistake changes: sums with weights that differ from value to value."""
+    """Return a few numbers that any mistake changes: sums with weights that differ from value to value."""
     weighted = []
     for value in values:
         flat = value.detach().double().cpu().reshape(-1)
@@ -124,7 +124,7 @@ def numbers(engine: Engine, program: Program) -> Iterator[tuple[str, tuple[float
 
 
 def self_test(engine: Engine, program: Program) -> None:
-    """Raises EngineError where the engine's numbers are not the CPU's: pictures, gradients, training steps."""
+    """Raise EngineError if the engine's numbers are not the CPU's: pictures, gradients, training steps."""
     with closing(CpuEngine(1)) as cpu:
         for (doing, found), (_, expected) in zip(numbers(engine, program), numbers(cpu, program), strict=True):
             for value, right in zip(found, expected, strict=True):
