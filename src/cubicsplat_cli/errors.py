@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 
 class CubicSplatError(Exception):
     """The base of all errors that this package raises on purpose; the text names the problem and a remedy."""
@@ -24,8 +26,8 @@ class DeviceError(EngineError):
 class UsageError(CubicSplatError):
     """A value makes no sense; the command reports it as a mistake on the command line.
 
-    setting: the name in Python ("time_limit") of the setting with the value, or None. The text continues after the name
-    ("must be ...").
+    setting: the name in Python ("time_limit") of the setting with the value, or None. text: continues after the name
+    ("must be ..."), and names other settings as options ("--time-limit").
     """
 
     exit_code = 2
@@ -36,7 +38,9 @@ class UsageError(CubicSplatError):
         self.setting = setting
 
     def __str__(self) -> str:
-        return self.text if self.setting is None else f"{self.setting} {self.text}"
+        """Return the text with the names of settings in Python ("time_limit must be ...")."""
+        text = re.sub("--([a-z][a-z-]+)", lambda option: option[1].replace("-", "_"), self.text)
+        return text if self.setting is None else f"{self.setting} {text}"
 
     def as_option(self) -> str:
         """Return the text with the name of the option ("--time-limit must be ...")."""

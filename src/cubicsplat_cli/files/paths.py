@@ -108,6 +108,11 @@ def is_ours(path: Path) -> bool:
     return svg_is_ours(head) or _is_in_report(path)
 
 
+def is_lottie(path: Path) -> bool:
+    """Return whether a file is a Lottie animation that cubicsplat wrote."""
+    return (_head_or_nothing(path) or b"").startswith(b'{"meta":{"program":')
+
+
 def _is_in_report(path: Path) -> bool:
     """Return whether the JSON beside an SVG is ours and names its SHA-256: the smallest files carry no mark."""
     report = path.with_suffix(".json")
