@@ -231,8 +231,6 @@ def test_names_that_are_wrong_are_told_apart_from_those_that_were_meant():
         ({"background": "wite"}, "#rrggbb, not 'wite'; did you mean white?"),
         ({"palette": ["red", "whte"]}, "not 'whte'; did you mean white?"),
         ({"curves": "many"}, "curves must be a whole number from 1 to 1000000, or auto, not 'many'"),
-        ({"colors": 3, "fill": "linear"}, "colors is for artwork, fill for photos"),
-        ({"max_bytes": 900, "target_psnr": 30}, "max_bytes and target_psnr are two budgets"),
     ):
         with pytest.raises(UsageError, match=re.escape(said)):
             vectorize(np.zeros((4, 4, 3), np.uint8), **asked)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 
 class CubicSplatError(Exception):
     """The base of all errors that this package raises on purpose; the text names the problem and a remedy."""
@@ -26,8 +24,8 @@ class DeviceError(EngineError):
 class UsageError(CubicSplatError):
     """A value makes no sense; the command reports it as a mistake on the command line.
 
-    setting: the name in Python ("time_limit") of the setting with the value, or None. text: continues after the name
-    ("must be ..."), and names other settings as options ("--time-limit").
+    setting: the name in Python ("time_limit") of the setting with the value, or None. The text continues after the name
+    ("must be ...").
     """
 
     exit_code = 2
@@ -38,9 +36,7 @@ class UsageError(CubicSplatError):
         self.setting = setting
 
     def __str__(self) -> str:
-        """Return the text with the names of settings in Python ("time_limit must be ...")."""
-        text = re.sub("--([a-z][a-z-]+)", lambda option: option[1].replace("-", "_"), self.text)
-        return text if self.setting is None else f"{self.setting} {text}"
+        return self.text if self.setting is None else f"{self.setting} {self.text}"
 
     def as_option(self) -> str:
         """Return the text with the name of the option ("--time-limit must be ...")."""
