@@ -18,6 +18,7 @@ from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mar
 MOVING = (".webp", ".gif")
 EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by the suffixes of their files
 _PROGRAM = re.compile(rb'"program": ?"' + PROGRAM.encode() + b'"')  # in a JSON, spaced out or not
+_TINY = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 '  # how placeholders begin, which have no comment
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
 
 
@@ -81,7 +82,10 @@ def check_ownership(paths: list[Path], *, force: bool) -> None:
     """Raise UsageError where a file exists that cubicsplat did not write and `force` is not given."""
     for path in paths:
         if not force and not is_replaceable(path):
-            raise UsageError(f"{path} exists and was not written by cubicsplat; use --force or choose another output")
+            tiny = (_head_or_nothing(path) or b"").startswith(_TINY)
+            other = ", or is a placeholder whose JSON is gone" if tiny else ""
+            text = f"{path} exists and was not written by cubicsplat{other}; use --force or choose another output"
+            raise UsageError(text)
 
 
 def is_replaceable(path: Path) -> bool:
