@@ -89,14 +89,15 @@ class PhotoFit:
 
 
 def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
-    """Return the curves of a photo in as many bytes as a drawing takes; the bytes of large drawings are not counted."""
+    """Return the curves of a photo in as many bytes as a drawing takes, or fewer if it would not fit into the request's
+    bytes. The bytes of large drawings are not counted.
+    """
     most = task.request.settings.curves or USUAL_CURVES
     if drawing.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
         return most
     size = len(drawing.write(task.title, task.comment()).encode())
     if task.request.max_bytes is not None and not task.request.counts_compressed:
-        # The photo has to fit too, with its header.
-        return round(min(max((size - HEADER_BYTES) / BYTES_PER_CURVE, 1), most))
+        most = min(most, max(1, int((task.request.max_bytes - HEADER_BYTES) / BYTES_PER_CURVE)))
     return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
 
 
