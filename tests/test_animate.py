@@ -97,6 +97,10 @@ def test_formats_follow_from_the_name(clip, tmp_path):
     animated(clip, "-o", tmp_path / "disc.json")
     assert json.loads((tmp_path / "disc.json").read_bytes())["w"] == WIDTH
     assert json.loads((tmp_path / "disc.metrics.json").read_bytes())["output"]["format"] == "lottie"
+    # The figures of an SVG do not replace a Lottie file of the same name.
+    animated(clip, "-o", tmp_path / "disc.svg")
+    assert json.loads((tmp_path / "disc.json").read_bytes())["w"] == WIDTH
+    assert json.loads((tmp_path / "disc.metrics.json").read_bytes())["output"]["format"] == "smil"
     for count in (FRAMES, 3):
         animated(clip, "-o", f"{tmp_path}/disc/", "--frames", count)
         names = sorted(path.name for path in (tmp_path / "disc").iterdir())

@@ -14,7 +14,7 @@ from stroke_icons import ICONS, svg_of
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.prepare import as_levels
-from cubicsplat_cli.artwork.style import choose_style
+from cubicsplat_cli.artwork.style import _drawn, choose_style
 from cubicsplat_cli.evaluate.rerender import rerender
 
 SIDE = 600
@@ -85,6 +85,13 @@ def test_a_scan_is_artwork(grey):
     picture = target_of(scan(PENS, SIDE))
     if grey:
         picture = np.repeat(np.rint(255.0 * picture.mean(axis=2, keepdims=True)) / 255.0, 3, axis=2)
+    assert choose_style(picture.astype(np.float32)).name == "artwork"
+
+
+def test_a_scan_of_even_paper_is_artwork():
+    """Its neighbours are alike, as in a drawing, and its colours drift, as in a soft photo."""
+    picture = target_of(scan(PENS, 512, texture=2.0, light=0.2, quality=70))
+    assert _drawn(np.rint(255.0 * picture).astype(np.float32))[0]
     assert choose_style(picture.astype(np.float32)).name == "artwork"
 
 

@@ -11,7 +11,9 @@ import typer
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.cli import app as app_module
-from cubicsplat_cli.options import settings_of
+from cubicsplat_cli.metrics import FURTHER
+from cubicsplat_cli.options import LOSSES, settings_of
+from cubicsplat_cli.request import STYLES
 from cubicsplat_cli.settings import FitSettings, Recipe
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -144,6 +146,14 @@ def test_documented_defaults_are_the_real_ones(command):
             assert rows[name][1] == str(default), name
             checked += 1
     assert checked >= 4
+
+
+def test_the_docs_name_every_style_loss_and_metric():
+    rows = {line.split("`")[1]: line for line in section("vectorize").splitlines() if line.startswith("| `")}
+    for option, names in (("--style NAME", STYLES), ("--loss LOSS", LOSSES)):
+        assert {name for name in names if f"`{name}`" not in rows[option]} == set()
+    metrics = (DOCS / "quality.md").read_text(encoding="utf-8")
+    assert {name for name in FURTHER if f"| `{name}` |" not in metrics} == set()
 
 
 def test_documented_choices_are_the_real_ones():

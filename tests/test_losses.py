@@ -50,6 +50,12 @@ def test_the_gradient_is_that_of_finite_differences(loss):
     assert float((gradient * direction).sum()) == pytest.approx(change, rel=2e-3)
 
 
+@pytest.mark.parametrize("loss", LOSSES)
+def test_every_loss_counts(loss):
+    image, goal = random_picture(1, 40, 36, 3), random_picture(2, 40, 36, 3)
+    assert float(Objective(loss, goal, None).of(image)) > 1.0
+
+
 def test_absolute_and_huber_are_what_their_names_say():
     goal = torch.zeros(1, 2, 3)
     image = torch.tensor([[[0.3, 0.0, 0.0], [0.0, -0.02, 0.0]]])

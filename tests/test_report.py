@@ -12,6 +12,7 @@ from conftest import smooth_pixels
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.metrics import Report
+from cubicsplat_cli.request import STYLES
 
 jsonschema = pytest.importorskip("jsonschema")
 SCHEMA = json.loads(resources.files("cubicsplat_cli").joinpath("metrics.schema.json").read_text(encoding="utf-8"))
@@ -28,6 +29,10 @@ def reports() -> dict[str, Report]:
         "unmeasured": vectorize(photo, style="photo", measure=False, **small).report,
         "artwork": vectorize(flat, style="artwork", threads=1).report,
     }
+
+
+def test_the_schema_names_every_style():
+    assert ["auto", *SCHEMA["properties"]["style"]["enum"]] == list(STYLES)
 
 
 @pytest.mark.parametrize("kind", ["photo", "unmeasured", "artwork"])

@@ -6,6 +6,7 @@ import gzip
 from dataclasses import replace
 from io import BytesIO
 from itertools import combinations, pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -143,3 +144,10 @@ b</title>
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 4"><linearGradient id="a"><stop/></linearGradient>'
         '<g><path d="M0 0h8v4z" fill="url(#a)"/></g></svg>'
     )
+
+
+def test_a_photo_that_has_to_fit_too_does_not_replace_the_drawing():
+    """In 700 bytes, a photo has two curves."""
+    made = vectorize(Path(__file__).parents[1] / "samples" / "logo.png", max_bytes=700)
+    assert made.report.style == "artwork"
+    assert len(made.svg.encode()) <= 700

@@ -260,7 +260,7 @@ def test_its_json_knows_a_file_without_a_comment(hills_file, run_cli):
     assert done.returncode == 2 and b"--force" in done.stderr
     svg.write_bytes(made)
     svg.with_suffix(".json").unlink()
-    assert b"was not written by cubicsplat" in run_cli(*command, "200gz").stderr
+    assert b"or is a placeholder whose JSON is gone; use --force" in run_cli(*command, "200gz").stderr
 
 
 def test_a_file_that_fits_in_nothing_says_what_it_needs(hills):

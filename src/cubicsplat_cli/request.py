@@ -235,7 +235,7 @@ def _conflicts(request: Request) -> Iterator[tuple[object, str | None, str]]:
     fit, artwork, style, tiny = request.settings, request.artwork, request.style, request.tiny
     photo, drawing = next(iter(request.of_photos()), ""), next(iter(request.of_artwork()), "")
     yield (
-        photo and style in ("artwork", "pixel"), photo,
+        photo and style not in ("auto", "photo"), photo,
         f"is for photos, not for {style}; leave it out, or use style photo",
     )  # fmt: skip
     if style == "pixel":

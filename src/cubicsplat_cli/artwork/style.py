@@ -56,10 +56,14 @@ def choose_style(target: np.ndarray) -> Style:
     if not drawn.any():
         return Style(ARTWORK, "nothing is drawn")
     is_drawn, reason = _drawn(levels)
-    if is_drawn:
-        return _unless_soft(levels, drawn, reason)
+    suits = _unless_soft(levels, drawn, reason) if is_drawn else None
+    if suits is not None and suits.name == ARTWORK:
+        return suits
+    # Colours drift across the paper of a scan too, and fine grain is lost in a JPEG.
     if _like_paper(levels) and _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
+    if suits is not None:
+        return suits
     # A steep gradient has no flat pixel, but its colours change linearly.
     change, straight = spread(levels, 3, 3), _straight(levels)
     if _texture((change > FLAT_RANGE) & ~straight, drawn) <= MOST_TEXTURE:

@@ -14,7 +14,7 @@ from cubicsplat_cli.cli.options import Json, Quiet, Verbose, option, takes_optio
 from cubicsplat_cli.clip_request import ARTWORK, FIT_SETTINGS, FRAMES, LOTTIE, SMIL, ClipReport, ClipRequest
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
-from cubicsplat_cli.files.paths import check_outputs, is_folder, make_folder_of, same_file
+from cubicsplat_cli.files.paths import check_outputs, is_folder, is_lottie, make_folder_of, same_file
 from cubicsplat_cli.files.write import write_atomically, write_stdout
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
 from cubicsplat_cli.from_options import clip_request_of
@@ -99,7 +99,9 @@ def _places(clip: Path, output: str | None, request: ClipRequest) -> _Places:
     if request.format == FRAMES:
         metrics, page = result / "metrics.json", result / "index.html"
     else:
-        metrics = result.with_suffix(".metrics.json" if request.format == LOTTIE else ".json")
+        metrics = result.with_suffix(".json")
+        if request.format == LOTTIE or is_lottie(metrics):
+            metrics = result.with_suffix(".metrics.json")
         page = result.with_suffix(PAGE)
     return _Places(result, metrics, page if request.html_report else None)
 

@@ -48,9 +48,11 @@ def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> 
         if name == "de00":
             figures["de00"] = _delta_e(first, second)
             continue
-        measured = (_measured(name, over(first, ground), over(second, ground)) for ground in grounds)
-        values = [value for value in measured if value is not None]
-        figures[FURTHER[name].member] = FURTHER[name].worse(values) if values else None
+        if min(first.shape[:2]) < LEAST_SIDES.get(name, 1):
+            figures[FURTHER[name].member] = None
+            continue
+        values = [MEASURES[name](over(first, ground), over(second, ground)) for ground in grounds]
+        figures[FURTHER[name].member] = FURTHER[name].worse(values)
     return figures
 
 
@@ -68,18 +70,27 @@ def _delta_e(first: np.ndarray, second: np.ndarray) -> float:
     return sum(mean_delta_e(first[s], second[s]) * (s.stop - s.start) for s in strips) / height
 
 
-def _measured(name: str, first: np.ndarray, second: np.ndarray) -> float | None:
-    """Return MS-SSIM or LPIPS of two (H, W, 3) uint8 pictures; None if they are too small."""
-    if min(first.shape[:2]) < LEAST_SIDES[name]:
-        return None
+def _ms_ssim(first: np.ndarray, second: np.ndarray) -> float:
+    library = _library("torchmetrics.functional.image", "ms-ssim")
+    return float(library.multiscale_structural_similarity_index_measure(*_tensors(first, second), data_range=1.0))
+
+
+def _lpips(first: np.ndarray, second: np.ndarray) -> float:
     import torch
 
-    tensors = [torch.from_numpy(p).permute(2, 0, 1)[None].float() / 255.0 for p in (second, first)]
     with torch.no_grad():
-        if name == "lpips":
-            return float(_network()(*tensors))
-        library = _library("torchmetrics.functional.image", "ms-ssim")
-        return float(library.multiscale_structural_similarity_index_measure(*tensors, data_range=1.0))
+        return float(_network()(*_tensors(first, second)))
+
+
+def _tensors(first: np.ndarray, second: np.ndarray) -> list[Any]:
+    """Return (1, 3, H, W) torch tensors in [0, 1], the second picture first, as the metrics take them."""
+    import torch
+
+    return [torch.from_numpy(p).permute(2, 0, 1)[None].float() / 255.0 for p in (second, first)]
+
+
+# The functions of two (H, W, 3) uint8 pictures for the metrics in FURTHER; `de00` lays pictures over grounds itself.
+MEASURES = {"ms-ssim": _ms_ssim, "lpips": _lpips}
 
 
 @lru_cache(maxsize=1)

@@ -19,6 +19,7 @@ from cubicsplat_cli.files.write import check_writable
 MOVING = (".webp", ".gif")
 EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by the suffixes of their files
 _PROGRAM = re.compile(rb'"program": ?"' + PROGRAM.encode() + b'"')  # in a JSON, spaced out or not
+_TINY = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 '  # how placeholders begin, which have no comment
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
 
 
@@ -80,7 +81,10 @@ def check_ownership(paths: list[Path], *, force: bool) -> None:
     """Raise UsageError where a file exists that cubicsplat did not write and `force` is not given."""
     for path in paths:
         if not force and not is_replaceable(path):
-            raise UsageError(f"{path} exists and was not written by cubicsplat; use --force or choose another output")
+            tiny = (_head_or_nothing(path) or b"").startswith(_TINY)
+            other = ", or is a placeholder whose JSON is gone" if tiny else ""
+            text = f"{path} exists and was not written by cubicsplat{other}; use --force or choose another output"
+            raise UsageError(text)
 
 
 def is_replaceable(path: Path) -> bool:
@@ -105,6 +109,11 @@ def is_ours(path: Path) -> bool:
         # A report that was cut short counts too.
         return _PROGRAM.search(head) is not None or (head != b"" and _REPORT.startswith(head))
     return svg_is_ours(head) or _is_in_report(path)
+
+
+def is_lottie(path: Path) -> bool:
+    """Return whether a file is a Lottie animation that cubicsplat wrote."""
+    return (_head_or_nothing(path) or b"").startswith(b'{"meta":{"program":')
 
 
 def _is_in_report(path: Path) -> bool:

@@ -173,7 +173,7 @@ def _ground_notes(request: Request, has_ground: bool) -> list[str]:
         return []
     if request.ground == REMOVE and not has_ground:
         return ["there is no ground to remove: nothing fills the picture behind all else"]
-    return ["the figures compare the drawing with the picture as it was, on its own ground"]
+    return ["PSNR and SSIM are low: they compare the SVG with the picture, which has another ground"]
 
 
 def result_of_drawing(drawing: Drawing, request: Request) -> Made:

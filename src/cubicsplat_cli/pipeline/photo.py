@@ -37,7 +37,7 @@ FINISH_SCALE = 3
 QUICK_SIDE, QUICK_STEPS = 192, 300
 QUICK_LOOKS = ((0.15, 11.0), (0.4, 6.0), (0.65, 3.0), (1.0, 0.0))
 FEWEST = 8  # curves of a quick fit; it has no more than the photo would
-BYTES_PER_CURVE = 170.0  # at the usual precision
+BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
 
 
@@ -89,11 +89,15 @@ class PhotoFit:
 
 
 def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
-    """Return the curves of a photo in as many bytes as a drawing takes; the bytes of large drawings are not counted."""
+    """Return the curves of a photo in as many bytes as a drawing takes, or fewer if it would not fit into the request's
+    bytes. The bytes of large drawings are not counted.
+    """
     most = task.request.settings.curves or USUAL_CURVES
     if drawing.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
         return most
     size = len(drawing.write(task.title, task.comment()).encode())
+    if task.request.max_bytes is not None and not task.request.counts_compressed:
+        most = min(most, max(1, int((task.request.max_bytes - HEADER_BYTES) / BYTES_PER_CURVE)))
     return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
 
 
