@@ -102,8 +102,8 @@ def or_finer(
 
     The finer one is tried if many blends of fills are far off, as in small letters and thin lines. plan: of the
     drawing, with the picture for the finer one. settings: with areas in px of that. placeholders: as of `planned`.
-    error: in levels, of the picture's pixels beyond their rounding. finer: by which the drawing was traced in more
-    detail, since the picture is small; so many times fewer blends suffice.
+    error: in levels, of the picture's pixels beyond their rounding. finer: the factor of the detail in which the
+    drawing was traced; the share of blends that suffice is smaller by as much.
     """
     height, width = drawing.height, drawing.width
     steps = steps_of(height, width)
@@ -122,9 +122,11 @@ def or_finer(
     plan = planned(picture, closer, 1, 0.0, placeholders, ONE_SAMPLE)
     other = Drawing(width, height, traced(plan, settings, flat, float(steps), steps))
     nearer = begin(other, goal)
-    gain = 0.5 * settings.detail * (state.value - nearer.value) / float(state.chance(slice(None)).mean())
-    shorter = gain > PRICE * (length(other.shapes) - length(drawing.shapes))
-    return (other, nearer) if shorter else (drawing, state)
+    # Half of chi^2 falls by as many times what a pixel is off by chance, on average.
+    chance = state.chance(slice(None))
+    falls = 0.5 * settings.detail * (state.value - nearer.value) * len(chance)
+    longer = PRICE * (length(other.shapes) - length(drawing.shapes))
+    return (other, nearer) if falls > longer * float(chance.sum()) else (drawing, state)
 
 
 def steps_of(height: int, width: int) -> int:
