@@ -14,7 +14,7 @@ from itertools import chain
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.polish import MOST
-from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS, State, begin
+from cubicsplat_cli.artwork.finish.state import PRICE, SHAPE_PARAMETERS, State, begin
 from cubicsplat_cli.artwork.geometry.fitting import few_lines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, pieces_of_rings, polygon
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
@@ -35,9 +35,9 @@ from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_labels, near_fills
 
 # The misfit of a pixel whose outline must be wrong; the share of blends with it in letters and thin lines, which larger
-# shapes never reach; how many times the regions a finer picture may have before it falls to pieces; the share of the
-# error at which a finer drawing is worth its pieces; the px^2 of its least region, half a pixel.
-FAR_OFF, LETTERS, MORE, LEFT, LEAST_AREA = 0.3**2, 0.1, 4, 0.4, 0.5
+# shapes never reach; how many times the regions a finer picture may have before it falls to pieces; the px^2 of its
+# least region, half a pixel.
+FAR_OFF, LETTERS, MORE, LEAST_AREA = 0.3**2, 0.1, 4, 0.5
 # Steps a pixel each way: hardly any program takes more samples. There are fewer if all would be more than MOST_STEPS,
 # for their memory.
 STEPS, MOST_STEPS = 4, 10_000_000
@@ -95,12 +95,15 @@ def or_finer(
     flat: Flattened,
     placeholders: np.ndarray | None,
     error: float,
+    finer: float,
 ) -> tuple[Drawing, State | None]:
-    """Return a traced drawing, or one traced in several steps a pixel if that is much nearer; and its state, if known.
+    """Return a traced drawing, or one traced in several steps a pixel if that makes the description of the picture
+    shorter; and its state, if known.
 
     The finer one is tried if many blends of fills are far off, as in small letters and thin lines. plan: of the
     drawing, with the picture for the finer one. settings: with areas in px of that. placeholders: as of `planned`.
-    error: in levels, of the picture's pixels beyond their rounding.
+    error: in levels, of the picture's pixels beyond their rounding. finer: the factor of the detail in which the
+    drawing was traced; the share of blends that suffice is smaller by as much.
     """
     height, width = drawing.height, drawing.width
     steps = steps_of(height, width)
@@ -108,18 +111,22 @@ def or_finer(
         return drawing, None
     state = begin(drawing, goal)
     blends = plan.fills.pure.ravel() < 0
-    if (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
+    if finer * (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
         return drawing, state
     work().at("tracing finer")
     most = min(MORE * plan.regions.count, MOST_REGIONS)
-    finer = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, most)
-    if finer is None:
+    picture = in_steps(plan.levels, plan.fills, steps, ROUNDING + error, most)
+    if picture is None:
         return drawing, state
     closer = replace(settings, min_area=max(settings.min_area, LEAST_AREA) * steps**2)
-    plan = planned(finer, closer, 1, 0.0, placeholders, ONE_SAMPLE)
+    plan = planned(picture, closer, 1, 0.0, placeholders, ONE_SAMPLE)
     other = Drawing(width, height, traced(plan, settings, flat, float(steps), steps))
     nearer = begin(other, goal)
-    return (other, nearer) if nearer.value < LEFT * state.value else (drawing, state)
+    # Half of chi^2 falls by as many times what a pixel is off by chance, on average.
+    chance = state.chance(slice(None))
+    falls = 0.5 * settings.detail * (state.value - nearer.value) * len(chance)
+    longer = PRICE * (length(other.shapes) - length(drawing.shapes))
+    return (other, nearer) if falls > longer * float(chance.sum()) else (drawing, state)
 
 
 def steps_of(height: int, width: int) -> int:

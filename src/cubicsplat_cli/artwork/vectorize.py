@@ -172,7 +172,7 @@ def _versions(
     placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
     off, share_off = condition.restored_error, condition.share_error
     plan = planned(picture, settings, prepared.scale, off, placeholders, share_off)
-    finer = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED) if condition.clean else 1.0
+    finer = _finer(plan, condition)
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
         opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None))
@@ -186,6 +186,11 @@ def _versions(
         painted = _painted(_with_strokes(version, goal, settings, error))
         leaks = None if condition.clean else flat
         yield recoloured(painted, prepared.levels, leaks) if settings.free_fills else painted
+
+
+def _finer(plan: Plan, condition: Condition) -> float:
+    """Return the factor of the detail in which a picture is traced."""
+    return TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED) if condition.clean else 1.0
 
 
 def _finished(
@@ -218,7 +223,8 @@ def _finished(
         if not (condition.aliased or condition.blur or prepared.pens):
             placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
             picture = replace(plan, levels=levels) if settings.free_fills else plan
-            drawing, state = or_finer(drawing, goal, picture, scaled, flat, placeholders, condition.restored_error)
+            errors = condition.restored_error, _finer(plan, condition)
+            drawing, state = or_finer(drawing, goal, picture, scaled, flat, placeholders, *errors)
         drawing = polish(drawing, goal, settings.detail, state, show)
         drawing = regularised(drawing, goal, settings.detail, grid)
         if condition.aliased:
