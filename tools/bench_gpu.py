@@ -111,8 +111,8 @@ class Bench:
         self.rates = Rates(1e-12, 1e-12, 1e-12, 1e-12)
 
     def step(self, settings: RasterSettings, loo: bool = False) -> Tensor:
-        importance = self.importance if loo else None
-        training = Training(self.target, self.state, self.rates, importance=importance, importance_kind="loo")
+        measured = {"importance": "loo", "out": {"importance": self.importance}} if loo else {}
+        training = Training(self.target, self.state, self.rates, **measured)
         return self.engine.step(self.scene, settings, training)
 
     def _allocated(self) -> int:
