@@ -11,7 +11,7 @@ from image_files import NOISE, encode, png_chunk, png_of
 from PIL import Image, ImageCms
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.load import Picture, load_picture, resize_picture
+from cubicsplat_cli.files.load import Picture, as_picture, load_picture, resize_picture
 
 
 def test_rgb_png_is_exact(tmp_path):
@@ -174,6 +174,13 @@ def test_float_outside_the_range_is_refused(value, word):
     values = np.array([[0.0, value]], np.float32)
     with pytest.raises(InputError, match=word):
         load_picture(encode(Image.fromarray(values), "TIFF"))
+    with pytest.raises(InputError, match=word):
+        as_picture(values.astype(float))
+
+
+def test_an_array_without_pixels_is_refused():
+    with pytest.raises(InputError, match="no pixel"):
+        as_picture(np.zeros((0, 4, 3), np.uint8))
 
 
 def test_integers_beyond_16_bits_are_refused():

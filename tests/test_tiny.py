@@ -274,7 +274,7 @@ def test_a_data_uri_holds_the_same_drawing(placeholder):
     assert not set('"#<>\n') & set(uri)
     assert len(uri) < 1.2 * len(placeholder.svg)
     text = unquote(uri.partition(",")[2])
-    assert text.replace("'", '"') == placeholder.svg
+    assert text.replace("'", '"') == placeholder.svg == placeholder._repr_svg_()
 
 
 def test_a_title_comes_through_a_data_uri():

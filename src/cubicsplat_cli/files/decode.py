@@ -195,16 +195,21 @@ def _through_profile(image: Image.Image, profile: bytes, notes: list[str]) -> Im
         return image
 
 
+def unit_values(values: np.ndarray, shown: str) -> np.ndarray:
+    """Return floating-point values as float32 in [0, 1]. Raises InputError with the name `shown` for any outside."""
+    low, high = float(values.min()), float(values.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise InputError(f"{shown}: has infinite or undefined pixel values; replace them")
+    if low < -1e-6 or high > 1 + 1e-6:
+        raise InputError(f"{shown}: pixel values run from {low:g} to {high:g}; scale them to 0 to 1")
+    return np.clip(values, 0.0, 1.0).astype(np.float32)
+
+
 def _deep_grey(image: Image.Image, shown: str) -> np.ndarray:
     """Return (H, W) float32 in [0, 1] of a grey image with 16-bit, 32-bit integer or floating-point pixels."""
     values = np.asarray(image)
     if image.mode == "F":
-        low, high = float(values.min()), float(values.max())
-        if not (np.isfinite(low) and np.isfinite(high)):
-            raise InputError(f"{shown}: has infinite or undefined pixel values; replace them")
-        if low < -1e-6 or high > 1 + 1e-6:
-            raise InputError(f"{shown}: pixel values run from {low:g} to {high:g}; scale them to 0 to 1")
-        return np.clip(values, 0.0, 1.0).astype(np.float32)
+        return unit_values(values, shown)
     if int(values.min()) < 0 or int(values.max()) > 65535:
         raise InputError(
             f"{shown}: integer values run from {values.min()} to {values.max()}; save it with 8 or 16 bits"

@@ -30,6 +30,7 @@ from cubicsplat_cli.files.decode import (
     draft,
     factor_for,
     formats_of,
+    unit_values,
 )
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import check_size, read_whole
@@ -301,14 +302,14 @@ def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS, max_size: i
 def _of_array(values: np.ndarray) -> Picture:
     if values.ndim == 2:
         values = values[..., None].repeat(3, axis=2)
-    if values.ndim != 3 or values.shape[2] not in (3, 4) or 0 in values.shape:
+    if values.ndim != 3 or values.shape[2] not in (3, 4):
         raise InputError(f"a picture's array must be (H, W), (H, W, 3) or (H, W, 4), not {values.shape}")
+    if values.size == 0:
+        raise InputError(f"a picture's array {values.shape} holds no pixel")
     if values.dtype == np.uint8:
         floats = values.astype(np.float32) / np.float32(255)
     elif np.issubdtype(values.dtype, np.floating):
-        floats = values.astype(np.float32)
-        if not bool(((floats >= 0.0) & (floats <= 1.0)).all()):
-            raise InputError("a picture's floating-point values must lie between 0 and 1; scale them")
+        floats = unit_values(values, "a picture's array")
     else:
         raise InputError(f"a picture's array must hold uint8 or floating-point values, not {values.dtype}")
     rgb, alpha = np.ascontiguousarray(floats[..., :3]), None

@@ -112,6 +112,10 @@ class Animation(ABC):
     notes: tuple[str, ...] = field(default=(), kw_only=True)
     report: ClipReport | None = field(default=None, kw_only=True)
 
+    def _repr_svg_(self) -> str:
+        """Return the SVG, which a notebook plays."""
+        return self.svg
+
     @property
     @abstractmethod
     def counts(self) -> tuple[int, int, int]:

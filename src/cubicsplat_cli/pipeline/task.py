@@ -60,6 +60,10 @@ class Result:
     report: Report
     pixels: np.ndarray | None = None
 
+    def _repr_svg_(self) -> str:
+        """Return the SVG, which a notebook shows."""
+        return self.svg
+
     def data_uri(self) -> str:
         """Return the SVG as a `data:image/svg+xml,...` URI, for use between double quotes."""
         return data_uri(self.svg)
