@@ -17,7 +17,7 @@ from cli_runs import contents, save_pictures, wait_until
 from conftest import smooth_pixels
 from emulated import EmulatedDriver, EmulatedKernels, compiler
 
-from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.jobs.plan import plan
 from cubicsplat_cli.jobs.pool import run_in_workers
 from cubicsplat_cli.jobs.results import prepare_files
@@ -310,3 +310,26 @@ def test_the_pictures_of_a_server_that_dies_are_tried_again(folder, tmp_path):
     assert len(killed) == 1
     assert watch.notes
     assert all(note.endswith("(exit code 1); it is tried again") for note in watch.notes)
+
+
+def test_a_picture_that_ends_its_server_again_fails(folder, tmp_path):
+    for name in "bcd":
+        (folder / f"{name}.png").unlink()
+
+    def kill() -> None:
+        for child in multiprocessing.active_children():
+            if child.name == "serve":
+                child.kill()
+
+    found = run(folder, tmp_path / "out", 2, Watch(kill), steps=4000)
+    assert found == {"a.png": FAILED}
+
+
+def ends_at_once(pipe) -> None:
+    pipe.close()
+
+
+def test_a_server_that_cannot_begin_is_one_line(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("cubicsplat_cli.jobs.pool.serve", ends_at_once)
+    with pytest.raises(EngineError, match="use --device cpu"):
+        run(folder, tmp_path / "out", 2, Watch())

@@ -25,6 +25,7 @@ from queue import SimpleQueue
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, Outcome, attempt
@@ -160,7 +161,10 @@ class _Pool:
         """Return the address of the living process that fits on the GPU."""
         if self.fitting is None or self.fitting[1].poll():  # its end of the pipe is closed
             process, pipe = _started(serve)
-            self.fitting = process, pipe, pipe.recv()
+            try:
+                self.fitting = process, pipe, pipe.recv()
+            except EOFError as error:
+                raise EngineError("the process that fits on the GPU ended as it began; use --device cpu") from error
         return self.fitting[2]
 
     def _listen(self, worker: _Worker) -> Outcome | None:
