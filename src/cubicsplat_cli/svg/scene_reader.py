@@ -131,7 +131,7 @@ def _background(element: OwnElement, width: int, height: int) -> tuple[float, fl
     return unit_colour(hex_colour(given.get("fill", "")))
 
 
-class _Group(NamedTuple):
+class _CurveGroup(NamedTuple):
     """The group of all curves. shift: the paths' unit is 10^-shift px. opacity: default of the curves."""
 
     mode: Mode
@@ -139,7 +139,7 @@ class _Group(NamedTuple):
     opacity: str
 
 
-def _group_of(element: OwnElement) -> _Group:
+def _group_of(element: OwnElement) -> _CurveGroup:
     given = dict(element.attributes)
     scale = _SCALE.fullmatch(given.pop("transform", "scale(1)"))
     if scale is None:
@@ -154,10 +154,10 @@ def _group_of(element: OwnElement) -> _Group:
     mode = kinds.get(tuple(name for name in _GROUP_ATTRIBUTES if name != "id" and name in given))
     if mode is None:
         raise ValueError("has a <g> that says neither closed nor open curves")
-    return _Group(mode, 0 if scale[1] is None else len(scale[1]) + 1, opacity)
+    return _CurveGroup(mode, 0 if scale[1] is None else len(scale[1]) + 1, opacity)
 
 
-def _curve(element: OwnElement, group: _Group, gradients: GradientReader) -> _Curve:
+def _curve(element: OwnElement, group: _CurveGroup, gradients: GradientReader) -> _Curve:
     """Return the curve of an element in the group. Raises ValueError for what `write_svg` does not write."""
     closed, unit = group.mode is Mode.CLOSED, 10.0**group.shift
     if element.name == "path":

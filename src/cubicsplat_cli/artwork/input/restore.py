@@ -145,15 +145,15 @@ def _with_small_parts(
     """
     space, colours = seen_as(condition, sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
 
-    def fitted(palette: np.ndarray, labels: np.ndarray) -> _Explanation:
+    def fitted(palette: np.ndarray, labels: np.ndarray) -> _Labelling:
         lined = with_lines(seen, palette @ space, labels, OUTLIER * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
         free = ~_shows_inside(labels, len(palette))
         fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma, condition.halved)
         fills, missing = fills @ RGB, missing @ RGB
-        return _Explanation(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
+        return _Labelling(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
 
-    def fitted_of(palette: np.ndarray, thick: int) -> _Explanation:
+    def fitted_of(palette: np.ndarray, thick: int) -> _Labelling:
         return fitted(palette, labelled(seen, palette @ space, sigma, thick, bounded=True))
 
     best = fitted(palette, labels)
@@ -179,7 +179,7 @@ def _with_small_parts(
 
 
 @record
-class _Explanation:
+class _Labelling:
     """A palette (P, 4) in levels and labels (H, W) that explain a JPEG at a cost in nats; missing: (k, 4) the colours
     of pixels that they hardly explain.
     """
