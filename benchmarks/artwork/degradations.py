@@ -80,6 +80,12 @@ def _enlarged(document: Document) -> np.ndarray:
     return np.array(large)[: document.height, : document.width]
 
 
+def _reduced(document: Document) -> np.ndarray:
+    """Drawn at four times the size and reduced by Lanczos' filter, as programs make smaller copies."""
+    large = Image.fromarray(document.draw(4.0))
+    return np.array(large.resize((document.width, document.height), Image.Resampling.LANCZOS))
+
+
 def _noisy(document: Document) -> np.ndarray:
     """With normal noise that is the same each time."""
     pixels = document.draw().copy()
@@ -112,6 +118,7 @@ DEGRADATIONS: dict[str, Callable[[Document], Given]] = {
     "webp": _webp,
     "blurred": _blurred,
     "enlarged": _enlarged,
+    "reduced": _reduced,
     "noisy": _noisy,
     "palette": _palette,
 }

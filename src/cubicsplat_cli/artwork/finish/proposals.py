@@ -60,14 +60,14 @@ class Area:
 class ErrorModel:
     """The errors that a picture may have beside its drawing.
 
-    noise: standard deviation in levels; error: that of pixels on edges. jpeg: whether edges ring. blur: standard
+    noise: standard deviation in levels; error: that of pixels on edges. rings: whether edges do. blur: standard
     deviation, px. least: px times levels of an area. smallest: px of a shape. seam: levels by which what lies beneath
     shows through on edges.
     """
 
     noise: float
     error: float
-    jpeg: bool
+    rings: bool
     blur: float
     least: float
     smallest: float
@@ -80,16 +80,17 @@ class ErrorModel:
 
     @classmethod
     def of(cls, condition: Condition, min_area: float) -> ErrorModel:
-        sharp, seam = condition.clean and not condition.aliased, SEAM if condition.clean else 0.0
+        rings = condition.jpeg or condition.sharpened
+        sharp, seam = condition.clean and not (condition.aliased or rings), SEAM if condition.clean else 0.0
         least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if sharp else (LEAST, SMALLEST)
-        errors = condition.noise, condition.edge_error, condition.jpeg, condition.blur
+        errors = condition.noise, condition.edge_error, rings, condition.blur
         return cls(*errors, least, max(smallest, min_area), seam)
 
 
 @record
 class TargetPicture:
     """The picture that drawings are compared with. levels: (H, W, 4); model: of its errors; ringing: (H, W, 4) levels
-    by which a JPEG's edges are off in luma and chroma, else 0.
+    by which edges that ring are off in luma and chroma, else 0.
     """
 
     levels: np.ndarray
@@ -100,7 +101,7 @@ class TargetPicture:
     def of(cls, levels: np.ndarray, model: ErrorModel) -> TargetPicture:
         """A picture with such errors."""
         seen = levels @ LUMA_CHROMA
-        return cls(levels, model, ringing(seen) if model.jpeg else np.zeros(seen.shape, np.float32))
+        return cls(levels, model, ringing(seen) if model.rings else np.zeros(seen.shape, np.float32))
 
 
 def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:

@@ -39,8 +39,8 @@ class Condition:
     noise: its standard deviation in levels away from edges, 0 for none. jpeg: True if the picture has the blocks of a
     JPEG, or rings like one or a lossy WebP. blur: standard deviation in px of the blur of edges beyond their pixels, 0
     for none. coarse: True if the noise is that of a paper's grain, alike over a px or two. aliased: True if edges are
-    steps of whole pixels. halved: the axes along which a JPEG's chroma is stored at half its size, 0 for rows and 1 for
-    columns; both, unless its file says otherwise.
+    steps of whole pixels. sharpened: True if edges ring, but for halos that are undone. halved: the axes along which a
+    JPEG's chroma is stored at half its size, 0 for rows and 1 for columns; both, unless its file says otherwise.
     """
 
     noise: float = 0.0
@@ -48,6 +48,7 @@ class Condition:
     blur: float = 0.0
     coarse: bool = False
     aliased: bool = False
+    sharpened: bool = False
     halved: tuple[int, ...] = (0, 1)
 
     @property

@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.input.linear_light import without_linear_light, with
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
+from cubicsplat_cli.artwork.input.sharpening import without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
@@ -77,14 +78,19 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     whole = without_subpixels(original)
     if whole is not original:
         notes.append("text drawn without the colour fringes that it has for LCDs")
-    levels = without_linear_light(whole)
-    in_light = levels is not whole
+    even = whole if compression else without_halos(whole)
+    if even is not whole:
+        notes.append("drawn without the halos that sharpening left at its edges")
+    levels = without_linear_light(even)
+    in_light = levels is not even
     if in_light:
         notes.append("edges drawn where they are in linear light, in which they were blended")
     levels = without_rim(levels, in_light=in_light)
     lossy = compression is not None and factor == 1
     prepared = replace(_prepared(reduced(levels, factor), factor, width, height, lossy=lossy), edge_notes=tuple(notes))
     condition = prepared.condition
+    if even is not whole:
+        return replace(prepared, condition=replace(condition, sharpened=True))
     if compression is None or levels is not original or not condition.jpeg or prepared.scale > 1 or prepared.scanned:
         return prepared
     if compression.tables:

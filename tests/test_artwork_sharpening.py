@@ -1,0 +1,75 @@
+"""Halos of sharpened pictures: found where they are, and taken off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw, ImageFilter
+
+from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.input.prepare import as_levels
+from cubicsplat_cli.artwork.input.sharpening import without_halos
+
+TIMES, SIDE = 6, 120
+NOTE = "drawn without the halos that sharpening left at its edges"
+
+
+def icon(*, ground: str = "#dddddd", gradient: bool = False) -> Image.Image:
+    """Draw a rounded square with a ring in it, several times as large."""
+    side = TIMES * SIDE
+    along = np.linspace(0.0, 1.0, side)[:, None, None] * gradient
+    fill = (1.0 - along) * [90, 60, 220] + along * [220, 80, 160]
+    square = Image.fromarray(np.broadcast_to(fill, (side, side, 3)).astype(np.uint8))
+    ImageDraw.Draw(square).ellipse([200, 200, 520, 520], outline="#e8e8e8", width=50)
+    mask = Image.new("L", square.size, 0)
+    ImageDraw.Draw(mask).rounded_rectangle([40, 40, side - 41, side - 41], 130, fill=255)
+    image = Image.new("RGB", square.size, ground)
+    image.paste(square, mask=mask)
+    return image
+
+
+def reduced(image: Image.Image, resampling: Image.Resampling) -> np.ndarray:
+    """Return the levels of a picture at its size."""
+    small = image.resize((SIDE, SIDE), resampling)
+    return as_levels(np.asarray(small, np.float32) / np.float32(255.0))
+
+
+@pytest.mark.parametrize("resampling", [Image.Resampling.LANCZOS, Image.Resampling.BICUBIC])
+@pytest.mark.parametrize("gradient", [False, True])
+def test_without_halos_a_picture_is_nearer_to_the_areas_that_shapes_cover(resampling, gradient):
+    image = icon(gradient=gradient)
+    areas, sharp = reduced(image, Image.Resampling.BOX), reduced(image, resampling)
+    before, after = (np.square(levels - areas).mean() ** 0.5 for levels in (sharp, without_halos(sharp)))
+    assert after < 0.8 * before
+
+
+def test_halos_of_one_side_suffice():
+    levels = reduced(icon(ground="white"), Image.Resampling.LANCZOS)
+    assert without_halos(levels) is not levels
+
+
+@pytest.mark.parametrize("resampling", [Image.Resampling.BOX, Image.Resampling.BILINEAR, Image.Resampling.HAMMING])
+def test_other_pictures_stay_as_they_are(resampling):
+    levels = reduced(icon(), resampling)
+    assert without_halos(levels) is levels
+    blurred = reduced(icon().filter(ImageFilter.GaussianBlur(6)), Image.Resampling.BOX)
+    assert without_halos(blurred) is blurred
+    noise = np.random.default_rng(1).uniform(0, 255, (40, 40, 4)).astype(np.float32)
+    for picture in (noise, noise[:9], noise[:1, :1], np.zeros_like(noise)):
+        assert without_halos(picture) is picture
+
+
+def test_a_line_between_two_areas_stays():
+    image = icon()
+    ImageDraw.Draw(image).rectangle([20, 20, 699, 28], fill="#ffffff")  # a line of one px, far lighter than a halo
+    levels = reduced(image, Image.Resampling.LANCZOS)
+    found = without_halos(levels)
+    assert found is not levels
+    assert np.abs(found - levels)[3:5, 20:100].max() == 0.0
+
+
+def test_a_sharpened_gradient_is_one_shape():
+    small = icon(gradient=True).resize((SIDE, SIDE), Image.Resampling.LANCZOS)
+    report = vectorize(np.asarray(small), style="artwork", threads=1).report
+    assert NOTE in " ".join(report.notes)
+    assert report.quality.svg.psnr_db > 42.0
