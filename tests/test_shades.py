@@ -23,8 +23,10 @@ from cubicsplat_cli.raster.shades import (
     colours_off,
     fitted,
     grown,
+    misfits,
     nearest_paints,
     part_spreads,
+    reach,
     scatter,
     slopes,
     trimmed_range,
@@ -156,6 +158,27 @@ def test_more_than_a_hundred_gradients_are_found():
     assert number >= count * count
     assert len(flattened(levels).gradients) > 100
     assert gradient_areas(levels, parts, number, most=100) == []
+
+
+@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True), (FOCAL, True)])
+def test_misfits_of_groups_and_the_reach_of_pixels(frame, radial):
+    random, (x, y) = np.random.default_rng(0), places()
+    space = random.normal(size=(4, 4))
+    pixels = Pixels(x, y, random.uniform(0.0, 255.0, (len(x), 4)))
+    off = defined(frame, radial, x, y) - pixels.values
+    sums = [((part @ space) ** 2).sum() for part in np.split(off, [7, 500])]
+    ends = np.array([7, 500, len(x)])
+    assert misfits(frame, radial, KNOTS, COLOURS, pixels, ends, space) == pytest.approx(np.array(sums))
+    first, second = frame[:, :3] @ np.stack([x, y, np.ones_like(x)])
+    t = np.hypot(first, second) + frame[0, 3] * first + frame[1, 3] * second if radial else first
+    middle, beyond = np.median(t), []
+    (least, most), squares = reach(frame, radial, KNOTS - KNOTS[1] + middle, COLOURS, pixels)
+    assert (least, most) == pytest.approx((t.min(), t.max()))
+    for end, beside, there in ((0, 1, t < KNOTS[0] - KNOTS[1] + middle), (2, 1, t > KNOTS[2] - KNOTS[1] + middle)):
+        slope, at = (COLOURS[end] - COLOURS[beside]) / (KNOTS[end] - KNOTS[beside]), KNOTS[end] - KNOTS[1] + middle
+        flat = COLOURS[end] - pixels.values[there]
+        beyond.append([(flat**2).sum(), ((flat + slope * (t[there] - at)[:, None]) ** 2).sum()])
+    assert squares == pytest.approx(np.array(beyond))
 
 
 def grown_by_definition(off: np.ndarray, kinds: np.ndarray, inside: np.ndarray, most: tuple[float, ...], on: bool):

@@ -63,6 +63,26 @@ def colours_off(frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.
     return _native("cs_shaded", *pixels.given, *gradient, Out((len(pixels.x), 4)), result=None)
 
 
+def misfits(
+    frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels, ends: np.ndarray,
+    space: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return the sums (g,) of the squares of the colours of a gradient less those of groups of pixels, of which each
+    ends at ends (g,) int64, in a space: rows of RGBA times a matrix (4, 4)."""
+    gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
+    groups = doubles(space), len(ends), int64s(ends), Out(len(ends))
+    return _native("cs_shade_misfits", *pixels.given, *gradient, *groups, result=None)
+
+
+def reach(
+    frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (2,) the least and greatest t of pixels; and (2, 2) for the first stop and the last one the sums of the
+    squared differences of the pixels beyond it from its colour, and from the ramp carried on."""
+    gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
+    return _native("cs_shade_reach", *pixels.given, *gradient, Out(2), Out((2, 2)), result=None)
+
+
 def best_colours(frame: np.ndarray, radial: bool, knots: np.ndarray, pixels: Pixels) -> np.ndarray:
     """Return the colours (K, 4) of stops with which a gradient comes nearest to pixels, by least squares."""
     given = *pixels.given, _map(frame), radial, len(knots), doubles(knots)
