@@ -132,7 +132,7 @@ class Growth {
     dirty_.clear();
   }
 
-  // Whether the mean residual of the like pixels in a window is small, since the chroma of a single one is unreliable.
+  // True if the mean residual of the like pixels in a window is small. The chroma of a single one is unreliable.
   bool like_around(int64_t at) const {
     double sums[4] = {}, count = 0.0, most = 0.0;
     around(at, kAround, [&](int64_t other) {
