@@ -10,7 +10,10 @@ import pytest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import flattened
 from cubicsplat_cli.artwork.gradients.parts import Patch, joined, smooth_parts
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import (
+    IN_LARGE,
+    ON_EDGE,
     Pixels,
     bends_and_steps,
     best_colours,
@@ -19,8 +22,11 @@ from cubicsplat_cli.raster.shades import (
     colours_at,
     colours_off,
     fitted,
+    grown,
+    misfits,
     nearest_paints,
     part_spreads,
+    reach,
     scatter,
     slopes,
     trimmed_range,
@@ -152,3 +158,60 @@ def test_more_than_a_hundred_gradients_are_found():
     assert number >= count * count
     assert len(flattened(levels).gradients) > 100
     assert gradient_areas(levels, parts, number, most=100) == []
+
+
+@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True), (FOCAL, True)])
+def test_misfits_of_groups_and_the_reach_of_pixels(frame, radial):
+    random, (x, y) = np.random.default_rng(0), places()
+    space = random.normal(size=(4, 4))
+    pixels = Pixels(x, y, random.uniform(0.0, 255.0, (len(x), 4)))
+    off = defined(frame, radial, x, y) - pixels.values
+    sums = [((part @ space) ** 2).sum() for part in np.split(off, [7, 500])]
+    ends = np.array([7, 500, len(x)])
+    assert misfits(frame, radial, KNOTS, COLOURS, pixels, ends, space) == pytest.approx(np.array(sums))
+    first, second = frame[:, :3] @ np.stack([x, y, np.ones_like(x)])
+    t = np.hypot(first, second) + frame[0, 3] * first + frame[1, 3] * second if radial else first
+    middle, beyond = np.median(t), []
+    (least, most), squares = reach(frame, radial, KNOTS - KNOTS[1] + middle, COLOURS, pixels)
+    assert (least, most) == pytest.approx((t.min(), t.max()))
+    for end, beside, there in ((0, 1, t < KNOTS[0] - KNOTS[1] + middle), (2, 1, t > KNOTS[2] - KNOTS[1] + middle)):
+        slope, at = (COLOURS[end] - COLOURS[beside]) / (KNOTS[end] - KNOTS[beside]), KNOTS[end] - KNOTS[1] + middle
+        flat = COLOURS[end] - pixels.values[there]
+        beyond.append([(flat**2).sum(), ((flat + slope * (t[there] - at)[:, None]) ** 2).sum()])
+    assert squares == pytest.approx(np.array(beyond))
+
+
+def grown_by_definition(off: np.ndarray, kinds: np.ndarray, inside: np.ndarray, most: tuple[float, ...], on: bool):
+    """Return the area after the same growth, by passes over the whole picture. off: (H, W, 4) levels."""
+    near, size = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=5), int(inside.sum())
+    while True:
+        ring = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=5) & ~inside
+        like = ring & (np.linalg.norm(off, axis=2) <= most[1])
+        share = ndimage.uniform_filter(like.astype(float), 5, mode="constant")
+        mean = ndimage.uniform_filter(np.where(like[..., None], off, 0.0), (5, 5, 1), mode="constant")
+        even = like & (kinds == ON_EDGE) & (np.abs(mean).max(axis=2) <= most[2] * share)
+        wide = ndimage.binary_propagation(inside, None, inside | (ring & ((np.abs(off).max(axis=2) <= most[0]) | even)))
+        before, size = size, int(wide.sum())
+        if not on or size <= before:
+            return wide
+        inside = inside | (wide & ((kinds != IN_LARGE) | near))
+
+
+@pytest.mark.parametrize("on", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_areas_grow_by_what_their_gradient_explains(on, seed):
+    random, shape = np.random.default_rng(seed), (60, 80)
+    x, y = places(80, 60)
+    truth = defined(ROUND, True, x, y).reshape(*shape, 4)
+    blobs = ndimage.gaussian_filter(random.normal(size=shape), 2.0)
+    off = (random.normal(size=(*shape, 4)) + 12.0 * blobs[..., None]).astype(np.float32).astype(float)
+    levels = (truth - off).astype(np.float32)
+    kinds = np.where(blobs > 0.1, ON_EDGE, np.where(x.reshape(shape) > 60, IN_LARGE, 0)).astype(np.uint8)
+    inside = np.zeros(shape, dtype=bool)
+    inside[20:30, 30:40] = inside[0:3, 2:9] = True
+    most = 2.2, 6.0, 1.5
+    wide = grown_by_definition(truth - levels, kinds, inside, most, on)
+    edges = most[1], most[2], np.eye(4), np.eye(4)
+    given = (ROUND, True, KNOTS, COLOURS), inside.copy(), most[0], edges
+    assert inside.sum() < wide.sum() < wide.size
+    np.testing.assert_array_equal(grown(levels, kinds, *given, on=on), wide)

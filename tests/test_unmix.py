@@ -9,6 +9,7 @@ import pytest
 
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import (
+    SLOTS,
     best_blend,
     blend_with,
     components,
@@ -18,6 +19,7 @@ from cubicsplat_cli.raster.unmix import (
     near_fills,
     nearest_fills,
     part_fills,
+    relabelled,
     residual_of_three,
     spread,
 )
@@ -148,3 +150,35 @@ def test_holes_are_what_no_way_along_pixels_leaves() -> None:
     mask[4, 4:] = False
     holes = ndimage.holes_of(mask)
     assert np.argwhere(holes).tolist() == [[1, 1], [2, 2]] and not ndimage.holes_of(np.ones((2, 3), bool)).any()
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+def test_labels_are_chosen_by_their_blends_and_their_neighbours(rng, bounded):
+    shape, scale, most, neighbour, unsure = (24, 30), 300.0, 40.0, 0.7, 3.0
+    fills = rng.uniform(0.0, 255.0, (6, 4))
+    truth = np.repeat(np.repeat(rng.integers(0, 6, (4, 5)), 6, axis=0), 6, axis=1)
+    seen = (fills[truth] + rng.normal(0.0, 25.0, (*shape, 4))).astype(np.float32)
+    labels = rng.integers(0, 6, shape).astype(np.int32)
+    y, x = np.nonzero(rng.uniform(size=shape) < 0.7)
+    candidates = np.array([rng.permutation(6) for _ in y])[:, : SLOTS + 1]
+    candidates[rng.uniform(size=candidates.shape) < 0.1] = -1
+    candidates[:, 0] = truth[y, x]
+    first, second = fills[candidates][:, :, None], fills[candidates][:, None]
+    off, span = seen[y, x][:, None, None] - first, second - first
+    share = np.clip((off * span).sum(axis=3) / np.maximum((span**2).sum(axis=3), 1e-9), 0.0, 0.5)
+    cost = ((off - share[..., None] * span) ** 2).sum(axis=3) / scale
+    listed = candidates >= 0
+    cost[~(listed[:, :, None] & listed[:, None])] = np.inf
+    prior = np.where(listed, np.where(np.arange(SLOTS + 1) < SLOTS, 0.0, unsure), np.inf)
+    expected, alone = labels.copy(), cost.diagonal(axis1=1, axis2=2)[:, :, None]
+    for _ in range(6):
+        padded = np.pad(expected, 1, mode="edge")
+        around = [padded[y + dy, x + dx] for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
+        alike = np.sum([other[:, None] == candidates for other in around], axis=0)
+        left = np.where(alike[:, None] > 0, cost, alone) if bounded else np.minimum(cost, most)
+        score = left.min(axis=2) + prior - neighbour * alike
+        expected[y, x] = candidates[np.arange(len(y)), score.argmin(axis=1)]
+    assert (expected != labels).any()
+    costs = scale, most, neighbour, unsure
+    found = relabelled(labels, seen, fills, (y, x), candidates, costs, bounded=bounded)
+    np.testing.assert_array_equal(found, expected)

@@ -27,6 +27,8 @@ import numpy as np
 from cubicsplat_cli.raster.native import Out, bools, doubles, floats, int32s, int64s, native
 from cubicsplat_cli.record import record
 
+ON_EDGE, IN_LARGE = 1, 2  # kinds of pixels: on an edge, and in a large part of one colour
+
 _native, _shadows = partial(native, "gradients"), partial(native, "shadows")
 
 
@@ -59,6 +61,26 @@ def colours_off(frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.
     """Return the colours (n, 4) of a gradient at pixels less those of the pixels."""
     gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
     return _native("cs_shaded", *pixels.given, *gradient, Out((len(pixels.x), 4)), result=None)
+
+
+def misfits(
+    frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels, ends: np.ndarray,
+    space: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return the sums (g,) of the squares of the colours of a gradient less those of groups of pixels, of which each
+    ends at ends (g,) int64, in a space: rows of RGBA times a matrix (4, 4)."""
+    gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
+    groups = doubles(space), len(ends), int64s(ends), Out(len(ends))
+    return _native("cs_shade_misfits", *pixels.given, *gradient, *groups, result=None)
+
+
+def reach(
+    frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (2,) the least and greatest t of pixels; and (2, 2) for the first stop and the last one the sums of the
+    squared differences of the pixels beyond it from its colour, and from the ramp carried on."""
+    gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
+    return _native("cs_shade_reach", *pixels.given, *gradient, Out(2), Out((2, 2)), result=None)
 
 
 def best_colours(frame: np.ndarray, radial: bool, knots: np.ndarray, pixels: Pixels) -> np.ndarray:
@@ -102,6 +124,32 @@ def slopes(pixels: Pixels, size: int, fewest: int) -> tuple[np.ndarray, np.ndarr
     room = len(pixels.x) // fewest
     out = Out((room, 2)), Out((room, 4, 2)), Out((room, 4)), Out(room)
     return _native("cs_slopes", *pixels.given, size, fewest, room, *out, result=c_int64)
+
+
+def grown(
+    levels: np.ndarray,
+    kinds: np.ndarray,
+    gradient: tuple[np.ndarray, bool, np.ndarray, np.ndarray],
+    inside: np.ndarray,
+    off: float,
+    edges: tuple[float, float, np.ndarray, np.ndarray],
+    *,
+    on: bool,
+) -> np.ndarray:
+    """Grow an area, inside (H, W) bool, in place and return it: by the pixels of a picture (H, W, 4) within 5 px that a
+    gradient explains and that are connected to it. on: again and again as long as it grows, but into pixels IN_LARGE
+    only the first time.
+
+    kinds: (H, W) uint8, ON_EDGE, IN_LARGE or 0. gradient: frame, radial, knots and colours. off: levels by which a
+    channel may differ. edges: how pixels ON_EDGE may differ too: the most levels in a space, the most of the mean of
+    such pixels in a window of 5 px in another one, and the matrices (4, 4) that take rows of RGBA to these spaces.
+    """
+    frame, radial, knots, colours = gradient
+    unlike, mean, space, means = edges
+    given = *kinds.shape, floats(levels), kinds, _map(frame), radial, len(knots), doubles(knots), doubles(colours)
+    tolerance = float(off), float(unlike), float(mean), doubles(space), doubles(means)
+    _native("cs_grow_shade", *given, *tolerance, on, inside)
+    return inside
 
 
 def _map(frame: np.ndarray) -> np.ndarray:

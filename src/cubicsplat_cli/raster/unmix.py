@@ -60,6 +60,25 @@ def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tup
     return _native("cs_unmix", *given, Out(len(values), np.int32), Out(len(values)), result=None)
 
 
+def relabelled(
+    labels: np.ndarray, seen: np.ndarray, fills: np.ndarray, place: tuple[np.ndarray, np.ndarray],
+    candidates: np.ndarray, costs: tuple[float, float, float, float], *, bounded: bool,
+) -> np.ndarray:  # fmt: skip
+    """Choose the labels (H, W) int32 of some pixels anew, in place, and return them: among candidates (n, k), fills of
+    (P, 4) or -1, that of which the pixel of a picture (H, W, 4) is a blend of half or more at the least cost. At most 6
+    rounds, each of all pixels at once.
+
+    place: rows and columns (n,). costs: squares of a residual for each nat; the most nats for it; nats for each
+    neighbour with another label; and those for a candidate after the first SLOTS. bounded: a pixel blends only with
+    fills of its neighbours, and the nats have no bound.
+    """
+    pixels = place[0] * labels.shape[1] + place[1]
+    given = *labels.shape, floats(seen), doubles(fills), len(pixels), int64s(pixels)
+    slots = candidates.shape[1], int32s(candidates)
+    _native("cs_relabel", *given, *slots, *map(float, costs), SLOTS, bounded, 6, labels)
+    return labels
+
+
 def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Return (n,): the distance of values (n, 4) to the nearest blend of three of the fills near them (n, SLOTS) int32,
     or of two that explain them about as well; infinity if there are fewer fills.

@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.input.palette import SAME
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.raster.shades import Pixels, misfits
 from cubicsplat_cli.raster.sparse import linked_groups
 
 BESIDE = 3  # px on either side of a border that show a step
@@ -41,54 +41,64 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
         )
         patches = sorted(patches_of(parts), key=lambda patch: -patch.size)
         left = [_Bands(levels, drawn, patch, condition) for patch in patches if patch.size >= LEAST_AREA]
+        joined = _joined(left)
         for seed in [left, *([bands] for bands in left)]:  # all together, then each that no gradient has yet
             if left and all(bands in left for bands in seed):
-                shade, members = _shared(seed, left, roughness(condition))
+                shade, members = _shared(seed, left, joined, condition)
                 areas += [ShadedArea(shade, bands.patch) for bands in members]
-                left = [bands for bands in left if bands not in members]
+                if members:
+                    left = [bands for bands in left if bands not in members]
+                    joined = _joined(left)
     return areas
 
 
 class _Bands:
-    """Connected pixels of fills that may be bands of a gradient. patch: these pixels, away from other fills."""
+    """Connected pixels of fills that may be bands of a gradient. patch: these pixels, away from other fills. error: the
+    squared error that the bands leave.
+    """
 
     def __init__(self, levels: np.ndarray, drawn: np.ndarray, patch: Patch, condition: Condition) -> None:
-        self.patch, self._space, rough = patch, seen_as(condition), roughness(condition)
+        self.patch, rough = patch, roughness(condition)
         x, y, values = patch.pixels(levels)
         self.pixels = Pixels(x, y, values / rough)
-        self.error = self._off(drawn[patch.places()] / rough)
-
-    def _off(self, colours: np.ndarray) -> float:
-        return float((((self.pixels.values - colours) @ self._space) ** 2).sum())
-
-    def left(self, shade: Shade) -> float:
-        """Return the squared error that a gradient leaves; `error` is that of the bands."""
-        return self._off(shade.extended().at(self.pixels.x, self.pixels.y))
+        off = self.pixels.values - drawn[patch.places()] / rough
+        self.error = float(((off @ seen_as(condition)) ** 2).sum())
 
 
-def _shared(seed: list[_Bands], left: list[_Bands], rough: float) -> tuple[Shade, list[_Bands]]:
+def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: Condition) -> tuple[Shade, list[_Bands]]:
     """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these.
 
     If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none.
+    joined: the pixels of all those left.
     """
-    first = shade_of(_joined(seed))
-    members, shade = left, first
+    alone = joined if seed is left else _joined(seed)
+    first = shade_of(alone)
+    members, pixels, shade = left, joined, first
     while len(members) > len(seed):
-        shade = refitted(first, _joined(members))
-        better = [bands for bands in members if bands.left(shade) <= bands.error]
+        shade = refitted(first, pixels)
+        errors = _errors(shade, members, pixels, condition)
+        better = [bands for bands, error in zip(members, errors, strict=True) if error <= bands.error]
         if len(better) == len(members):
             break
-        members = better
-    for some, trial in ((members, shade), (seed, first)):
-        if some and sum(bands.left(trial) for bands in some) <= STEP * sum(bands.error for bands in some):
-            x, y, _ = _joined(some)
-            if rough * np.ptp(trial.at(x, y), axis=0).max() >= SAME and not is_step(trial):
+        members, pixels = better, _joined(better)
+    for some, own, trial in ((members, pixels, shade), (seed, alone, first)):
+        if some and _errors(trial, some, own, condition).sum() <= STEP * sum(bands.error for bands in some):
+            rough = roughness(condition)
+            if rough * np.ptp(trial.at(own.x, own.y), axis=0).max() >= SAME and not is_step(trial):
                 return trial.times(rough), some
     return first, []
 
 
+def _errors(shade: Shade, bands: list[_Bands], pixels: Pixels, condition: Condition) -> np.ndarray:
+    """Return the squared errors (n,) that a gradient leaves of bands. pixels: of all of them."""
+    shade, ends = shade.extended(), np.cumsum([each.patch.size for each in bands])
+    return misfits(shade.frame, shade.radial, shade.ramp.knots, shade.ramp.colours, pixels, ends, seen_as(condition))
+
+
 def _joined(bands: list[_Bands]) -> Pixels:
-    """Return the pixels of all bands."""
+    """Return the pixels of all bands; none without any."""
+    if not bands:
+        return Pixels(np.zeros(0), np.zeros(0), np.zeros((0, 4)))
     return Pixels(*(np.concatenate(arrays) for arrays in zip(*(each.pixels for each in bands), strict=True)))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Patch, smooth_parts
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Patch, patches_of, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
 from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, MISFIT, seen_as
 from cubicsplat_cli.artwork.regions.fills import GRADIENT_RANGE
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.shades import IN_LARGE, ON_EDGE, grown
 from cubicsplat_cli.raster.unmix import STRANGE
 
 WINDOW = 7  # px
@@ -33,7 +34,7 @@ SHORTEST = 12.0  # px, within which an edge between two fills does half of its c
 # Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
 # picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
-GROWN = 5  # px by which windows stay away from edges, and within which a gradient may go on
+GROWN = 5  # px by which windows stay away from edges
 # Times the noise by which pixels there may differ, which in a JPEG is greater near edges; times the restored error.
 NEAR, JPEG_NEAR, RESTORED = 3.0, 6.0, 2.0
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
@@ -58,7 +59,12 @@ def without_noisy_gradients(
     for area in new:
         covered[area.patch.window] |= area.patch.mask
     areas = [area for area in earlier if 2 * covered[area.patch.window][area.patch.mask].sum() < area.patch.size]
-    areas += [_grown(levels, area, condition, even) for area in new]
+    kinds = np.zeros(even.shape, dtype=np.uint8)
+    if condition.jpeg:
+        kind_of = np.where(np.bincount(even.ravel()) >= LARGE_AREA, IN_LARGE, 0).astype(np.uint8)
+        kind_of[0] = ON_EDGE
+        kinds = kind_of[even]
+    areas += [_grown(levels, area, condition, kinds) for area in new]
     flat = without_areas(levels, even, _to_the_nearest(levels, areas, condition), STRANGE)
     return replace(flat, areas=tuple(areas))
 
@@ -111,53 +117,25 @@ def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
     return bool((change[length < shortest] >= 0.5 * np.ptp(shade.ramp.colours, axis=0).max()).any())
 
 
-def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, even: np.ndarray) -> ShadedArea:
-    """Return the area with the pixels around it that its gradient explains too. In a JPEG it grows as far as these go
-    on, but into large parts of one colour only GROWN px.
+def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np.ndarray) -> ShadedArea:
+    """Return the area with the pixels around it that its gradient explains too, and its small holes. In a JPEG it grows
+    as far as these go on, but into large parts of one colour only GROWN px.
 
-    even: (H, W) int32 numbers from 1 on of the parts of one colour, 0 elsewhere.
+    kinds: (H, W) as of `grown`; all 0 unless the picture is a JPEG.
     """
-    wide = _wider(levels, area.shade, area.patch, condition, even)
-    if condition.jpeg:
-        large, near = np.bincount(even.ravel()) >= LARGE_AREA, area.patch.grown(GROWN, levels.shape)
-        large[0], size = False, area.patch.size
-        while wide.size > size:
-            y, x = wide.places()
-            mask, size = wide.mask.copy(), wide.size
-            mask[wide.mask] = ~large[even[y, x]] | near.at(y, x)
-            wide = _wider(levels, area.shade, replace(wide, mask=mask), condition, even)
+    shade, mask = area.shade.extended(), np.zeros(levels.shape[:2], dtype=bool)
+    mask[area.patch.window] = area.patch.mask
+    off = (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + CLOSE
+    edges = RESTORED * (JPEG_TIMES * condition.noise + MISFIT), UNLIKE, seen_as(condition), LUMA_CHROMA
+    gradient = shade.frame, shade.radial, shade.ramp.knots, shade.ramp.colours
+    wide = patches_of(grown(levels, kinds, gradient, mask, off, edges, on=condition.jpeg).view(np.uint8))[0]
     holes = replace(wide, mask=ndimage.holes_of(wide.mask))
     labels, count = ndimage.label(holes.mask)
     worst = np.zeros(count + 1)
-    np.maximum.at(worst, labels[holes.mask], area.shade.extended().off(holes.pixels(levels)))
+    np.maximum.at(worst, labels[holes.mask], shade.off(holes.pixels(levels)))
     filled = (worst <= MOST_OFF) & (np.bincount(labels.ravel(), minlength=count + 1) <= LARGE_AREA)
     filled[0] = False
     return replace(area, patch=replace(wide, mask=wide.mask | filled[labels]))
-
-
-def _wider(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition, even: np.ndarray) -> Patch:
-    """Return the pixels of a patch, and the connected pixels within GROWN px that a gradient explains."""
-    wide, near = patch.padded(GROWN, levels.shape), patch.ring(GROWN, levels.shape)
-    mask = wide.mask.copy()
-    off = shade.extended().off(near.pixels(levels))
-    explained = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + CLOSE
-    if condition.jpeg:
-        explained |= (even[near.places()] == 0) & _explained_at_edges(levels, shade, near, condition)
-    mask[near.mask] = explained
-    labels, _ = ndimage.label(mask)
-    return replace(wide, mask=np.isin(labels, np.unique(labels[wide.mask])))
-
-
-def _explained_at_edges(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition) -> np.ndarray:
-    """Return (n,) bool: True for pixels near the edges of a JPEG that a gradient explains. The chroma of one pixel is
-    less reliable than its luma, the mean of several is as reliable."""
-    rest = np.zeros((*patch.mask.shape, 4))
-    rest[patch.mask] = shade.extended().residuals(patch.pixels(levels)) @ LUMA_CHROMA
-    near = patch.mask.copy()
-    near[patch.mask] = _unlike(levels, shade, patch, condition) <= RESTORED * (JPEG_TIMES * condition.noise + MISFIT)
-    share = np.maximum(ndimage.uniform_filter(near.astype(np.float64), GROWN), 1e-3)
-    sums = ndimage.uniform_filter(np.where(near[..., None], rest, 0.0), (GROWN, GROWN, 1))
-    return np.asarray((near & (np.abs(sums).max(axis=-1) <= UNLIKE * share))[patch.mask])
 
 
 def _unlike(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.parts import TIP
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, PRICE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
-from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, scatter, slopes
+from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, reach, scatter, slopes
 
 BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5  # blocks that each show a direction, side of one in px, and pixels that it needs
 LONGEST, FARTHEST = 12.0, 8.0  # ratio of an ellipse's axes, and distance of its middle in lengths of the area
@@ -122,17 +122,17 @@ def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
 def _reaching(shade: Shade, pixels: Pixels) -> Shade:
     """Return the shade with its ramp carried on to where all pixels end, and a pixel farther, where edges blend, unless
     the pixels beyond a stop show that the ramp ends there."""
-    t, (knots, colours) = shade.t(pixels.x, pixels.y), (shade.ramp.knots.copy(), shade.ramp.colours.copy())
+    knots, colours = shade.ramp.knots.copy(), shade.ramp.colours.copy()
+    (least, most), squares = reach(shade.frame, shade.radial, knots, colours, pixels)
     margin = float(np.hypot(*shade.frame[0, :2]))
     goes_on = [False, False]
     for end, beside in ((0, 1), (-1, -2)):
-        beyond = t < knots[0] if end == 0 else t > knots[-1]
         slope = (colours[end] - colours[beside]) / (knots[end] - knots[beside])
-        off = colours[end] - pixels.values[beyond]
         tip = shade.radial and end == 0 and knots[0] < TIP * margin
-        if not tip and (off**2).sum() < ((off + slope * (t[beyond] - knots[end])[:, None]) ** 2).sum():
+        flat, carried_on = squares[end]
+        if not tip and flat < carried_on:
             continue
-        place = min(float(t.min()), knots[0]) - margin if end == 0 else max(float(t.max()), knots[-1]) + margin
+        place = min(float(least), knots[0]) - margin if end == 0 else max(float(most), knots[-1]) + margin
         place = 0.0 if tip else max(place, 0.0) if shade.radial else place
         colours[end] += slope * (place - knots[end])
         knots[end] = place

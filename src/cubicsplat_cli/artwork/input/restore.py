@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, summed
 from cubicsplat_cli.artwork.input.chroma import (
     LUMA_CHROMA,
     RGB,
@@ -27,12 +26,13 @@ from cubicsplat_cli.artwork.regions.hairlines import NONE, solid_labels, with_li
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import REACH, SLOTS, best_blend, blend_with, near_fills, nearest_fills
+from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, near_fills, nearest_fills, relabelled
 from cubicsplat_cli.record import record
 
 # Levels by which pixels are off the model beyond their noise; and times the noise that they are off near a JPEG's
 # edges.
 MISFIT, JPEG_TIMES = 1.0, 4.0
+NOWHERE = 3.0  # nats for a fill that is nowhere solid nearby
 NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
 MOST_THICK = 24  # fills, beyond which the fills of thin lines are not sought
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
@@ -261,21 +261,9 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, b
     for strange in strange_fills:
         listed = (candidates == strange[:, None]).any(axis=1)
         candidates = np.column_stack([candidates, np.where(listed, -1, strange)])
-    cost = _costs(seen[y, x], fills, candidates) / (2.0 * sigma**2)
-    alone, least = cost.diagonal(axis1=1, axis2=2)[:, :, None], np.minimum(cost.min(axis=2), 0.5 * OUTLIER**2)
-    prior = np.where(candidates < 0, np.inf, 0.0)
-    prior[:, SLOTS:] += 3.0  # nats for a fill that is nowhere solid nearby
-    for _ in range(6):  # rounds, or until no label changes
-        padded = np.pad(labels, 1, mode="edge")
-        around = [padded[y + 1 + dy, x + 1 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
-        alike = np.sum([other[:, None] == candidates for other in around], axis=0)
-        # Without errors by chance, a pixel blends only with what is right beside it.
-        left = np.where(alike[:, None, :] > 0, cost, alone).min(axis=2) if bounded else least
-        chosen = candidates[np.arange(len(y)), (left + prior - NEIGHBOUR * alike).argmin(axis=1)]
-        if (chosen == labels[y, x]).all():
-            break
-        labels[y, x] = chosen
-    return labels
+    # Without errors by chance, a pixel blends only with what is right beside it.
+    costs = 2.0 * sigma**2, 0.5 * OUTLIER**2, NEIGHBOUR, NOWHERE
+    return relabelled(labels, seen, fills, (y, x), candidates, costs, bounded=bounded)
 
 
 def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int, off: float) -> np.ndarray:
@@ -290,21 +278,6 @@ def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int
         _, gap = blend_with(values[odd], colour, first, first)
         better = gap < best[odd]
         best[odd[better]], out[odd[better]] = gap[better], fill
-    return out
-
-
-def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Return (n, k, k): the squared residuals of values (n, 4) as blends of half or more of each candidate (n, k) with
-    each other one; infinite for candidates of -1.
-    """
-    count = candidates.shape[1]
-    out = np.full((len(values), count, count), np.inf)
-    colours = fills[np.maximum(candidates, 0)]
-    listed = candidates >= 0
-    for i in range(count):  # pair by pair, as all pairs at once take gigabytes for a large picture
-        for j in range(count):
-            _, rest = blend_of(values, colours[:, i], colours[:, j], most=0.5)
-            out[:, i, j] = np.where(listed[:, i] & listed[:, j], summed(rest**2), np.inf)
     return out
 
 

@@ -195,9 +195,12 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     held, inner = held_by_hull(facts.labels, window, own)
     names = np.flatnonzero(held)
     sizes = held[names]
-    sure, likely = (set().union(*(of.get(int(m), set()) for m in members)) for of in (facts.beneath, facts.assumed))
-    shut = np.array([bool(facts.clear[n]) or int(n) in sure for n in names], dtype=bool)
-    doubtful = np.array([int(n) in likely for n in names], dtype=bool) & ~shut
+    sure, likely = np.zeros((2, facts.regions.count), dtype=bool)
+    for lying, of in ((sure, facts.beneath), (likely, facts.assumed)):
+        for m in members.tolist():
+            lying[list(of.get(m, ()))] = True
+    shut = facts.clear[names] | sure[names]
+    doubtful = likely[names] & ~shut
     # Outlines are only known to a pixel here, so what lies along the hull's rim may be exposed, and a little within.
     rim = EXPOSED * _area(window) + 0.02 * sizes.sum()
     exposed = inner[names[shut | doubtful]].sum()

@@ -224,14 +224,14 @@ def found_copies(
     whole = np.array([track.whole for track in tracks.values()], dtype=bool)
     tells = np.array([len(track.seen) >= FEWEST for track in tracks.values()], dtype=bool)
     boxes = np.array([track.extent for track in tracks.values()]).reshape(-1, 2, 2)
-    sizes = boxes[:, 1] - boxes[:, 0]
+    widths, heights = (boxes[:, 1] - boxes[:, 0]).T.copy()
     lines = ClosedLines([t.tree for t in tracks.values()], [t.seen for t in tracks.values()], boxes)
     level: dict[int, tuple[int, RigidTransform]] = {}
     turns: dict[int, dict[int, Turn]] = {}  # by model
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
     first, models = (np.zeros(len(names), dtype=bool) for _ in range(2))
     for i, (k, track) in enumerate(tracks.items()):
-        sized = first & (np.abs(sizes - sizes[i]) <= NEAR).all(axis=1)
+        sized = first & (np.abs(widths - widths[i]) <= NEAR) & (np.abs(heights - heights[i]) <= NEAR)
         able = np.flatnonzero(sized if tells[i] else [])
         full = np.abs(areas[able] - areas[i]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
         able = able[full | ~(whole[able] & track.whole)][:MOST_MODELS]

@@ -237,6 +237,46 @@ CS_EXPORT void cs_shaded(int64_t n, const double* x, const double* y, const doub
   }
 }
 
+// The squares of what a shade has less the values, rows of RGBA times a matrix (4 x 4): their sums over each of some groups
+// of pixels, which end at `ends`.
+CS_EXPORT void cs_shade_misfits(int64_t n, const double* x, const double* y, const double* values, const double* frame,
+                                int64_t radial, int64_t stops, const double* knots, const double* colours,
+                                const double* space, int64_t groups, const int64_t* ends, double* sums) {
+  const cs::Geometry own{frame, radial != 0};
+  const cs::Ramp ramp = {{knots, knots + stops}, {colours, colours + 4 * stops}};
+  for (int64_t i = 0, group = 0; i < n; i++) {
+    while (group < groups && i >= ends[group]) group++;
+    double at[4];
+    ramp.at(own.t(x[i], y[i]), at);
+    for (int k = 0; k < 4; k++) {
+      double off = 0.0;
+      for (int c = 0; c < 4; c++) off += (at[c] - values[4 * i + c]) * space[4 * c + k];
+      sums[group] += off * off;
+    }
+  }
+}
+
+// How far pixels reach beyond the ramp of a shade: the least and greatest t; and for the first stop and the last one the
+// squared differences of the pixels beyond it from its colour, and from the ramp carried on.
+CS_EXPORT void cs_shade_reach(int64_t n, const double* x, const double* y, const double* values, const double* frame,
+                              int64_t radial, int64_t stops, const double* knots, const double* colours, double* range,
+                              double* squares) {
+  const cs::Geometry own{frame, radial != 0};
+  range[0] = INFINITY, range[1] = -INFINITY;
+  const int64_t ends[2] = {0, stops - 1}, beside[2] = {1, stops - 2};
+  for (int64_t i = 0; i < n; i++) {
+    const double t = own.t(x[i], y[i]);
+    range[0] = std::min(range[0], t), range[1] = std::max(range[1], t);
+    if (t >= knots[0] && t <= knots[stops - 1]) continue;
+    const int64_t e = t > knots[stops - 1], end = ends[e], next = beside[e];
+    for (int k = 0; k < 4; k++) {
+      const double slope = (colours[4 * end + k] - colours[4 * next + k]) / (knots[end] - knots[next]);
+      const double off = colours[4 * end + k] - values[4 * i + k], on = off + slope * (t - knots[end]);
+      squares[2 * e] += off * off, squares[2 * e + 1] += on * on;
+    }
+  }
+}
+
 // How the colours of pixels change, in blocks of size x size px from their first row and column on: of blocks (room) that
 // have `fewest` px or more, not in a line, the middle (x 2), slopes (4 x 2), levels per px times the weight, by which each
 // counts as its errors allow, mean values (x 4), and that weight. Returns how many; below 0 without memory.
