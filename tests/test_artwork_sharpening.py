@@ -59,6 +59,14 @@ def test_other_pictures_stay_as_they_are(resampling):
         assert without_halos(picture) is picture
 
 
+def test_a_steep_gradient_stays():
+    along = np.linspace((30, 0, 90), (250, 0, 90), TIMES * SIDE).astype(np.uint8)
+    image = Image.fromarray(np.broadcast_to(along, (TIMES * SIDE, *along.shape)).copy())
+    ImageDraw.Draw(image).polygon([(120, 120), (600, 180), (120, 600)], "#f4f4f4")
+    levels = reduced(image, Image.Resampling.LANCZOS)
+    assert without_halos(levels) is levels
+
+
 def test_a_line_between_two_areas_stays():
     image = icon()
     ImageDraw.Draw(image).rectangle([20, 20, 699, 28], fill="#ffffff")  # a line of one px, far lighter than a halo

@@ -11,10 +11,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.input.condition import CONTRAST
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.raster.unmix import second_differences, spread
 
 REACH = 5  # px from an edge, where Lanczos' filter of three lobes rings no more
-EVEN = 3.0  # levels between pixels of a side, at most
+EVEN = 3.0  # levels between two pixels of a side, and of the second differences of a fill or gradient: rounding makes 2
 FLAT = 2.0  # levels within 3 x 3 px of a fill of one colour, at most: rounding, and the third lobe
 LEAST = 0.1  # of 3 x 3 pixels, less than one: none is known
 HALO = 0.02  # of the contrast: rounding and gradients make less at CONTRAST levels
@@ -27,18 +27,21 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     """Return a picture (H, W, 4) premultiplied RGBA in 0..255 without halos; the same array if it has none.
 
     Halos are clipped to the range of the even pixels around. Within that range, pixels that are nearly like the flat
-    pixels on their side of an edge become like these.
+    pixels on their side of an edge become like these. Halos beside steep gradients are within the range of these, so a
+    picture with mostly steep ones stays.
     """
     if not _sharpened(levels):
         return levels
-    uneven, window = spread(levels, 3, 3)[..., None], (2 * REACH + 1, 2 * REACH + 1, 1)
-    even = uneven <= EVEN
+    window = (2 * REACH + 1, 2 * REACH + 1, 1)
+    even = (ndimage.maximum_filter(second_differences(levels), 3) <= EVEN)[..., None]
+    flat = (spread(levels, 3, 3) <= FLAT)[..., None]
+    if flat[even].sum() <= 0.5 * even.sum():
+        return levels
     low = ndimage.minimum_filter(np.where(even, levels, np.float32(np.inf)), window)
     high = ndimage.maximum_filter(np.where(even, levels, np.float32(-np.inf)), window)
     clipped = np.minimum(np.maximum(levels, low), high)
     clipped = np.where(np.abs(clipped - levels) <= MOST * (high - low), clipped, levels)
-    known = uneven <= FLAT
-    side = np.where(known, clipped, np.float32(0.0))
+    known, side = flat, np.where(flat, clipped, np.float32(0.0))
     for _ in range(REACH):
         weight = ndimage.uniform_filter(known.astype(np.float32), (3, 3, 1), mode="nearest")
         mean = ndimage.uniform_filter(side, (3, 3, 1), mode="nearest") / np.maximum(weight, LEAST)
