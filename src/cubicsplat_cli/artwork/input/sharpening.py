@@ -77,6 +77,10 @@ def _halos(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     contrast, half = light - dark, 0.5 * (light + dark)
     # The pixel in the middle holds the point half of the way.
     edge = even & (contrast >= CONTRAST) & (lines[:, REACH - 1] < half) & (lines[:, REACH] >= half)
-    beyond = (lines.max(axis=1) - light) / contrast.clip(1e-9), (dark - lines.min(axis=1)) / contrast.clip(1e-9)
+    # From the lines through the far pixels of either side: a soft shadow is darkest at the edge, too.
+    near, scale = np.arange(2, REACH), contrast.clip(1e-9)
+    below = lines[:, :1] + (lines[:, 2:3] - lines[:, :1]) / 2.0 * near - lines[:, near]
+    above = lines[:, -1 - near] - lines[:, -1:] - (lines[:, -3:-2] - lines[:, -1:]) / 2.0 * near
+    beyond = above.max(axis=1) / scale, below.max(axis=1) / scale
     room = light + MOST * contrast <= 255.0, dark - MOST * contrast >= 0.0
     return beyond[0][edge & room[0]], beyond[1][edge & room[1]]
