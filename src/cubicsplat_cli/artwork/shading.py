@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
-from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, colours_off, nearest_paints
+from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_paints
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
@@ -204,7 +204,7 @@ def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, 
     pixels = Pixels(x + 0.5, y + 0.5, with_channels(values, 4, 255.0))
     shades = [_along(math.pi * k / ANGLES, stops, pixels) for k in range(ANGLES) for stops in (2, STOPS)]
     flat = float(((values - middle) ** 2).mean())
-    off = (colours_off(shade.frame, False, shade.ramp.knots, shade.ramp.colours, pixels)[:, :3] for shade in shades)
+    off = (shade.residuals(pixels)[:, :3] for shade in shades)
     costs = [float((o**2).mean()) + LEAST_GAIN * len(shade.ramp.knots) for o, shade in zip(off, shades, strict=True)]
     best = int(np.argmin(costs))
     return fill, gradient_of(shades[best]) if costs[best] < flat else None

@@ -20,6 +20,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.photo.remote import RemoteFit, begin_fit
 from cubicsplat_cli.pipeline.likeness import file_db
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.record import record
@@ -30,7 +31,6 @@ from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 if TYPE_CHECKING:
     from cubicsplat_cli.photo.inputs import FitInputs, FitResult
     from cubicsplat_cli.photo.loop import FitLoop
-    from cubicsplat_cli.photo.remote import RemoteFit
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals; at equal bytes none or two are worse
@@ -75,7 +75,6 @@ class Photo:
     def begin(self, settings: FitSettings) -> FitLoop | RemoteFit:
         """Begin a fit that runs in parts."""
         from cubicsplat_cli.photo.inputs import FitInputs
-        from cubicsplat_cli.photo.remote import begin_fit
 
         task, rough = self.task, None
         if self.rough is not self.fine:
@@ -84,8 +83,6 @@ class Photo:
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """Fit curves from a scene on."""
-        from cubicsplat_cli.photo.remote import begin_fit
-
         task, inputs = self.task, replace(self.inputs, start=scene)
         return begin_fit(self.fine.target(), settings, inputs, task.on_progress, task.recorder).finish()
 

@@ -19,6 +19,7 @@ from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
+from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
@@ -57,8 +58,6 @@ def candidates(task: Task, style: Style | None = None) -> Iterator[Made]:
 def _first(task: Task, style: Style | None) -> Made:
     """Make the result of the requested or measured style; if that fails, of the other style."""
     if task.request.settings.device == "cuda":
-        from cubicsplat_cli.photo.remote import require_gpu
-
         require_gpu()  # a drawing would not need one
     if (fill := only_fill(task.picture)) is not None:
         return result_of_one_fill(fill, task)
@@ -182,8 +181,8 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
         # The photo may end far above the estimate, as those of few colours do, in fewer bytes than many shapes take.
         far = expected < FAR_DB
         decisive = far or is_smaller(task, drawing)
-        nearer = drawn_db > expected + MARGIN_DB if far else math.isinf(_seen_db(task, drawing, ENOUGH_DB))
-        if drawing.interrupted or (decisive and nearer):
+        nearer = drawn_db > expected + MARGIN_DB if far else decisive and math.isinf(_seen_db(task, drawing, ENOUGH_DB))
+        if drawing.interrupted or nearer:
             return _drawing_instead(drawing, expected)
         most = fit.most(drawn_db) if decisive else math.inf
         if math.isfinite(most):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.metrics import Timing
+from cubicsplat_cli.photo.remote import begin_fit
 from cubicsplat_cli.pipeline.budget import (
     COMPRESSED,
     LOOKS,
@@ -114,8 +115,6 @@ class QuickPhoto:
 
     def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float]) -> None:
         self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
-        from cubicsplat_cli.photo.remote import begin_fit  # most drawings need none
-
         small = resize_picture(task.target, QUICK_SIDE).target()
         self._fitting = begin_fit(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
 

@@ -53,14 +53,14 @@ def colours_at(
     frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
     """Return the colours (n, 4) of a gradient at places x, y (n,)."""
-    given = len(x), doubles(x), doubles(y), None, _map(frame), radial, len(knots), doubles(knots), doubles(colours)
+    given = len(x), doubles(x), doubles(y), None, *_gradient(frame, radial, knots, colours)
     return _native("cs_shaded", *given, Out((len(x), 4)), result=None)
 
 
 def colours_off(frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray, pixels: Pixels) -> np.ndarray:
     """Return the colours (n, 4) of a gradient at pixels less those of the pixels."""
-    gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
-    return _native("cs_shaded", *pixels.given, *gradient, Out((len(pixels.x), 4)), result=None)
+    given = *pixels.given, *_gradient(frame, radial, knots, colours)
+    return _native("cs_shaded", *given, Out((len(pixels.x), 4)), result=None)
 
 
 def misfits(
@@ -69,9 +69,8 @@ def misfits(
 ) -> np.ndarray:  # fmt: skip
     """Return the sums (g,) of the squares of the colours of a gradient less those of groups of pixels, of which each
     ends at ends (g,) int64, in a space: rows of RGBA times a matrix (4, 4)."""
-    gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
-    groups = doubles(space), len(ends), int64s(ends), Out(len(ends))
-    return _native("cs_shade_misfits", *pixels.given, *gradient, *groups, result=None)
+    given = *pixels.given, *_gradient(frame, radial, knots, colours)
+    return _native("cs_shade_misfits", *given, doubles(space), len(ends), int64s(ends), Out(len(ends)), result=None)
 
 
 def reach(
@@ -79,8 +78,8 @@ def reach(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (2,) the least and greatest t of pixels; and (2, 2) for the first stop and the last one the sums of the
     squared differences of the pixels beyond it from its colour, and from the ramp carried on."""
-    gradient = _map(frame), radial, len(knots), doubles(knots), doubles(colours)
-    return _native("cs_shade_reach", *pixels.given, *gradient, Out(2), Out((2, 2)), result=None)
+    given = *pixels.given, *_gradient(frame, radial, knots, colours)
+    return _native("cs_shade_reach", *given, Out(2), Out((2, 2)), result=None)
 
 
 def best_colours(frame: np.ndarray, radial: bool, knots: np.ndarray, pixels: Pixels) -> np.ndarray:
@@ -144,12 +143,16 @@ def grown(
     channel may differ. edges: how pixels ON_EDGE may differ too: the most levels in a space, the most of the mean of
     such pixels in a window of 5 px in another one, and the matrices (4, 4) that take rows of RGBA to these spaces.
     """
-    frame, radial, knots, colours = gradient
     unlike, mean, space, means = edges
-    given = *kinds.shape, floats(levels), kinds, _map(frame), radial, len(knots), doubles(knots), doubles(colours)
+    given = *kinds.shape, floats(levels), kinds, *_gradient(*gradient)
     tolerance = float(off), float(unlike), float(mean), doubles(space), doubles(means)
     _native("cs_grow_shade", *given, *tolerance, on, inside)
     return inside
+
+
+def _gradient(frame: np.ndarray, radial: bool, knots: np.ndarray, colours: np.ndarray) -> tuple[Any, ...]:
+    """Return a gradient as the library takes it."""
+    return _map(frame), radial, len(knots), doubles(knots), doubles(colours)
 
 
 def _map(frame: np.ndarray) -> np.ndarray:

@@ -14,10 +14,7 @@ from cubicsplat_cli.artwork.channels import in_blocks, largest
 from cubicsplat_cli.raster.unmix import steps
 from cubicsplat_cli.record import record
 
-ALIKE, EDGE = (
-    3.0,
-    24.0,
-)  # levels between neighbours that are alike, at most, and of neighbours with an edge between them
+ALIKE, EDGE = 3.0, 24.0  # levels between neighbours that are alike, at most, and of those with an edge between them
 SMALL = 64  # px of the longer side of a small picture; a larger one's blocks reduce it to about that
 TILE = 16  # px of a tile's side; tiles of one even colour are ground, which does not count
 APART = 3  # px between the pixels of a pair, past an edge's blends

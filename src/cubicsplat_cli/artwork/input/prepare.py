@@ -78,21 +78,19 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     whole = without_subpixels(original)
     if whole is not original:
         notes.append("text drawn without the colour fringes that it has for LCDs")
-    even = whole if compression else without_halos(whole)
-    if even is not whole:
+    unsharp = whole if compression else without_halos(whole)
+    if unsharp is not whole:
         notes.append("drawn without the halos that sharpening left at its edges")
-    levels = without_linear_light(even)
-    in_light = levels is not even
+    levels = without_linear_light(unsharp)
+    in_light = levels is not unsharp
     if in_light:
         notes.append("edges drawn where they are in linear light, in which they were blended")
     levels = without_rim(levels, in_light=in_light)
     lossy = compression is not None and factor == 1
     prepared = replace(_prepared(reduced(levels, factor), factor, width, height, lossy=lossy), edge_notes=tuple(notes))
-    condition = prepared.condition
-    if even is not whole:
-        return replace(prepared, condition=replace(condition, sharpened=True))
+    condition = replace(prepared.condition, sharpened=unsharp is not whole)
     if compression is None or levels is not original or not condition.jpeg or prepared.scale > 1 or prepared.scanned:
-        return prepared
+        return replace(prepared, condition=condition)
     if compression.tables:
         condition = replace(condition, halved=compression.halved)
     return replace(prepared, condition=condition, compression=compression)

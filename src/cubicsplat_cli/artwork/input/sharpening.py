@@ -77,10 +77,16 @@ def _halos(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     contrast, half = light - dark, 0.5 * (light + dark)
     # The pixel in the middle holds the point half of the way.
     edge = even & (contrast >= CONTRAST) & (lines[:, REACH - 1] < half) & (lines[:, REACH] >= half)
-    # From the lines through the far pixels of either side: a soft shadow is darkest at the edge, too.
-    near, scale = np.arange(2, REACH), contrast.clip(1e-9)
-    below = lines[:, :1] + (lines[:, 2:3] - lines[:, :1]) / 2.0 * near - lines[:, near]
-    above = lines[:, -1 - near] - lines[:, -1:] - (lines[:, -3:-2] - lines[:, -1:]) / 2.0 * near
-    beyond = above.max(axis=1) / scale, below.max(axis=1) / scale
     room = light + MOST * contrast <= 255.0, dark - MOST * contrast >= 0.0
-    return beyond[0][edge & room[0]], beyond[1][edge & room[1]]
+    sides = (edge & room[0], -lines[:, ::-1]), (edge & room[1], lines)
+    found = [_undershoot(side[told]) / contrast[told] for told, side in sides]
+    return found[0], found[1]
+
+
+def _undershoot(lines: np.ndarray) -> np.ndarray:
+    """Return by how many levels (n,) lines of pixels (n, 2 REACH + 1) fall below their first side near the edge.
+
+    A side is a straight line through its far pixels: a soft shadow is darkest at the edge, too.
+    """
+    near = np.arange(2, REACH)
+    return (lines[:, :1] + (lines[:, 2:3] - lines[:, :1]) / 2.0 * near - lines[:, near]).max(axis=1)
