@@ -29,7 +29,7 @@ from cubicsplat_cli.cli.bench import (
     run_fits,
 )
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_options, write_csv
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, option, takes_options, write_csv
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import mean, number, text_table
 from cubicsplat_cli.metrics import head
@@ -157,9 +157,7 @@ def ablation(
     curves: CurvesList = "256,512",
     mode: ModeList = "closed,open",
     limit: Limit = 4,
-    rows: Annotated[
-        str | None, typer.Option("--rows", metavar="ROW,...", help="Only these rows, and the base.  [default: all]")
-    ] = None,
+    rows: Annotated[str | None, option("--rows ROW,...", "Only these rows, and the base.  [default: all]")] = None,
     cache: Cache = None,
     json: Json = False,
     csv: Csv = None,

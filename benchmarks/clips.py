@@ -20,7 +20,7 @@ import typer
 from benchmarks import main
 from benchmarks.tools import missing_piece, vtracer_svg
 from cubicsplat_cli.cli.bench import Limit, Markdown, print_json
-from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.cli.options import Json, option
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import open_clip
@@ -41,12 +41,12 @@ STILL = 2.0 / 255.0  # of the range of values: pixels that change less, in all c
 BLOCK, REACH = 8, 6  # px: side of the blocks of the flow, and how far it looks
 
 ClipFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of clips.", show_default=False)]
-Frames = Annotated[int, typer.Option("--frames", metavar="N", min=2, help="The first so many frames of each.")]
-Side = Annotated[int, typer.Option("--side", metavar="PX", min=16, help="Longer side of the frames, px.")]
-Curves = Annotated[int, typer.Option("--curves", metavar="N", min=1, help="Curves of a frame.")]
-Preset = Annotated[str, typer.Option("--preset", help="Effort of the fit of a picture.")]
-Tools = Annotated[str, typer.Option("--tools", metavar="TOOL,...", help="Of moving, each and vtracer.")]
-Threads = Annotated[int, typer.Option("--threads", metavar="N", min=1, help="CPU threads.")]
+Frames = Annotated[int, option("--frames N", "The first so many frames of each.", min=2)]
+Side = Annotated[int, option("--side PX", "Longer side of the frames, px.", min=16)]
+Curves = Annotated[int, option("--curves N", "Curves of a frame.", min=1)]
+Preset = Annotated[str, option("--preset", "Effort of the fit of a picture.")]
+Tools = Annotated[str, option("--tools TOOL,...", "Of moving, each and vtracer.")]
+Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
 
 
 @dataclass(frozen=True)

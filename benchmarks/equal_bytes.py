@@ -16,7 +16,7 @@ from PIL import Image, features
 from benchmarks import main
 from cubicsplat_cli import compare, vectorize
 from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_json
-from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.cli.options import Json, option
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import mean, number, text_table
 from cubicsplat_cli.metrics import head
@@ -27,11 +27,9 @@ OURS = "cubicsplat"
 SHARES = (1.0, 0.75, 0.5, 0.375, 0.25, 0.1875, 0.125, 0.09, 0.0625)
 _ENCODERS: dict[str, dict[str, Any]] = {"WEBP": {"method": 6}, "AVIF": {"speed": 6}, "JPEG": {"optimize": True}}
 
-Bytes = Annotated[
-    str, typer.Option("--bytes", metavar="N,...", help="Sizes to compare at, such as 400,1k; SVGs after gzip.")
-]
-Side = Annotated[int, typer.Option("--side", metavar="PX", min=16, help="Longer side of the pictures, px.")]
-Threads = Annotated[int, typer.Option("--threads", metavar="N", min=1, help="CPU threads.")]
+Bytes = Annotated[str, option("--bytes N,...", "Sizes to compare at, such as 400,1k; SVGs after gzip.")]
+Side = Annotated[int, option("--side PX", "Longer side of the pictures, px.", min=16)]
+Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
 
 
 def formats() -> list[str]:

@@ -25,6 +25,7 @@ from benchmarks.artwork.pixels import psnr
 from benchmarks.artwork.scores import count
 from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Limit, end_with, pictures_of
+from cubicsplat_cli.cli.options import option
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over, straight_rgba
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
@@ -149,14 +150,12 @@ def folder(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR... [-- OPTION...]", help="Pictures, and options of vectorize.")
     ],
-    compare: Annotated[
-        str | None, typer.Option("--compare", metavar="PATH", help="Also run the version at this PYTHONPATH.")
-    ] = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="DIR", help="For SVGs, table.tsv and contact sheets.")
-    ] = Path("build/folder"),
-    time_limit: Annotated[float, typer.Option("--time-limit", metavar="S", help="Seconds a picture.")] = 300.0,
-    memory_limit: Annotated[float, typer.Option("--memory-limit", metavar="GB", help="Of addresses, 10^9 bytes.")] = 16,
+    compare: Annotated[str | None, option("--compare PATH", "Also run the version at this PYTHONPATH.")] = None,
+    output: Annotated[Path, option("--output -o DIR", "For SVGs, table.tsv and contact sheets.")] = Path(
+        "build/folder"
+    ),
+    time_limit: Annotated[float, option("--time-limit S", "Seconds a picture.")] = 300.0,
+    memory_limit: Annotated[float, option("--memory-limit GB", "Of addresses, 10^9 bytes.")] = 16,
     limit: Limit = None,
 ) -> None:
     """Folders of pictures by the real command: time, memory, size, quality.

@@ -19,7 +19,7 @@ from benchmarks.artwork.scores import count
 from benchmarks.tools import TOOLS, Given, pixels_of
 from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, comma_parts, end_with, print_json
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet
+from cubicsplat_cli.cli.options import Json, Quiet, option
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.formatting import number, one_line, text_table
@@ -188,7 +188,7 @@ def table_of(
 
 def metamorphic(
     folder: Drawings,
-    ways: Annotated[str, typer.Option("--ways", metavar="WAY,...", help="Only these.")] = ",".join(VARIATIONS),
+    ways: Annotated[str, option("--ways WAY,...", "Only these.")] = ",".join(VARIATIONS),
     size: Size = 512,
     only: Only = None,
     skip: Skip = None,

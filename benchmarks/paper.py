@@ -15,7 +15,7 @@ from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
 from cubicsplat_cli.bench.step import memory
 from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, comma_parts, end_with, pictures_of, print_json, run_fits
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, takes_options
+from cubicsplat_cli.cli.options import Json, Quiet, option, takes_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.files.load import load_picture
@@ -234,10 +234,8 @@ def paper(
     ] = None,
     tables: Annotated[
         str | None,
-        typer.Option(
-            "--tables",
-            metavar="TABLE,...",
-            help="Of steps, growth, quality, magnify and large.  [default: all that can be measured]",
+        option(
+            "--tables TABLE,...", "Of steps, growth, quality, magnify and large.  [default: all that can be measured]"
         ),
     ] = None,
     limit: Limit = None,

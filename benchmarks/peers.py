@@ -34,7 +34,7 @@ from cubicsplat_cli.cli.bench import (
     run_fits,
 )
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_options, write_csv
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, option, takes_options, write_csv
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.perceptual import straight_rgba
@@ -200,15 +200,13 @@ def peers(
     curves: CurvesList = "64,256,1024,4096",
     tools: Annotated[
         str | None,
-        typer.Option(
-            "--tools", metavar="TOOL,...", help="Of vtracer, potrace and diffvg.  [default: those that are installed]"
-        ),
+        option("--tools TOOL,...", "Of vtracer, potrace and diffvg.  [default: those that are installed]"),
     ] = None,
     limit: Limit = None,
     cache: Cache = None,
     plot: Annotated[
         Path | None,
-        typer.Option("--plot", metavar="FILE", help="Also draw PSNR and SSIM against bytes and seconds, as a PNG."),
+        option("--plot FILE", "Also draw PSNR and SSIM against bytes and seconds, as a PNG."),
     ] = None,
     json: Json = False,
     csv: Csv = None,

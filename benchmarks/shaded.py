@@ -18,7 +18,7 @@ from benchmarks.tools import vtracer_svg
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_json
-from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.cli.options import Json, option
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over
 from cubicsplat_cli.evaluate.rerender import rerender
@@ -36,8 +36,8 @@ COLUMNS = (
     ("cpu_s", "CPU s", 1),
 )  # fmt: skip
 
-Threads = Annotated[int, typer.Option("--threads", metavar="N", min=1, help="CPU threads.")]
-Sheet = Annotated[Path | None, typer.Option("--sheet", metavar="OUT.png", help="Also a contact sheet.")]
+Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
+Sheet = Annotated[Path | None, option("--sheet OUT.png", "Also a contact sheet.")]
 
 
 def packed_bytes(svg: str) -> int:

@@ -19,7 +19,7 @@ from PIL import Image
 from benchmarks import main
 from cubicsplat_cli import compare, vectorize
 from cubicsplat_cli.cli.bench import CurvesList, Folder, Markdown, counts_of, pictures_of
-from cubicsplat_cli.cli.options import takes_options
+from cubicsplat_cli.cli.options import option, takes_options
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.formatting import number, text_table
 
@@ -28,7 +28,7 @@ MODES = {"triangle": 1, "rectangle": 5, "ellipse": 7}  # primitive's, all of the
 HEADER = ("shapes", "count", "primitive dB", "cubicsplat dB", "primitive CPU s", "cubicsplat CPU s", "below +1 dB")
 
 Made = tuple[str, float]  # an SVG, and its CPU seconds
-Binary = Annotated[str, typer.Option("--primitive", metavar="FILE", help="primitive's program.")]
+Binary = Annotated[str, option("--primitive FILE", "primitive's program.")]
 
 
 def primitive(photo: Image.Image, mode: int, counts: Sequence[int], binary: str) -> list[Made]:

@@ -18,7 +18,7 @@ from benchmarks.artwork.scores import Scores, Truth, measure, run_tool
 from benchmarks.tools import Tool, chosen_tools
 from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_png, comma_parts, end_with, print_json
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, check_csv, write_csv
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, option, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import number, one_line, text_table, titled
@@ -148,24 +148,20 @@ def _row(name: str, values: dict[str, Any]) -> tuple[str, ...]:
 
 def artwork(
     folder: Drawings,
-    tools: Annotated[
-        str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo, vtracer, potrace and diffvg.")
-    ] = "ours",
+    tools: Annotated[str, option("--tools TOOL,...", "Of ours, photo, vtracer, potrace and diffvg.")] = "ours",
     size: Size = 512,
     kind: Annotated[
         str,
-        typer.Option("--input", metavar="KIND", help="clean, jpeg, webp, blurred, enlarged, noisy or palette."),
+        option("--input KIND", "clean, jpeg, webp, blurred, enlarged, reduced, noisy or palette."),
     ] = "clean",
     only: Only = None,
     skip: Skip = None,
     limit: Limit = None,
-    keep: Annotated[Path | None, typer.Option("--keep", metavar="DIR", help="Write each SVG into this folder.")] = None,
+    keep: Annotated[Path | None, option("--keep DIR", "Write each SVG into this folder.")] = None,
     sheet: Annotated[
         Path | None,
-        typer.Option(
-            "--sheet",
-            metavar="FILE",
-            help="Also write a PNG to look at: input, SVG, truth, and outlines with anchors and handles.",
+        option(
+            "--sheet FILE", "Also write a PNG to look at: input, SVG, truth, and outlines with anchors and handles."
         ),
     ] = None,
     json: Json = False,

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import typer
 
+from cubicsplat_cli.cli.options import option
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.options import Setting
@@ -20,11 +21,9 @@ from cubicsplat_cli.svg.untrusted import check_untrusted
 
 SIZE = Setting("count", "", least=16, most=2048)  # px of the longer side
 Drawings = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)]
-Size = Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")]
-Only = Annotated[
-    str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
-]
-Skip = Annotated[str | None, typer.Option("--skip", metavar="PATTERN,...", help="None of these names.")]
+Size = Annotated[int, option("--size PX", "Longer side of the input.")]
+Only = Annotated[str | None, option("--only PATTERN,...", "Only drawings of these names, as in 'flag-*'.")]
+Skip = Annotated[str | None, option("--skip PATTERN,...", "None of these names.")]
 
 # Numbers that describe each primitive; a rect has one more where its corners are round.
 PRIMITIVES = {"circle": 3, "ellipse": 4, "rect": 4, "line": 4}
