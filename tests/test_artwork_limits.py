@@ -129,7 +129,7 @@ def test_a_large_picture_is_drawn_smaller_and_enlarged(caplog):
 def test_every_outline_is_enlarged():
     outlines = (Circle(1, 2, 3), Ellipse(1, 2, 3, 4, 0.5), Rectangle(1, 2, 9, 8, 2, 0.5), polygon(np.eye(3)[:, :2]))
     drawing = Drawing(5, 5, tuple(Shape((1, 2, 3, 255), (outline,), "x") for outline in outlines))
-    for one, other in zip(limits.enlarged(drawing, 3, 14, 15).shapes, drawing.shapes, strict=True):
+    for one, other in zip(limits.enlarged(drawing, (3, 3), 14, 15).shapes, drawing.shapes, strict=True):
         assert np.allclose(one.outlines[0].ring().cubics, 3 * other.outlines[0].ring().cubics)
 
 

@@ -73,9 +73,11 @@ def few_enough(drawing: Drawing) -> bool:
     return count <= MOST_POLISHED
 
 
-def enlarged(drawing: Drawing, factor: int, width: int, height: int) -> Drawing:
-    """Return the drawing of a reduced picture in px of the picture, which has width x height px."""
-    if factor == 1:
+def enlarged(drawing: Drawing, factors: tuple[float, float], width: int, height: int) -> Drawing:
+    """Return the drawing of a smaller copy of a picture in px of the picture, which has width x height px, and is so
+    many times as wide and high.
+    """
+    if factors == (1.0, 1.0):
         return drawing
-    whole = scaled_drawing(drawing, drawing.width * factor, drawing.height * factor)
+    whole = scaled_drawing(drawing, round(drawing.width * factors[0]), round(drawing.height * factors[1]))
     return Drawing(width, height, whole.shapes)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.gradients.parts import Patch
+from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
@@ -60,10 +61,13 @@ class Page:
 
 
 def page_of(target: np.ndarray) -> Page | None:
-    """Return the page in a picture (H, W, 3), float32 in [0, 1]; None unless it is a drawing with photographs."""
+    """Return the page in a picture (H, W, 3), float32 in [0, 1]; None unless it is a drawing with photographs, at its
+    own size.
+    """
     levels = np.rint(255.0 * target).astype(np.float32)
     parts = [part for part in _candidates(levels, _even_areas(levels)) if _is_photo(levels, part)]
-    if not parts:
+    # The edges of an enlarged picture are nowhere even, nor thin.
+    if not parts or before_enlargement(with_channels(levels, 4, 255.0))[1] != (1.0, 1.0):
         return None
     flat = levels.copy()
     for part in parts:

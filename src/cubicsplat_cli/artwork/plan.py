@@ -112,7 +112,7 @@ class Plan:
 def planned(
     picture: FlatPicture,
     settings: ArtworkSettings,
-    factor: int,
+    factor: float,
     error: float,
     placeholders: np.ndarray | None,
     share_error: float = FEW_SAMPLES,

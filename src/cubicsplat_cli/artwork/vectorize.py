@@ -105,7 +105,7 @@ def versions(
         small = _small(target)
         with under_way(Work()):
             clean = Flattened(small.levels)
-            plan = planned(as_if_clean(clean, small, settings), settings, small.scale, 0.0, None)
+            plan = planned(as_if_clean(clean, small, settings), settings, small.mean_scale, 0.0, None)
         height, width = plan.levels.shape[:2]
         yield _enlarged(Drawing(width, height, polygons(plan, clean)), small)
 
@@ -114,7 +114,7 @@ def _small(target: np.ndarray) -> PreparedInput:
     """Return a copy of a picture with at most SKETCH px a side, taken as clean."""
     height, width = target.shape[:2]
     factor = -(-max(height, width) // SKETCH)
-    return PreparedInput(blocks_of(as_levels(target), factor), Condition(), factor, 1, width, height)
+    return PreparedInput(blocks_of(as_levels(target), factor), Condition(), (factor, factor), 1.0, width, height)
 
 
 def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
@@ -171,7 +171,7 @@ def _versions(
     flat, picture, target, error = flat_fills(prepared, settings)
     placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
     off, share_off = condition.restored_error, condition.share_error
-    plan = planned(picture, settings, prepared.scale, off, placeholders, share_off)
+    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off)
     finer = _finer(plan, condition)
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
@@ -208,7 +208,7 @@ def _finished(
     condition, (flat, target, error) = prepared.condition, fills
     height, width = plan.levels.shape[:2]
     drawing, goal, state = Drawing(width, height, shapes), None, None
-    scaled = replace(settings, min_area=settings.min_area / prepared.scale**2)
+    scaled = replace(settings, min_area=settings.min_area / prepared.mean_scale**2)
 
     def show(fitted: Drawing) -> None:
         if len(plan.parts) > MANY:

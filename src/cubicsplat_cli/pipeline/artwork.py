@@ -100,7 +100,7 @@ def drawn_outlines(
         target = task.pixels
         prepared = prepare(target, task.target.compression)
         damage: dict[str, Any] = {
-            "blur": prepared.scale
+            "blur": prepared.mean_scale
             * math.hypot(prepared.condition.blur, ENLARGED if prepared.upscale_factor > 1 else 0.0),
             "noise": prepared.condition.noise,
             "may_be_photo": not prepared.scanned,

@@ -1,17 +1,20 @@
-"""Undo the enlargement of a picture by a whole number: the smaller picture holds all that is in it.
+"""Undo the enlargement of a picture: the smaller picture holds all that is in it.
 
 Enlarging is linear, by one of a few kernels along columns and then along rows, each time to whole levels from 0 to 255;
-so least squares undo it. A picture was enlarged if enlarging the smaller one gives it back, to a level or two.
+so least squares undo it. It makes the second differences of lines repeat with the factor, so that their spectrum has a
+peak at the smaller length (Gallagher 2005). A picture was enlarged from such a length if enlarging the smaller one
+gives it back, to a level or two, and from lengths a little off that it does not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import LUMA, largest
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
 from cubicsplat_cli.raster import ndimage
 
@@ -19,35 +22,38 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 EDGE, OFF = 16.0, 2.5  # levels between neighbours at an edge, and by which repeating the enlargement may be off
-EXACT = 0.97  # share of the pixels at edges that must be as near as that
+SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
 FEWEST = 64  # pixels at edges, or blends, that are evidence enough
+LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
+LINES, PEAKS = 32, 3  # columns and peaks that are tried
+LEAST, MOST = 1.2, 7.0  # factors that are undone: less gains little, and a JPEG's blocks are 8 px wide
+ASIDE, WORSE = 3, 1.5  # px by which other lengths are off, whose errors must be so many times as large
 
 
-def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the picture (H, W, 4) in levels as it was before it was enlarged, and the factor; itself and 1 if it was
-    not.
+def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
+    """Return the picture (h, w, 4) in levels as it was before it was enlarged, and the factors of its width and height;
+    itself, (H, W, 4), and (1, 1) if it was not.
     """
     times = _repeated(levels)
     if times > 1:
-        return levels[::times, ::times], times
+        return levels[::times, ::times], (times, times)
     blur = edge_blur(levels)
-    if blur is not None and blur < LEAST_BLUR:
-        return levels, 1
-    factors = [factor for factor in (2, 3, 4) if 8 * factor <= min(levels.shape[:2])]
-    if not factors:
-        return levels, 1
-    # The 16 columns that change most from one pixel to the next.
-    steep = largest(np.abs(np.diff(levels, axis=0))).max(axis=0)
-    columns = levels[:, np.argsort(-steep, kind="stable")[:16]]
-    if _sharp(columns):
-        return levels, 1
-    for factor in factors:
-        errors = [_mean_error(columns, factor, kernel) for kernel in KERNELS]
-        best = KERNELS[int(np.argmin(errors))]
-        small = _undone(levels, factor, best) if min(errors) <= OFF else None
-        if small is not None:
-            return small, factor
-    return levels, 1
+    if min(levels.shape[:2]) < LOCAL or (blur is not None and blur < LEAST_BLUR):
+        return levels, (1.0, 1.0)
+    seen = np.stack([levels[..., :3] @ LUMA.astype(levels.dtype), levels[..., 3]], axis=-1)  # chroma may be coarser
+    axes = seen, seen.swapaxes(0, 1)
+    # Twice as large, all second differences are alike.
+    shares = {0.5, *(length / len(axis) for axis in axes for length in _peaks(axis))}
+    lines = levels
+    for axis in axes:  # columns, then rows
+        found = _before(axis, sorted({round(share * len(axis)) for share in shares}))
+        if found is None:
+            return levels, (1.0, 1.0)
+        length, kernel = found
+        lines = _inverse(lines, _enlarging(len(lines), length, kernel)).swapaxes(0, 1)
+    height, width = lines.shape[:2]
+    factors = levels.shape[1] / width, levels.shape[0] / height
+    return np.ascontiguousarray(lines, dtype=np.float32), factors
 
 
 def _repeated(levels: np.ndarray) -> int:
@@ -72,42 +78,58 @@ def _blends(levels: np.ndarray) -> int:
     return int(between.any(axis=-1).sum())
 
 
+def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
+    """Return the first of several lengths, give or take ASIDE px, from which lines (H, W, C) in levels were enlarged,
+    and the kernel; None if they were from none of them.
+    """
+    changes = largest(np.abs(np.diff(seen, axis=0))).max(axis=0)
+    steepest = seen[:, np.argsort(-changes, kind="stable")[:LINES]]
+    if _sharp(steepest):
+        return None
+
+    def error(before: tuple[int, Kernel]) -> float:
+        return _mean_error(steepest, *before)
+
+    for length in lengths:
+        kernel = min(KERNELS, key=lambda kernel: error((length, kernel)))
+        least = error((length, kernel))
+        if least <= OFF and all(error((length + off, kernel)) >= WORSE * least for off in (-ASIDE, ASIDE)):
+            return min(product(range(length - ASIDE, length + ASIDE + 1), KERNELS), key=error)
+    return None
+
+
+def _peaks(seen: np.ndarray) -> Iterator[int]:
+    """Yield the lengths at which the spectrum of second differences of lines (H, W, C) has peaks, highest first."""
+    height = len(seen)
+    bends = np.abs(np.diff(seen, 2, axis=0)).sum(axis=(1, 2), dtype=np.float64)
+    spectrum = np.abs(np.fft.rfft(bends - bends.mean(), height))
+    height_of = spectrum / (ndimage.uniform_filter(spectrum, LOCAL) + 1e-9)
+    for frequency in np.argsort(-height_of, kind="stable")[:PEAKS]:
+        # Of factors below 2, the frequency is beyond the highest one, and appears mirrored.
+        for length in (int(frequency), height - int(frequency)):
+            if LEAST <= height / max(length, 1) <= MOST:
+                yield length
+
+
 def _sharp(lines: np.ndarray) -> bool:
-    """Return True if lines (H, n, 4) go from one even colour to another within two steps in too many places, since
+    """Return True if lines (H, n, C) go from one even colour to another within two steps in too many places, since
     every kernel takes three steps or more, none of them small.
     """
     steps = largest(np.abs(np.diff(lines, axis=0)))
     across = largest(np.abs(lines[3:-1] - lines[1:-3]))
     sharp = (across > EDGE) & (steps[:-3] <= OFF) & (steps[3:] <= OFF)
-    return bool(sharp.sum() > (1.0 - EXACT) * (steps > EDGE).sum())
+    return bool(sharp.sum() > SHARP * (steps > EDGE).sum())
 
 
-def _mean_error(lines: np.ndarray, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Return the mean error in levels, at edges, of lines (H, n, 4) that are made smaller and enlarged again."""
-    down = _enlarging(len(lines), factor, kernel)
-    off, edge = _off(lines, _inverse(lines, down), down)
-    return float(off[edge].mean()) if edge.any() else np.inf
-
-
-def _undone(levels: np.ndarray, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> np.ndarray | None:
-    """Return the smaller picture; None if the picture is not that one enlarged."""
-    lines = levels
-    for _ in range(2):  # columns, then rows
-        enlarging = _enlarging(len(lines), factor, kernel)
-        small = _inverse(lines, enlarging)
-        off, edge = _off(lines, small, enlarging)
-        if edge.sum() < FEWEST or (off[edge] <= OFF).mean() < EXACT:
-            return None
-        lines = small.swapaxes(0, 1)
-    return np.ascontiguousarray(lines, dtype=np.float32)
-
-
-def _off(lines: np.ndarray, small: np.ndarray, enlarging: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
-    """Return (H, n) levels by which lines (H, n, 4) are off enlarged ones (h, n, 4); and (H, n) bool, the edges."""
-    again = (enlarging @ small.reshape(len(small), -1)).reshape(lines.shape)
+def _mean_error(lines: np.ndarray, length: int, kernel: Kernel) -> float:
+    """Return the mean error in levels, at edges, of lines (H, n, C) that are made smaller and enlarged again; infinite
+    without enough edges.
+    """
+    enlarging = _enlarging(len(lines), length, kernel)
+    again = (enlarging @ _inverse(lines, enlarging).reshape(length, -1)).reshape(lines.shape)
     off = largest(np.abs(np.clip(again, 0, 255) - lines))
-    edge = largest(np.abs(np.gradient(lines, axis=0))) > EDGE
-    return off, ndimage.maximum_filter(edge, (5, 1))
+    edge = ndimage.maximum_filter(largest(np.abs(np.gradient(lines, axis=0))) > EDGE, (5, 1))
+    return float(off[edge].mean()) if edge.sum() >= FEWEST else np.inf
 
 
 def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
@@ -134,28 +156,29 @@ def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
     return np.clip(np.rint(small), 0.0, 255.0).reshape(-1, *lines.shape[1:])
 
 
-def _enlarging(length: int, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> sparse.csr_matrix:
-    """Return (length, ceil(length / factor)) the weights of the pixels of a smaller line in those of the larger one."""
+def _enlarging(length: int, count: int, kernel: Kernel) -> sparse.csr_matrix:
+    """Return (length, count) the weights of the pixels of a smaller line in those of the larger one."""
     from scipy import sparse  # takes a while to import, and few pictures are soft enough to get here
 
-    count = -(-length // factor)
-    at = (np.arange(length) + 0.5) / factor - 0.5
+    at = (np.arange(length) + 0.5) * (count / length) - 0.5
     weights = kernel(at[:, None] - np.arange(count))
     return sparse.csr_matrix(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _cubic(x: np.ndarray, a: float) -> np.ndarray:
-    """Return the kernel of cubic convolution at x (Keys 1981)."""
+def _cubic(x: np.ndarray, b: float, c: float) -> np.ndarray:
+    """Return the cubic kernel of parameters b and c at x (Mitchell and Netravali 1988)."""
     x = np.abs(x)
-    inner = ((a + 2.0) * x - (a + 3.0)) * x * x + 1.0
-    outer = (((x - 5.0) * x + 8.0) * x - 4.0) * a
-    return np.where(x <= 1.0, inner, np.where(x < 2.0, outer, 0.0))
+    inner = (12.0 - 9.0 * b - 6.0 * c) * x**3 + (12.0 * b + 6.0 * c - 18.0) * x**2 + 6.0 - 2.0 * b
+    outer = -(b + 6.0 * c) * x**3 + (6.0 * b + 30.0 * c) * x**2 - (12.0 * b + 48.0 * c) * x + 8.0 * b + 24.0 * c
+    return np.where(x <= 1.0, inner, np.where(x < 2.0, outer, 0.0)) / 6.0
 
 
-# Catmull and Rom's cubic, linear, the cubic of OpenCV, and Lanczos'.
-KERNELS: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
-    lambda x: _cubic(x, -0.5),
+Kernel = Callable[[np.ndarray], np.ndarray]
+# Catmull and Rom's cubic, linear, Mitchell and Netravali's, the cubic of OpenCV, and Lanczos'.
+KERNELS: tuple[Kernel, ...] = (
+    lambda x: _cubic(x, 0.0, 0.5),
     lambda x: np.maximum(0.0, 1.0 - np.abs(x)),
-    lambda x: _cubic(x, -0.75),
+    lambda x: _cubic(x, 1.0 / 3.0, 1.0 / 3.0),
+    lambda x: _cubic(x, 0.0, 0.75),
     lambda x: np.where(np.abs(x) < 3.0, np.sinc(x) * np.sinc(x / 3.0), 0.0),
 )

@@ -6,6 +6,7 @@ blended, the border, paper and pens, noise and compression, the scale, and the b
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -31,18 +32,19 @@ from cubicsplat_cli.scene.arrays import with_channels
 class PreparedInput:
     """A picture prepared for drawing.
 
-    levels: (H, W, 4) float32 premultiplied RGBA in 0..255, the picture to draw, in a condition. scale: the factor by
-    which its drawing is enlarged to the canvas of (width, height) px. upscale_factor: the factor by which the picture
-    had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made white and evenly lit; pens:
-    the pens of its lines. flat: levels without gradients, if the condition was estimated from these. lifted: levels
-    without their soft shadow, if the condition was estimated from these; with_shadow: the condition estimated with it.
-    compression: that of the levels' file, if it is a JPEG. edge_notes: notes on how edges had been blended.
+    levels: (H, W, 4) float32 premultiplied RGBA in 0..255, the picture to draw, in a condition. scale: the factors
+    across and down by which its drawing is enlarged to the canvas of (width, height) px. upscale_factor: the mean
+    factor by which the picture had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made
+    white and evenly lit; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated
+    from these. lifted: levels without their soft shadow, if the condition was estimated from these; with_shadow: the
+    condition estimated with it. compression: that of the levels' file, if it is a JPEG. edge_notes: notes on how edges
+    had been blended.
     """
 
     levels: np.ndarray
     condition: Condition
-    scale: int
-    upscale_factor: int
+    scale: tuple[float, float]
+    upscale_factor: float
     width: int
     height: int
     scanned: bool = False
@@ -54,10 +56,15 @@ class PreparedInput:
     edge_notes: tuple[str, ...] = ()
 
     @property
+    def mean_scale(self) -> float:
+        """The geometric mean of the factors across and down."""
+        return math.sqrt(self.scale[0] * self.scale[1])
+
+    @property
     def notes(self) -> list[str]:
         """Notes for the user, a sentence each."""
         times = self.upscale_factor
-        notes = [f"drawn as it was before it was made {times} times as large"] if times > 1 else []
+        notes = [f"drawn as it was before it was made {times:.3g} times as large"] if times > 1 else []
         notes += self.edge_notes
         if self.scanned:
             notes.append("drawn as ink on white paper under even light")
@@ -89,7 +96,8 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     lossy = compression is not None and factor == 1
     prepared = replace(_prepared(reduced(levels, factor), factor, width, height, lossy=lossy), edge_notes=tuple(notes))
     condition = replace(prepared.condition, sharpened=unsharp is not whole)
-    if compression is None or levels is not original or not condition.jpeg or prepared.scale > 1 or prepared.scanned:
+    as_drawn = levels is original and prepared.mean_scale == 1 and not prepared.scanned
+    if compression is None or not condition.jpeg or not as_drawn:
         return replace(prepared, condition=condition)
     if compression.tables:
         condition = replace(condition, halved=compression.halved)
@@ -105,14 +113,15 @@ def _prepared(levels: np.ndarray, factor: int, width: int, height: int, *, lossy
         pens = pens_of(scan.bare, scan.grain)
         blur = condition.blur if pens is None else pens.blur
         condition = replace(condition, noise=scan.grain, coarse=True, blur=blur)
-        return PreparedInput(scan.levels, condition, factor, 1, width, height, scanned=True, pens=pens)
-    upscale_factor = 1
+        return PreparedInput(scan.levels, condition, (factor, factor), 1.0, width, height, scanned=True, pens=pens)
+    across, down = 1.0, 1.0
     if not condition.noise or condition.jpeg:  # kernels of enlarging ring as JPEGs do
-        levels, upscale_factor = before_enlargement(levels)
-        if upscale_factor > 1:
+        levels, (across, down) = before_enlargement(levels)
+        if max(across, down) > 1:
             # The steps of a picture that was enlarged without smoothing are its pixels, and are drawn.
             condition = replace(condition_of(levels), aliased=False)
-    prepared = PreparedInput(levels, condition, factor * upscale_factor, upscale_factor, width, height)
+    scale = factor * across, factor * down
+    prepared = PreparedInput(levels, condition, scale, math.sqrt(across * down), width, height)
     # Soft areas look like blurred edges or like ringing, so damage is estimated without them.
     if not condition.clean and not lossy and (without := lifted(levels)):
         unshaded = condition_of(flattened(without.levels).levels)
