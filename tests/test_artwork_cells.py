@@ -11,7 +11,7 @@ import pytest
 import resvg_py
 from conftest import rest_slow
 from image_files import recoded
-from PIL import Image
+from PIL import Image, ImageDraw
 from skimage import data
 
 from cubicsplat_cli.api import vectorize
@@ -195,6 +195,17 @@ def test_a_drawing_without_smoothing_has_no_cells(name, side):
     picture = np.where(large[4::8, 4::8, 3:] > 127, large[4::8, 4::8], 0)
     picture[..., 3] = np.where(picture[..., 3] > 0, 255, 0)
     assert found(picture) is None
+
+
+def test_a_code_with_a_logo_on_it_has_no_cells():
+    rng = np.random.default_rng(25)
+    code = larger(np.repeat(rng.integers(0, 2, (29, 29, 1), np.uint8) * np.uint8(255), 3, axis=2), 8)
+    assert found(recoded(code, quality=85)) is not None
+    picture = Image.fromarray(code)
+    logo = Image.new("RGB", (224, 224), "#2a6ad0")
+    ImageDraw.Draw(logo).ellipse((24, 24, 200, 200), fill="#fff")
+    picture.paste(logo.resize((56, 56), Image.Resampling.BOX), (88, 88))
+    assert found(recoded(picture, quality=85)) is None
 
 
 def test_photos_of_16_colours_and_their_jpegs_have_no_cells():
