@@ -238,11 +238,6 @@ class FrameGroup:
     times: list[float] = field(default_factory=list)
     end: float = 0.0
 
-    def add(self, picture: np.ndarray, begin: float, end: float) -> None:
-        self.pictures.append(picture)
-        self.times.append(begin)
-        self.end = end
-
 
 def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iterator[FrameGroup]:
     """Groups of at most so many frames. frames: pictures (H, W, C), and the seconds of their begin and end."""
@@ -259,7 +254,9 @@ def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iter
         if cut:
             recent.clear()
         before = blocks
-        group.add(picture, begin, end)
+        group.pictures.append(picture)
+        group.times.append(begin)
+        group.end = end
     if group.pictures:
         yield group
 
