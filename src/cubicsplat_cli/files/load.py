@@ -248,10 +248,8 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
     """Return the picture scaled down to at most `max_size` px on its longer side; the same object if it fits.
 
     A Lanczos filter scales sRGB values, of premultiplied colours because hidden colours of transparent pixels must not
-    bleed in. Adds a note with both sizes. Raises UsageError for a max_size below 1.
+    bleed in. Adds a note with both sizes.
     """
-    if max_size < 1:
-        raise UsageError(f"max-size is {max_size}, it must be at least 1 pixel")
     sides = picture.width, picture.height
     if max(sides) <= max_size:
         return picture
