@@ -7,7 +7,6 @@ root mean square difference, in levels, of a frame from the one before, moved al
 
 from __future__ import annotations
 
-import gzip
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from cubicsplat_cli.cli.options import Json, option
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import open_clip
+from cubicsplat_cli.files.read import gzip_size
 from cubicsplat_cli.formatting import number, text_table
 from cubicsplat_cli.metrics import head
 from cubicsplat_cli.motion.fitting import fit_clip
@@ -115,9 +115,9 @@ TOOLS: dict[str, tuple[str, Callable[[Filmed, FitSettings], Played]]] = {
 
 def _played(drawn: list[np.ndarray], files: list[str]) -> Played:
     # Frames are packed as one file, which favours those that repeat what others said.
-    data = "".join(files).encode()
+    text = "".join(files)
     pictures = np.stack([image[..., :3] for image in drawn]).clip(0.0, 1.0)
-    return Played(pictures, len(data), len(gzip.compress(data, 9, mtime=0)))
+    return Played(pictures, len(text.encode()), gzip_size(text))
 
 
 def scores(film: Filmed, played: Played, seconds: float) -> dict[str, float | None]:
@@ -206,16 +206,15 @@ def clips(
         print_json({**head(), "bench": "clips", "preset": preset, "curves": curves, "rows": rows})
         return
     header = ("clip", "tool", "PSNR dB", "still", "warp", "kB/s", "kB/s gzip", "CPU s a frame")
-    table = [_cells(row) for row in rows]
-    typer.echo(text_table(header, table, markdown=markdown), nl=False)
-
-
-def _cells(row: dict[str, Any]) -> list[str]:
-    return [
-        row["clip"], row["tool"], number(row["psnr_db"], 2), "" if row["still"] is None else number(row["still"], 2),
-        number(row["warp"], 2), number(row["bytes_s"] / 1e3, 1), number(row["gzip_s"] / 1e3, 1),
-        number(row["frame_s"], 2),
+    table = [
+        (
+            row["clip"], row["tool"], number(row["psnr_db"], 2),
+            "" if row["still"] is None else number(row["still"], 2), number(row["warp"], 2),
+            number(row["bytes_s"] / 1e3, 1), number(row["gzip_s"] / 1e3, 1), number(row["frame_s"], 2),
+        )
+        for row in rows
     ]  # fmt: skip
+    typer.echo(text_table(header, table, markdown=markdown), nl=False)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import io
 import time
 from collections.abc import Iterator, Sequence
@@ -17,7 +16,7 @@ from benchmarks import main
 from cubicsplat_cli import compare, vectorize
 from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_json
 from cubicsplat_cli.cli.options import Json, option
-from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.read import gzip_size
 from cubicsplat_cli.formatting import mean, number, text_table
 from cubicsplat_cli.metrics import head
 from cubicsplat_cli.options import parse_bytes
@@ -93,9 +92,8 @@ def rows_of(path: Path, sizes: Sequence[int], side: int, threads: int) -> Iterat
         began = time.process_time()
         result = vectorize(np.asarray(picture), max_bytes=f"{most}gz", threads=threads, measure=False)
         seconds = time.process_time() - began
-        size = len(gzip.compress(result.svg.encode(), 9, mtime=0))
-        level = compare(np.asarray(picture), result).psnr_db
-        yield {"picture": path.name, "format": OURS, "most": most, "bytes": size, "psnr_db": level, "cpu_s": seconds}
+        ours = {"bytes": gzip_size(result.svg), "psnr_db": compare(np.asarray(picture), result).psnr_db}
+        yield {"picture": path.name, "format": OURS, "most": most, **ours, "cpu_s": seconds}
         for each in encoders:
             best = each.best(most) or (None, None)
             yield {"picture": path.name, "format": each.form, "most": most, "bytes": best[1], "psnr_db": best[0]}
@@ -112,10 +110,7 @@ def equal_bytes(
 ) -> None:
     """Quality of photos at equal bytes, as SVGs and in raster formats."""
     amounts = [int(parse_bytes(text)) for text in sizes.split(",")]
-    paths = pictures_of(folder, limit)
-    if not paths:
-        raise UsageError(f"{folder} holds no pictures")
-    rows = [row for path in paths for row in rows_of(path, amounts, side, threads)]
+    rows = [row for path in pictures_of(folder, limit) for row in rows_of(path, amounts, side, threads)]
     if json:
         print_json({**head(), "bench": "equal_bytes", "side": side, "rows": rows})
         return

@@ -62,19 +62,6 @@ NOTES = {
 
 
 @dataclass(frozen=True)
-class Magnified:
-    """One picture's fit at its size and at a multiple: PSNR in dB of the file and of the engine; None: identical."""
-
-    picture: str
-    mode: str
-    pixels_across: int
-    svg_db: float | None
-    svg_change_db: float | None
-    engine_db: float | None
-    engine_change_db: float | None
-
-
-@dataclass(frozen=True)
 class Sizes:
     """The paper's: size (px) and curves of Table 1, published values by mode and curves of Table 2, curves of the
     complex illustration, and what is timed.
@@ -121,7 +108,7 @@ def steps(session: Session) -> Table:
     found, rows = {}, []
     for mode in MODES:
         settings = FitSettings.from_preset(mode=mode, curves=session.sizes.curves, **session.fit)
-        found[mode] = asdict(step_times.step_times(session.sizes.size, settings, session.sizes.times))
+        found[mode] = step_times.step_times(session.sizes.size, settings, session.sizes.times)
         session.reporter.summary(f"{mode}: {found[mode]['step_ms']:.2f} ms a step")
         rows.append((mode, *(number(v, 2) for v in (*found[mode].values(), *STEP_MS[mode]))))
     header = ("mode", "forward ms", "backward ms", "whole step ms", "published forward", "backward")
@@ -163,30 +150,29 @@ def magnify(session: Session) -> Table:
     found = [_magnified(run, svg, jobs[0].path, session.fit["threads"]) for run, svg in runs.done]
     rows = [
         (
-            f"{m.picture}, {m.mode}", str(m.pixels_across), number(m.svg_db, 2), number(m.svg_change_db, 3, sign=True),
-            number(m.engine_db, 2), number(m.engine_change_db, 3, sign=True),
+            f"{m['picture']}, {m['mode']}", str(m["pixels_across"]), number(m["svg_db"], 2),
+            number(m["svg_change_db"], 3, sign=True), number(m["engine_db"], 2),
+            number(m["engine_change_db"], 3, sign=True),
         )
         for m in found
     ]  # fmt: skip
     header = ("picture", "px across", "file dB", "magnified", "engine dB", "magnified")
-    return Table([asdict(each) for each in found], header, rows, runs.failed)
+    return Table(found, header, rows, runs.failed)
 
 
-def _magnified(run: FitFigures, svg: bytes, path: Path, threads: int | None) -> Magnified:
+def _magnified(run: FitFigures, svg: bytes, path: Path, threads: int | None) -> dict[str, Any]:
+    """PSNR in dB of the file and the engine at the picture's size, and its changes at a multiple; None: identical."""
     picture = load_picture(path)
     name = f"{run.picture}.svg"
     found = compare_with(picture, str(path), svg, name, is_svg=True, scale=MAGNIFICATION, threads=threads).scale
     assert found is not None
     file, engine = found.svg, found.engine
-    return Magnified(
-        run.picture,
-        run.mode,
-        MAGNIFICATION * picture.width,
-        file.native.psnr_db,
-        file.change_db,
-        None if engine is None else engine.native.psnr_db,
-        None if engine is None else engine.change_db,
-    )
+    return {
+        "picture": run.picture, "mode": run.mode, "pixels_across": MAGNIFICATION * picture.width,
+        "svg_db": file.native.psnr_db, "svg_change_db": file.change_db,
+        "engine_db": None if engine is None else engine.native.psnr_db,
+        "engine_change_db": None if engine is None else engine.change_db,
+    }  # fmt: skip
 
 
 def large(session: Session) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,9 +18,10 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_json
 from cubicsplat_cli.cli.options import Json, option
-from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.files.read import gzip_size
 from cubicsplat_cli.formatting import mean, number, text_table
 from cubicsplat_cli.metrics import head
 from cubicsplat_cli.svg.drawing_reader import read_drawing
@@ -38,11 +38,6 @@ COLUMNS = (
 
 Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
 Sheet = Annotated[Path | None, option("--sheet OUT.png", "Also a contact sheet.")]
-
-
-def packed_bytes(svg: str) -> int:
-    """Bytes of an SVG after gzip."""
-    return len(gzip.compress(svg.encode(), 9, mtime=0))
 
 
 def scores(pixels: np.ndarray, svg: str) -> dict[str, Any]:
@@ -64,7 +59,7 @@ def scores(pixels: np.ndarray, svg: str) -> dict[str, Any]:
         "de00": mean_delta_e(pixels, drawn), "psnr_db": psnr_db(pixels, drawn),
         "de00_4x": mean_delta_e(large, drawn_large), "psnr_4x_db": psnr_db(large, drawn_large),
         "edge_px": float(np.abs(share - alpha).sum()) / length if length else None,
-        "bytes": packed_bytes(svg), "shapes": drawn_elements(svg), "objects": objects,
+        "bytes": gzip_size(svg), "shapes": drawn_elements(svg), "objects": objects,
     }  # fmt: skip
 
 
@@ -91,7 +86,7 @@ def rows_of(path: Path, threads: int) -> list[tuple[dict[str, Any], str]]:
 
     shaded = add("shaded", lambda: ours(shading="auto"))
     add(f"photo, {PHOTO_CURVES} curves", lambda: ours(style="photo", curves=PHOTO_CURVES))
-    add("photo, equal bytes", lambda: ours(style="photo", max_bytes=f"{packed_bytes(shaded)}gz"))
+    add("photo, equal bytes", lambda: ours(style="photo", max_bytes=f"{gzip_size(shaded)}gz"))
     add("vtracer", lambda: vtracer_svg(pixels).decode())
     return made
 
@@ -105,10 +100,7 @@ def shaded(
     markdown: Markdown = False,
 ) -> None:
     """Quality, size and structure of pictures of shaded objects."""
-    paths = pictures_of(folder, limit)
-    if not paths:
-        raise UsageError(f"{folder} holds no pictures")
-    runs = []
+    paths, runs = pictures_of(folder, limit), []
     for path in paths:
         runs.append(rows_of(path, threads))
         for row, _ in runs[-1]:

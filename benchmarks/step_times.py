@@ -33,15 +33,6 @@ class Protocol:
 
 
 @dataclass(frozen=True)
-class StepTimes:
-    """Medians in milliseconds: forward pass, backward pass (both passes less the forward one), whole training step."""
-
-    forward_ms: float
-    backward_ms: float
-    step_ms: float
-
-
-@dataclass(frozen=True)
 class PowerLaw:
     """How a step's time grows with one quantity: the points, and the exponent of the power law fitted to them."""
 
@@ -52,8 +43,11 @@ class PowerLaw:
     exponent: float
 
 
-def step_times(size: tuple[int, int], settings: FitSettings, protocol: Protocol) -> StepTimes:
-    """Times in a fit of the drawn picture of this size (width, height in px), the warm-up after its start."""
+def step_times(size: tuple[int, int], settings: FitSettings, protocol: Protocol) -> dict[str, float]:
+    """Median milliseconds of the forward pass, the backward pass (both passes less the forward one) and a whole step.
+
+    They are measured in a fit of the drawn picture of this size (width, height in px), the warm-up after its start.
+    """
     warmup, repeats = protocol.warmup, protocol.repeats
     settings = settings.with_(steps=max(settings.steps, total_steps(warmup, 3 * repeats, settings.recipe.finish)))
     loop = FitLoop(synthetic_picture(*size), settings)
@@ -66,7 +60,7 @@ def step_times(size: tuple[int, int], settings: FitSettings, protocol: Protocol)
         both = _median_ms(lambda: engine.gradients(loop.stepper.scene, raster, target=goal), repeats)
         whole = _median_ms(loop.advance, repeats)
     engine.close()
-    return StepTimes(forward, max(0.0, both - forward), whole)
+    return {"forward_ms": forward, "backward_ms": max(0.0, both - forward), "step_ms": whole}
 
 
 def _median_ms(call: Callable[[], object], repeats: int) -> float:
@@ -101,7 +95,7 @@ def growths(
             for value, of_size, curves, samples in rows:
                 # Without a tolerance every cubic has S edges, as in the paper.
                 settings = FitSettings.from_preset(mode=mode, curves=curves, samples=samples, tolerance=0.0, **fit)
-                times.append(step_times(of_size, settings, protocol).step_ms)
+                times.append(step_times(of_size, settings, protocol)["step_ms"])
                 tell(f"{mode}, {value} {what}: {times[-1]:.2f} ms a step")
             values = tuple(row[0] for row in rows)
             found.append(PowerLaw(what, mode, values, tuple(times), exponent(values, times)))

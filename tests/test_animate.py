@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from clip_reader import read_clip
 from command import run_here
 from conftest import rest_slow
 from PIL import Image, ImageDraw
@@ -22,7 +23,6 @@ from cubicsplat_cli.files.paths import is_ours
 from cubicsplat_cli.from_options import clip_request_of
 from cubicsplat_cli.pipeline.animation import CHANGE_S, ClipTask
 from cubicsplat_cli.progress import StageTimer
-from cubicsplat_cli.svg.moving_file import read_clip
 
 WIDTH, HEIGHT, FRAMES = 48, 32, 5
 FIT = ("--style", "photo", "--curves", 6, "--steps", 150, "--threads", 1)

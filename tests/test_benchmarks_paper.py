@@ -41,10 +41,10 @@ def test_an_exponent_is_that_of_the_power():
 
 def test_a_step_takes_longer_than_its_parts_and_more_curves_longer_than_few():
     few, many = (step_times.step_times((96, 64), FitSettings(curves=count, threads=1), TIMES) for count in (8, 2000))
-    assert few.forward_ms > 0
-    assert many.forward_ms < many.step_ms  # of few curves both are tenths of a millisecond, and any pause shows
-    assert many.forward_ms + many.backward_ms < 2 * many.step_ms
-    assert many.step_ms > 2 * few.step_ms
+    assert few["forward_ms"] > 0
+    assert many["forward_ms"] < many["step_ms"]  # of few curves both are tenths of a millisecond, and any pause shows
+    assert many["forward_ms"] + many["backward_ms"] < 2 * many["step_ms"]
+    assert many["step_ms"] > 2 * few["step_ms"]
 
 
 def test_without_a_folder_speed_and_growth_are_measured(capsys):

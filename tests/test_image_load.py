@@ -10,7 +10,7 @@ import pytest
 from image_files import NOISE, encode, png_chunk, png_of
 from PIL import Image, ImageCms
 
-from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture, as_picture, load_picture, resize_picture
 
 
@@ -351,9 +351,3 @@ def test_resize_stays_in_range_although_lanczos_overshoots():
     scaled = resize_picture(flat_picture(rgb), 20)
     assert scaled.rgb.min() >= 0
     assert scaled.rgb.max() <= 1
-
-
-@pytest.mark.parametrize("max_size", [0, -5])
-def test_senseless_max_size(max_size):
-    with pytest.raises(UsageError, match=str(max_size)):
-        resize_picture(flat_picture(np.zeros((2, 2, 3))), max_size)

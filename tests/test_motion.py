@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from moving_scenes import scene_at
 
-from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion.fitting import ClipFit, FrameGroup, fit_clip, groups
 from cubicsplat_cli.motion.following import Follower, flow, sampled
 from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes, knot_bytes, sensitivity
@@ -305,15 +304,6 @@ def test_what_knots_take_away_is_worth_their_share_of_the_bytes(worth: float, mo
     loss = 2 / 3 / worth  # a curve that stands at the mean of 0, 1 and 0 is wrong by 2 / 3
     chosen = choose(tracks, weights, np.ones((3, 3), bool), loss, math.inf)
     assert (~chosen.by_name["shapes"].still).tolist() == [moves, False, False]
-
-
-def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:
-    with pytest.raises(InputError, match="no frames"):
-        fitted([])
-    with pytest.raises(InputError, match="frames must have one size"):
-        fitted([disc(9.0, 9.0, 24), disc(9.0, 9.0, 20)])
-    with pytest.raises(UsageError, match="leave out --fill"):
-        fitted([disc(9.0, 9.0)], fill="linear")
 
 
 def random_tracks(generator: np.random.Generator, frames: int = 5, *, every: bool = False) -> Tracks:

@@ -15,6 +15,7 @@ import typer
 from cubicsplat_cli.cli.options import option
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.files.names import files_in
 from cubicsplat_cli.options import Setting
 from cubicsplat_cli.svg.elements import NOT_DRAWN, StyledShape, StyledTree, local_name
 from cubicsplat_cli.svg.untrusted import check_untrusted
@@ -46,18 +47,12 @@ class Document:
         """
         size = check_untrusted(data, source)
         self.root = ElementTree.fromstring(data)
-        left, top, across, down = self._view_box(size.width, size.height)
+        box = [float(number) for number in self.root.get("viewBox", "").replace(",", " ").split()]
+        left, top, across, down = box if len(box) == 4 else (0.0, 0.0, size.width, size.height)
         self.origin = (left, top)
         self.unit = across / size.width if longest is None else max(across, down) / longest
         self.width = max(1, math.floor(across / self.unit + 1e-6))
         self.height = max(1, math.floor(down / self.unit + 1e-6))
-
-    def _view_box(self, width: float, height: float) -> tuple[float, float, float, float]:
-        numbers = self.root.get("viewBox", "").replace(",", " ").split()
-        if len(numbers) != 4:
-            return 0.0, 0.0, width, height
-        left, top, across, down = (float(number) for number in numbers)
-        return left, top, across, down
 
     def draw(
         self,
@@ -112,10 +107,7 @@ def drawings_in(folder: Path, only: str | None, skip: str | None, limit: int | N
     """The SVG files right in a folder by name, those whose stem matches `only` and not `skip` (shell patterns, several
     with commas between them). Raises InputError where there is none, or the folder cannot be read.
     """
-    try:
-        found = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".svg" and path.is_file())
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be read ({error.strerror}); check the path") from error
+    found = files_in(folder, lambda path: path.suffix.lower() == ".svg")
     chosen = [p for p in found if (only is None or _matches(p, only)) and not (skip is not None and _matches(p, skip))]
     if not chosen:
         raise InputError(f"{folder}: holds no SVG that is asked for; give a folder of drawings")

@@ -122,14 +122,22 @@ def unknown_setting(name: str, names: Iterable[str]) -> UsageError:
 
 
 def parse_background(text: str) -> str:
-    """Return "auto", "none" (also for "transparent") or "#rrggbb" (also for #rgb or a CSS colour name).
+    """Return "auto", "none" (also for "transparent") or "#rrggbb". Raises UsageError for other texts."""
+    word = _word_or_colour(text, "background", ("auto", "none", "transparent"), "auto, none")
+    return "none" if word == "transparent" else word
 
-    Raises UsageError for other texts.
-    """
+
+def parse_ground(given: str) -> str:
+    """Return "keep", "remove" or "#rrggbb". Raises UsageError for others."""
+    return _word_or_colour(given, "ground", (KEEP, REMOVE), "keep, remove")
+
+
+def _word_or_colour(text: str, name: str, words: Sequence[str], shown: str) -> str:
+    """Return one of the words, or "#rrggbb" (also for #rgb or a CSS colour name)."""
     lowered = text.strip().lower() if isinstance(text, str) else ""
-    if lowered in ("auto", "none", "transparent"):
-        return "auto" if lowered == "auto" else "none"
-    return hex_text(parse_colour(text, "background", "must be auto, none, a colour name or #rrggbb"))
+    if lowered in words:
+        return lowered
+    return hex_text(parse_colour(text, name, f"must be {shown}, a colour name or #rrggbb"))
 
 
 def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
@@ -200,14 +208,6 @@ COLOR, OBJECT = "color", "object"
 GROUPINGS = NONE, COLOR, OBJECT
 CURVES, IMAGE = "curves", "image"  # what photos within a drawing become
 PHOTO_PARTS = CURVES, IMAGE, NONE
-
-
-def parse_ground(given: str) -> str:
-    """Return "keep", "remove" or "#rrggbb" (also for #rgb or a CSS colour name). Raises UsageError for others."""
-    lowered = given.strip().lower() if isinstance(given, str) else ""
-    if lowered in (KEEP, REMOVE):
-        return lowered
-    return hex_text(parse_colour(given, "ground", "must be keep, remove, a colour name or #rrggbb"))
 
 
 def parse_shading(given: str | int) -> str:

@@ -32,7 +32,7 @@ def _shaded(drawing: Drawing, shape: Shape) -> SceneLayer:
     """Return a layer of a shape's paint and shading, both clipped at its outlines."""
     clip = replace(shape, fill=(255, 255, 255, 255), gradient=None)
     ground = _part(drawing, [replace(shape, outlines=(shape.box(),))])
-    return SceneLayer(ground, shape.shading, _part(drawing, [clip]), shape.name)
+    return SceneLayer(ground, shape.shading, _part(drawing, [clip]))
 
 
 def _part(drawing: Drawing, shapes: list[Shape]) -> Scene:

@@ -19,30 +19,16 @@ from cubicsplat_cli.files.write import write_atomically, write_stdout
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
 from cubicsplat_cli.from_options import clip_request_of
 from cubicsplat_cli.progress import StageTimer, command_began
-from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.pipeline.animation import Animation, ClipTask
+    from cubicsplat_cli.pipeline.animation import Animation
 
 EXIT_INTERRUPTED = 130
 _SUFFIXES = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}
 
 Source = Annotated[str, typer.Argument(metavar="CLIP", help="GIF, animated PNG or WebP, video, or folder of frames.")]
 Output = Annotated[str | None, option("--output -o OUT", "SVG, Lottie JSON (OUT.json) or folder to write.")]
-
-
-@record
-class _Places:
-    """Paths of the results: the file or the folder of frames, the JSON of the figures, and the page."""
-
-    result: Path
-    metrics: Path
-    page: Path | None
-
-    def frames(self) -> list[Path]:
-        """Return the existing files with names of frames."""
-        return sorted(self.result.glob("[0-9][0-9][0-9][0-9]*.svg")) if is_folder(self.result) else []
 
 
 @takes_options(*FIT_SETTINGS, *(each.name for each in fields(ClipRequest)), owners=(FitSettings, ClipRequest))
@@ -63,10 +49,14 @@ def animate(
         raise UsageError("a file name is empty; is a variable not set?")
     request = clip_request_of(options)
     request = replace(request, format=_format(output, request.format))
-    places = _places(Path(clip), output, request)
+    result, metrics, page = _places(Path(clip), output, request)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not json)
-    _check(places, Path(clip), request)
-    report = _run(Path(clip), places, request, reporter)
+    if same_file(result, Path(clip)):
+        raise UsageError(f"{result} is the input and would be overwritten; choose another output with -o")
+    make_folder_of(metrics)
+    files = [metrics, *([page] if request.html_report else [])]
+    check_outputs(files + (_frames(result) if request.format == FRAMES else [result]), force=request.force)
+    report = _run(Path(clip), (result, metrics, page), request, reporter)
     if json:
         write_stdout(json_text.dumps(report.public(), separators=(",", ":"), allow_nan=False).encode() + b"\n")
     if report.interrupted:
@@ -89,40 +79,35 @@ def _format(output: str | None, chosen: str | None) -> str:
     return named
 
 
-def _places(clip: Path, output: str | None, request: ClipRequest) -> _Places:
-    """Return the paths of the results; by default they lie beside the clip."""
+def _places(clip: Path, output: str | None, request: ClipRequest) -> tuple[Path, Path, Path]:
+    """Return the paths of the file or the folder of frames, of the JSON of the figures, and of a page; by default they
+    lie beside the clip.
+    """
     if output is None:
         whole = is_folder(clip)
         beside, name = (clip.resolve().parent, clip.resolve().name) if whole else (clip.parent, clip.stem)
         output = str(beside / f"{name}{_SUFFIXES[str(request.format)]}")
     result = Path(output)
     if request.format == FRAMES:
-        metrics, page = result / "metrics.json", result / "index.html"
-    else:
-        metrics = result.with_suffix(".json")
-        if request.format == LOTTIE or is_lottie(metrics):
-            metrics = result.with_suffix(".metrics.json")
-        page = result.with_suffix(PAGE)
-    return _Places(result, metrics, page if request.html_report else None)
+        return result, result / "metrics.json", result / "index.html"
+    metrics = result.with_suffix(".json")
+    if request.format == LOTTIE or is_lottie(metrics):
+        metrics = result.with_suffix(".metrics.json")
+    return result, metrics, result.with_suffix(PAGE)
 
 
-def _check(places: _Places, clip: Path, request: ClipRequest) -> None:
-    """Raise an error before the work if a file cannot be written, or is the clip."""
-    if same_file(places.result, clip):
-        raise UsageError(f"{places.result} is the input and would be overwritten; choose another output with -o")
-    make_folder_of(places.metrics)
-    files = [places.metrics, *([] if places.page is None else [places.page])]
-    files += [places.result] if request.format != FRAMES else places.frames()
-    check_outputs(files, force=request.force)
+def _frames(folder: Path) -> list[Path]:
+    """Return the existing files with names of frames."""
+    return sorted(folder.glob("[0-9][0-9][0-9][0-9]*.svg")) if is_folder(folder) else []
 
 
-def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) -> ClipReport:
-    """Do the work and write the results; return the figures."""
+def _run(clip: Path, places: tuple[Path, Path, Path], request: ClipRequest, reporter: Reporter) -> ClipReport:
+    """Do the work and write the results; return the figures. places: see `_places`."""
     from cubicsplat_cli.files.clips import open_clip
     from cubicsplat_cli.pipeline.animate import animate_clip
     from cubicsplat_cli.pipeline.animation import ClipTask
 
-    job = str(clip)
+    job, (result, metrics, page) = str(clip), places
     with reporter.showing(1):
         reporter.begin(job)
         timer = StageTimer(reporter, job, started=command_began())
@@ -130,11 +115,16 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
             bounds: dict[str, Any] = {"max_size": request.max_size, "max_pixels": request.max_pixels}
             source = open_clip(clip, fps=request.fps, most_frames=request.frames, **bounds)
         task = ClipTask(source, request, clip.resolve().name, timer, timer.step)
-        animation = animate_clip(task, lambda made: _write(made, places, request))
+        animation = animate_clip(task, lambda made: _write(made, result, request))
         report = animation.report
         assert report is not None
-        report = replace(report, output=replace(report.output, path=str(places.result)))
-        _write_companions(animation.svg, report, task, places)
+        report = replace(report, output=replace(report.output, path=str(result)))
+        if request.html_report:
+            from cubicsplat_cli.html_report.animation import player_page
+
+            with timer("html_report"):
+                write_atomically(page, player_page(animation.svg, report, task.played(report.style), result.name))
+        write_atomically(metrics, report.to_json().encode())
         reporter.end(job)
     for note in report.notes:
         reporter.note(note)
@@ -144,28 +134,16 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
     return report
 
 
-def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
+def _write(animation: Animation, result: Path, request: ClipRequest) -> None:
     """Write the result, before anything is measured; remove frames of an earlier, longer clip."""
-    files = {
-        (places.result / name if name else places.result): data
-        for name, data in animation.files(str(request.format)).items()
-    }
+    made = animation.files(str(request.format))
+    files = {(result / name if name else result): data for name, data in made.items()}
     for path, data in files.items():
         write_atomically(path, data)
     if request.format == FRAMES:
-        for path in places.frames():
+        for path in _frames(result):
             if path not in files:
                 path.unlink()
-
-
-def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Places) -> None:
-    """Write the page, if there is one, and last the figures."""
-    if places.page is not None:
-        from cubicsplat_cli.html_report.animation import player_page
-
-        with task.timer("html_report"):
-            write_atomically(places.page, player_page(svg, report, task.played(report.style), places.result.name))
-    write_atomically(places.metrics, report.to_json().encode())
 
 
 def clip_summary(report: ClipReport) -> str:

@@ -110,17 +110,11 @@ def quality(
         typer.echo(benchmark.quality_tables(runs, names, markdown=markdown), nl=False)
     write_csv(csv, [asdict(run) for run, _ in runs.done])
     if sheet is not None:
-        _write_sheet(sheet, runs, pictures)
+        # All configurations of a picture are below one another.
+        shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
+        rows = [(run, svg) for picture in shown[:4] for run, svg in runs.done if run.picture == picture.name]
+        write_atomically(sheet, benchmark.sheet_png(rows, {picture.name: picture for picture in pictures}))
     end_with(runs.failed)
-
-
-def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
-    """Write a sheet of the first four pictures, with all configurations of a picture below one another."""
-    from cubicsplat_cli.bench.quality import sheet_png
-
-    shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
-    rows = [(run, svg) for picture in shown[:4] for run, svg in runs.done if run.picture == picture.name]
-    write_atomically(path, sheet_png(rows, {picture.name: picture for picture in pictures}))
 
 
 def comma_parts(text: str) -> list[str]:

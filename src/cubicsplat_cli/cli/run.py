@@ -192,7 +192,9 @@ def _print_plan(outcome: Outcome, request: Request) -> None:
 def summary_line(report: Report, status: str = DONE) -> str:
     """Return `out.svg  512 curves  61 kB  SVG 31.9 dB  SSIM 0.86  47 s  cpu`."""
     output = report.output
-    parts = [output.svg or "stdout", report.style, _size_text(report), _bytes_text(report), *_quality_parts(report)]
+    packed = output.compressed_bytes  # if a limit counts these
+    size = file_size(output.bytes) + ("" if packed in (None, output.bytes) else f", {file_size(packed)} gzipped")
+    parts = [output.svg or "stdout", report.style, _size_text(report), size, *_quality_parts(report)]
     if status == UNCHANGED:
         parts.append("unchanged")
     else:
@@ -208,12 +210,6 @@ def _size_text(report: Report) -> str:
         return counted(report.output.paths, "curve")
     apart = report.shapes == report.output.paths
     return counted(report.shapes, "shape") + ("" if apart else f" in {counted(report.output.paths, 'element')}")
-
-
-def _bytes_text(report: Report) -> str:
-    """Return `61 kB`, or `958 B, 396 B gzipped` if a limit counts gzipped bytes."""
-    size, packed = report.output.bytes, report.output.compressed_bytes
-    return file_size(size) + ("" if packed in (None, size) else f", {file_size(packed)} gzipped")
 
 
 def _quality_parts(report: Report) -> list[str]:

@@ -185,7 +185,10 @@ def _open_and_decode(
             Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image,
         ):
             if frame is not None:
-                _go_to(image, frame, shown)
+                if frame > (count := getattr(image, "n_frames", 1)):
+                    found = counted(count, "frame")
+                    raise InputError(f"{shown}: has {found}, and --frame is {frame}; give one that there is")
+                image.seek(frame - 1)
             size, factor = image.size, factor_for(image.size, max_size)
             _check_pixels(size, shown, max_pixels, factor, smaller)
             rest = draft(image, factor)
@@ -207,14 +210,6 @@ def _open_and_decode(
         # Pillow raises nearly any exception for broken bytes: OSError, SyntaxError, struct.error, IndexError...
         reason = printable(one_line(error)) or type(error).__name__
         raise InputError(f"{shown}: is damaged or truncated ({reason}); save or download it again") from error
-
-
-def _go_to(image: Image.Image, frame: int, shown: str) -> None:
-    """Choose the frame to read, from 1. Raises InputError if there are fewer."""
-    count = getattr(image, "n_frames", 1)
-    if frame > count:
-        raise InputError(f"{shown}: has {counted(count, 'frame')}, and --frame is {frame}; give one that there is")
-    image.seek(frame - 1)
 
 
 def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: int, smaller: str) -> None:
@@ -253,10 +248,8 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
     """Return the picture scaled down to at most `max_size` px on its longer side; the same object if it fits.
 
     A Lanczos filter scales sRGB values, of premultiplied colours because hidden colours of transparent pixels must not
-    bleed in. Adds a note with both sizes. Raises UsageError for a max_size below 1.
+    bleed in. Adds a note with both sizes.
     """
-    if max_size < 1:
-        raise UsageError(f"max-size is {max_size}, it must be at least 1 pixel")
     sides = picture.width, picture.height
     if max(sides) <= max_size:
         return picture

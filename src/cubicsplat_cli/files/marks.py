@@ -15,7 +15,7 @@ from cubicsplat_cli._version import __version__
 PROGRAM = "cubicsplat"
 GZIP = b"\x1f\x8b"  # the first bytes of every gzip file
 HEAD_BYTES = 4096  # every file of ours has its mark within them
-_MADE = re.compile(rb"cubicsplat \S+, of [0-9a-f]{64}")
+MADE = re.compile(rb"cubicsplat \S+, of [0-9a-f]{64}")
 _CHECKSUM = re.compile(rb"<!-- cubicsplat [^>]*?(, checksum ([0-9a-f]{12})) -->")
 
 
@@ -32,11 +32,6 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
 def made_mark(about: str) -> str:
     """Return the mark of a file that was made of another one. about: the SHA-256 of that file, or a description."""
     return f"{PROGRAM} {__version__}, of {about}"
-
-
-def holds_made_mark(data: bytes) -> bool:
-    """Return whether the bytes hold the mark of a file that was made of another one."""
-    return _MADE.search(data) is not None
 
 
 def sha256_of(data: bytes) -> str:

@@ -13,7 +13,7 @@ import zlib
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mark, sha256_of, svg_is_ours
+from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, MADE, PROGRAM, sha256_of, svg_is_ours
 from cubicsplat_cli.files.write import check_writable
 
 MOVING = (".webp", ".gif")
@@ -104,7 +104,7 @@ def is_ours(path: Path) -> bool:
     if suffix in MOVING:
         return f"{PROGRAM} ".encode() in read_ends(path)
     if format_of(path) is not None:
-        return holds_made_mark(read_ends(path))
+        return MADE.search(read_ends(path)) is not None
     if suffix == ".json":
         # A report that was cut short counts too.
         return _PROGRAM.search(head) is not None or (head != b"" and _REPORT.startswith(head))

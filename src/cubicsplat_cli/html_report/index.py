@@ -92,7 +92,10 @@ def index(path: Path, entries: Sequence[Entry], title: str) -> bytes:
 
 def _row(index_path: Path, entry: Entry) -> dict[str, object]:
     """Return link, name, thumbnail, and cells as (number to sort by, text)."""
-    quality = entry.quality
+    quality, link = entry.quality, None
+    if entry.page is not None:
+        relative = os.path.relpath(entry.page.absolute(), index_path.absolute().parent)
+        link = quote("./" + Path(relative).as_posix())
     level, similarity = (None, None) if quality is None else (quality.psnr_db, quality.ssim)
     same = quality is not None and quality.identical
     cells = [
@@ -103,19 +106,13 @@ def _row(index_path: Path, entry: Entry) -> dict[str, object]:
         (entry.seconds, "-" if entry.seconds is None else duration(entry.seconds)),
     ]
     return {
-        "link": None if entry.page is None else _link(index_path, entry.page),
+        "link": link,
         "name": entry.name,
         "style": entry.style,
         "thumbnail": entry.thumbnail,
         "error": entry.error.removeprefix(f"{entry.name}: "),
         "cells": [("" if value is None else f"{value:g}", text) for value, text in cells],
     }
-
-
-def _link(index_path: Path, page: Path) -> str:
-    """Return the relative URL of a page in the index."""
-    relative = os.path.relpath(page.absolute(), index_path.absolute().parent)
-    return quote("./" + Path(relative).as_posix())
 
 
 def planned_pages(where: Path, *, folders: bool) -> Path:

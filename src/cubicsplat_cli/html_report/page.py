@@ -56,6 +56,11 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
     own = shown_elements(subject.candidate, picture, threads) if subject.raster is None else None
     kind = "" if own is None else own.kind
     losses = [] if own is None else own.losses_db
+    # A foreign SVG, or a raster picture, is shown as a picture, which can neither act nor fetch.
+    if subject.raster is None:
+        shown = None if own is not None else data_url("image/svg+xml", subject.candidate)
+    else:
+        shown = picture_url(subject.raster, subject.candidate)
     made: dict[str, Any] = {}  # of the run that made the SVG
     if report is not None:
         made = {
@@ -71,7 +76,7 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         height=picture.height,
         picture_url=picture_url(picture, subject.data),
         markup=None if own is None else own.markup,
-        candidate_url=None if own is not None else _candidate_url(subject),
+        candidate_url=shown,
         is_svg=subject.raster is None,
         kind=kind,
         data={"width": picture.width, "height": picture.height, "kind": kind, "losses": losses},
@@ -90,13 +95,6 @@ def page_of_result(picture: Picture, data: bytes, svg: bytes, report: Report, th
     drawn_by = quality.renderer if quality else None
     subject = Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes)
     return page(subject, threads)
-
-
-def _candidate_url(subject: Subject) -> str:
-    """Return a foreign SVG, or a raster picture, as a picture, which can neither act nor fetch."""
-    if subject.raster is None:
-        return data_url("image/svg+xml", subject.candidate)
-    return picture_url(subject.raster, subject.candidate)
 
 
 def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:

@@ -24,7 +24,6 @@ from cubicsplat_cli.jobs.run import (
     failure,
     layer_files,
     load_job,
-    page_of,
 )
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
@@ -123,7 +122,10 @@ def lacking(job: Job, report: Report, request: Request, observer: Observer) -> d
     svg = read_file(outputs.svg)
     page = outputs.html_report
     if page is not None and not _is_made_of(page, report.output.svg_sha256):
-        files[page] = lambda: page_of(job, load_job(job, request), svg, report, request)
+        from cubicsplat_cli.html_report.page import page_of_result
+
+        threads = request.settings.threads
+        files[page] = lambda: page_of_result(load_job(job, request), job.source(), svg, report, threads)
     if outputs.exports:
         from cubicsplat_cli.export.formats import is_current
 

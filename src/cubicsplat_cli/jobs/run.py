@@ -132,16 +132,12 @@ def _write_others(
         _put_animation(outputs.animation, task, made, output, sink)
     report = report_of(task, made, figures, output, path=job.name)
     if outputs.html_report is not None:
+        from cubicsplat_cli.html_report.page import page_of_result
+
         timer.observer.stage("html_report", job.name)
-        sink.put("html_report", page_of(job, task.source, svg.encode(), report, task.request))
+        threads = task.request.settings.threads
+        sink.put("html_report", page_of_result(task.source, job.source(), svg.encode(), report, threads))
     return report
-
-
-def page_of(job: Job, picture: Picture, svg: bytes, report: Report, request: Request) -> bytes:
-    """Return the page about a job's SVG (unpacked)."""
-    from cubicsplat_cli.html_report.page import page_of_result
-
-    return page_of_result(picture, job.source(), svg, report, request.settings.threads)
 
 
 def _put_exports(job: Job, request: Request, svg: str, timer: StageTimer, sink: Sink) -> None:

@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.motion.following import follow
 from cubicsplat_cli.motion.knots import choose, curve_bytes, sensitivity, split_offsets
@@ -25,7 +24,7 @@ from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, points_from_segments
 from cubicsplat_cli.scene.arrays import with_channels
-from cubicsplat_cli.settings import ANY, FitSettings
+from cubicsplat_cli.settings import FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
@@ -67,18 +66,18 @@ def fit_clip(
     first frame, and all else follows from them. The work is done on the CPU. count: of the frames, for progress.
     precision: decimals of coordinates in the file. bytes_per_second: about what the file may take after gzip.
 
-    A stop (Ctrl-C, the deadline of `work()`) ends the fit with the frames so far. Raises InputError for no frame, or
-    one of another size, UsageError for fills or shapes other than plain ones, EngineError where the engine fails.
+    A stop (Ctrl-C, the deadline of `work()`) ends the fit with the frames so far. Raises EngineError where the engine
+    fails.
     """
-    if settings.fill != "flat" or settings.shapes != ANY:
-        raise UsageError("curves that move are of any shape and of one colour; leave out --fill and --shapes")
-    checked = _checked(frames, opaque=settings.background != "none")
-    head = next(checked, None)
-    if head is None:
-        raise InputError("the clip has no frames")
+    channels = 4 if settings.background == "none" else 3
+    taken = (
+        (np.ascontiguousarray(with_channels(picture, channels), np.float32), begin, end)
+        for picture, begin, end in frames
+    )
+    head = next(taken)
     fit = ClipFit(head[0], settings, precision, bytes_per_second, count)
     found: list[Tracks] = []
-    for group in groups(itertools.chain([head], checked), fit.most_frames):
+    for group in groups(itertools.chain([head], taken), fit.most_frames):
         last = None if group.after_cut else found[-1].at(found[-1].frames - 1, found[-1].lines())[0]
         tracks = fit.group(group, last)
         if tracks is not None:
@@ -88,21 +87,6 @@ def fit_clip(
     if not found:
         raise Stopped
     return found
-
-
-Frame = tuple[np.ndarray, float, float]
-
-
-def _checked(frames: Iterable[Frame], *, opaque: bool) -> Iterator[Frame]:
-    """The frames as the engine takes them; with transparency unless `opaque`."""
-    shape: tuple[int, ...] | None = None
-    for picture, begin, end in frames:
-        if picture.ndim != 3 or picture.shape[2] not in (3, 4) or not np.isfinite(picture).all():
-            raise InputError("every frame must have shape (height, width, 3 or 4) and finite values")
-        if shape not in (None, picture.shape):
-            raise InputError(f"frames must have one size, but one has {picture.shape} after {shape}")
-        shape = picture.shape
-        yield np.ascontiguousarray(with_channels(picture, 3 if opaque else 4), np.float32), begin, end
 
 
 @record
@@ -238,11 +222,6 @@ class FrameGroup:
     times: list[float] = field(default_factory=list)
     end: float = 0.0
 
-    def add(self, picture: np.ndarray, begin: float, end: float) -> None:
-        self.pictures.append(picture)
-        self.times.append(begin)
-        self.end = end
-
 
 def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iterator[FrameGroup]:
     """Groups of at most so many frames. frames: pictures (H, W, C), and the seconds of their begin and end."""
@@ -259,7 +238,9 @@ def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iter
         if cut:
             recent.clear()
         before = blocks
-        group.add(picture, begin, end)
+        group.pictures.append(picture)
+        group.times.append(begin)
+        group.end = end
     if group.pictures:
         yield group
 

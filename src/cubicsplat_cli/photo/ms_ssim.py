@@ -89,7 +89,10 @@ class _Blur(torch.autograd.Function):
         ctx.window = window
         for axis in (-1, -2):
             length = planes.shape[axis] - len(window) + 1
-            planes = _mixed([planes.narrow(axis, i, length) for i in range(len(window))], window)
+            total = planes.narrow(axis, 0, length) * window[0]
+            for i, weight in enumerate(window[1:], start=1):
+                total.add_(planes.narrow(axis, i, length), alpha=weight)
+            planes = total
         return planes
 
     @staticmethod
@@ -104,13 +107,6 @@ class _Blur(torch.autograd.Function):
                 spread.narrow(axis, i, length).add_(gradient, alpha=weight)
             gradient = spread
         return gradient, None
-
-
-def _mixed(parts: list[Tensor], window: list[float]) -> Tensor:
-    total = parts[0] * window[0]
-    for part, weight in zip(parts[1:], window[1:], strict=True):
-        total.add_(part, alpha=weight)
-    return total
 
 
 def _planes(picture: Tensor) -> Tensor:

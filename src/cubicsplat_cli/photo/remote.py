@@ -19,6 +19,7 @@ import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import EngineError
@@ -29,10 +30,9 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from cubicsplat_cli.photo.inputs import FitInputs, FitResult
+    from cubicsplat_cli.photo.inputs import FitInputs
     from cubicsplat_cli.photo.loop import FitLoop
     from cubicsplat_cli.raster.engine import Engine
-    from cubicsplat_cli.scene import Scene
     from cubicsplat_cli.settings import FitSettings
 
 GPU_CHECK = "require_gpu"  # the name of the only request that is no method of a fit
@@ -136,37 +136,14 @@ class _Connected(AbstractContextManager["_Connected"]):
 
 
 class RemoteFit:
-    """A `FitLoop` in the server, with the methods that pipelines use. The server forgets it when this is collected."""
+    """A `FitLoop` in the server, which has its methods there. The server forgets it when this is collected."""
 
     def __init__(self, server: FitServer, on_progress: Callable[[Progress], None], *arguments: Any) -> None:
-        self._server, self._on_progress = _Connected(server), on_progress
+        self._call = partial(_Connected(server).call, on_progress=on_progress)
         self._call("begin", *arguments)
 
-    def _call(self, name: str, *arguments: Any) -> Any:
-        return self._server.call(name, *arguments, on_progress=self._on_progress)
-
-    def relax(self, share: float = 1.0) -> bool:
-        """See `FitLoop.relax`."""
-        return bool(self._call("relax", share))
-
-    def finish(self) -> FitResult:
-        """See `FitLoop.finish`."""
-        result: FitResult = self._call("finish")
-        return result
-
-    def scene(self) -> Scene:
-        """See `FitLoop.scene`."""
-        scene: Scene = self._call("scene")
-        return scene
-
-    def importance(self) -> np.ndarray:
-        """See `FitLoop.importance`."""
-        importance: np.ndarray = self._call("importance")
-        return importance
-
-    def resize(self, kept: np.ndarray, count: int) -> None:
-        """See `FitLoop.resize`."""
-        self._call("resize", kept, count)
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        return partial(self._call, name)
 
 
 def serve(pipe: Connection, opened: Callable[..., Engine] | None = None) -> None:

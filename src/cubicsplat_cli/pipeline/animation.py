@@ -30,7 +30,7 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.svg.moving import GridClip
-from cubicsplat_cli.svg.moving_file import read_clip, still
+from cubicsplat_cli.svg.moving_file import still
 from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
@@ -166,11 +166,10 @@ class CurvesAnimation(Animation):
 
     def scenes(self, form: str = SMIL) -> Iterator[Scene]:
         """Yield the scene of each frame, as the file of a format holds it."""
-        clip = read_clip(self.svg) if form == SMIL else self.clip
         # The file rounds the beginning of a group, which may then lie before or after its first frame's.
         firsts = [int(np.abs(self.begins - group.begin).argmin()) for group in self.clip.groups[1:]]
-        for group, exact in zip(clip.groups, np.split(self.exact, firsts), strict=True):
-            for scene in clip.scenes(group, exact):
+        for group, exact in zip(self.clip.groups, np.split(self.exact, firsts), strict=True):
+            for scene in self.clip.scenes(group, exact):
                 yield quantise_scene(scene, self._still_precision) if form == FRAMES else scene
 
     @property

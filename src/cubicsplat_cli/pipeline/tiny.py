@@ -39,7 +39,6 @@ from cubicsplat_cli.svg.polygons import (
     TENTHS,
     GridPolygons,
     grid_size,
-    is_colour,
     polygons_on_grid,
 )
 
@@ -271,7 +270,8 @@ class TinySearch:
             unit = np.eye(3, dtype=np.int64)
             trials += [(before + step, polygons.opacity) for step in (*unit, *-unit)]
         for background, opacity in trials:
-            if 1 <= opacity <= TENTHS and (background is None or is_colour(background)):
+            within = background is None or 0 <= background.min() <= background.max() <= LEVELS
+            if within and 1 <= opacity <= TENTHS:
                 kept = polygons.background, polygons.opacity
                 polygons.background, polygons.opacity = background, opacity
                 loss, size = self._loss(), self._size()

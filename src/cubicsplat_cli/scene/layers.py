@@ -55,13 +55,12 @@ class EmbeddedImage:
 @record
 class SceneLayer:
     """A scene, and a scene or picture `over` it, if any, visible only within `clip`: the filled curves of a scene,
-    or None for no limit. All are of one size and without a background. name: of the shaded object, empty for shapes.
+    or None for no limit. All are of one size and without a background.
     """
 
     scene: Scene
     over: Scene | EmbeddedImage | None = None
     clip: Scene | None = None
-    name: str = ""
 
     @property
     def scenes(self) -> tuple[Scene | EmbeddedImage, ...]:

@@ -32,9 +32,18 @@ class GridTrack:
     keys: np.ndarray
     values: np.ndarray
 
-    def at(self, keys: np.ndarray) -> np.ndarray:
-        """Return the values (F, n) float64 at times (F,), which need not be whole."""
-        return np.stack([np.interp(keys, self.keys, values) for values in self.values.T], axis=1)
+    def times(self, whole: int) -> tuple[np.ndarray, bool]:
+        """Return the keys of a path of values, which ends when its round does, at `whole`; and whether they are evenly
+        spaced, up to rounding: then the file says no times, and they are exact.
+        """
+        keys = np.append(self.keys, whole) if self.keys[-1] < whole else self.keys
+        even = np.linspace(0, whole, len(keys))
+        return (even, True) if (np.rint(even) == keys).all() else (keys, False)
+
+    def at(self, keys: np.ndarray, whole: int) -> np.ndarray:
+        """Return the values (F, n) float64 at times (F,), which need not be whole. whole: see `times`."""
+        knots = self.times(whole)[0][: len(self.keys)]
+        return np.stack([np.interp(keys, knots, values) for values in self.values.T], axis=1)
 
 
 @record
@@ -65,9 +74,14 @@ class GridClip:
     groups: list[GridGroup]
 
     @property
+    def whole(self) -> int:
+        """The duration in units of `GridTrack.keys`."""
+        return 10**self.key_decimals
+
+    @property
     def key_s(self) -> float:
         """Seconds of a unit of `GridTrack.keys`."""
-        return self.duration / 10**self.key_decimals
+        return self.duration / self.whole
 
     @property
     def width_decimals(self) -> int:
@@ -85,7 +99,7 @@ class GridClip:
         keys = (np.asarray(seconds, np.float64) - group.begin) / self.key_s
 
         def all_of(name: str) -> np.ndarray:
-            return np.stack([curve[name].at(keys) for curve in group.curves], axis=1)
+            return np.stack([curve[name].at(keys, self.whole) for curve in group.curves], axis=1)
 
         points = all_of(SHAPE)
         points = points.reshape(*points.shape[:2], -1, 2) + all_of(OFFSET)[:, :, None]

@@ -1,23 +1,20 @@
 """Animated SVGs: moving curves, and drawings whose shapes are shown, hidden and moved.
 
-SMIL animates them, without a script; viewers that do not know it show the first frame. Files of curves are read back,
-any other file is refused with one line. Of drawings each frame can be had as a still SVG.
+SMIL animates them, without a script; viewers that do not know it show the first frame. Each frame of a drawing can be
+had as a still SVG.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import Decimal
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.moving import MovingDrawing
-from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_writer import write_drawing
@@ -31,16 +28,10 @@ from cubicsplat_cli.svg.moving import (
     TIME_DECIMALS,
     WIDTH,
     GridClip,
-    GridGroup,
     GridTrack,
 )
-from cubicsplat_cli.svg.paths import subpaths
-from cubicsplat_cli.svg.scene_reader import control_points
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, path_values
-from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 
-_KEY_DECIMALS = 12  # of times that are read; evenly spaced knots are written without times
-_SCALE = re.compile(r"scale\(\.(0{0,5})1\)")
 _DISPLAY, _MOVE = "display", "transform"
 _SHOWN, _MOVED = {"attributeName": _DISPLAY}, {"attributeName": _MOVE, "type": "translate"}
 _OF_A_FRAME = 0.01  # by which a change of a drawing may be early or late
@@ -124,95 +115,15 @@ def _path(clip: GridClip, curve: dict[str, GridTrack], timing: dict[str, str], *
     texts[_MOVE] = (OFFSET, [joined(offset) for offset in curve[OFFSET].values.tolist()])
     for name, (track, values) in texts.items():
         if len(values) > 1:
-            keys, whole = curve[track].keys.tolist(), 10**clip.key_decimals
-            if keys[-1] < whole:
-                # A path of values ends when its round does.
-                keys, values = [*keys, whole], [*values, values[-1]]
-            even = keys == np.rint(np.linspace(0, whole, len(keys))).astype(int).tolist()
-            times = [] if even else [format_number(key, clip.key_decimals) for key in keys]
+            keys, even = curve[track].times(clip.whole)
+            values += values[-1:] * (len(keys) - len(values))
+            times = [] if even else [format_number(key, clip.key_decimals) for key in keys.tolist()]
             _add_animation(element, _MOVED if name == _MOVE else {"attributeName": name}, values, times, timing)
     return element
 
 
 def _numbers(track: GridTrack, decimals: int) -> list[str]:
     return [format_number(value, decimals) for value in track.values[:, 0].tolist()]
-
-
-def read_clip(text: str) -> GridClip:
-    """Return the clip of a file that `write_clip` wrote. Raises InputError for anything else."""
-    try:
-        return _clip(ElementTree.fromstring(text.encode()))
-    except (ElementTree.ParseError, ValueError, KeyError, IndexError, ArithmeticError, TypeError) as error:
-        raise InputError(f"this SVG is no clip that cubicsplat wrote, or was edited: {error}") from error
-
-
-def _clip(root: ElementTree.Element) -> GridClip:
-    groups = root.findall(f"{SVG}g")
-    scale = _SCALE.fullmatch(groups[0].get("transform", ""))
-    precision = 0 if scale is None else len(scale[1]) + 1
-    mode = Mode.OPEN if groups[0].get("fill") == "none" else Mode.CLOSED
-    animated = [*root.iter(f"{SVG}animate"), *root.iter(f"{SVG}animateTransform")]
-    durations = {Decimal(each.attrib["dur"].removesuffix("s")) for each in animated}
-    if len(durations) > 1:
-        raise ValueError("its animations last different times")
-    duration = float(durations.pop()) if durations else 1.0  # where nothing changes, it does not matter
-    background = root.find(f"{SVG}rect")
-    colour = None if background is None else hex_colour(background.attrib["fill"])
-    clip = GridClip(
-        mode, int(root.attrib["width"]), int(root.attrib["height"]), precision, colour, duration, _KEY_DECIMALS, []
-    )
-    for group in groups:
-        begin, end = _times(group, clip)
-        curves = [_curve(path, clip) for path in group.findall(f"{SVG}path")]
-        clip.groups.append(GridGroup(begin, end, curves[::-1]))
-    return clip
-
-
-def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
-    """Return the start and end of the display of a group, s."""
-    display = group.find(f"{SVG}animate")
-    if display is None:
-        return 0.0, clip.duration
-    keys = [float(key) * clip.duration for key in display.attrib["keyTimes"].split(";")]
-    shown = display.attrib["values"].split(";").index("inline")
-    return keys[shown], keys[shown + 1] if shown + 1 < len(keys) else clip.duration
-
-
-def _curve(path: ElementTree.Element, clip: GridClip) -> dict[str, GridTrack]:
-    moving = {each.attrib["attributeName"]: each for each in path}
-    paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
-    width_decimals = clip.width_decimals - clip.precision
-
-    def track(name: str, usual: str, read: object) -> GridTrack:
-        element = moving.get(name)
-        texts = [path.get(name, usual)] if element is None else element.attrib["values"].split(";")
-        values = np.array([read(text) for text in texts], dtype=np.int64)  # type: ignore[operator]
-        keys = [0] if element is None else _keys(element, len(texts), clip)
-        return GridTrack(np.array(keys, np.int64), values)
-
-    return {
-        SHAPE: track("d", "", lambda text: _points(text, clip.mode)),
-        OFFSET: track("transform", "0 0", lambda text: [int(value) for value in NUMBERS.findall(text)]),
-        COLOUR: track(paint, "", hex_colour),
-        OPACITY: track(f"{paint}-opacity", "1", lambda text: [_whole(text, OPACITY_DECIMALS)]),
-        WIDTH: track("stroke-width", "0", lambda text: [_whole(text, width_decimals)]),
-    }
-
-
-def _keys(element: ElementTree.Element, count: int, clip: GridClip) -> list[int]:
-    if "keyTimes" not in element.attrib:
-        return np.rint(np.linspace(0, 10**clip.key_decimals, count)).astype(int).tolist()
-    return [_whole(key, clip.key_decimals) for key in element.attrib["keyTimes"].split(";")]
-
-
-def _whole(text: str, decimals: int) -> int:
-    return int(Decimal(text).scaleb(decimals).to_integral_value())
-
-
-def _points(d: str, mode: Mode) -> list[int]:
-    """Return the coordinates of the control points of a path of one ring of cubics."""
-    (ring,) = subpaths(d)
-    return [int(value) for point in control_points(ring, mode) for value in point]
 
 
 def write_moving_drawing(

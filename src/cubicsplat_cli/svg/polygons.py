@@ -91,10 +91,5 @@ def polygons_on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
     return GridPolygons(size, list(vertices), colours, background, opacity)
 
 
-def is_colour(colour: np.ndarray) -> bool:
-    """Return whether all levels are in 0..LEVELS."""
-    return bool(colour.min() >= 0 and colour.max() <= LEVELS)
-
-
 def _hex(colour: np.ndarray) -> str:
     return "#" + "".join(f"{value:x}" for value in colour.tolist())

@@ -136,7 +136,6 @@ struct Pieces {
                             piece.data(), u.data(), kRounds));
   }
 
-  bool all_lines() const { return std::find(lines.begin(), lines.end(), 0) == lines.end(); }
   // Whether nothing but straight lines meet at an anchor.
   bool between_lines(int64_t i) const { return lines[i] && lines[before(i)]; }
 
