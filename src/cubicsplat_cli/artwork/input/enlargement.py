@@ -3,7 +3,8 @@
 Enlarging is linear, by one of a few kernels along columns and then along rows, each time to whole levels from 0 to 255;
 so least squares undo it. It makes the second differences of lines repeat with the factor, so that their spectrum has a
 peak at the smaller length (Gallagher 2005). A picture was enlarged from such a length if enlarging the smaller one
-gives it back, to a level or two, and from lengths a little off that it does not.
+gives it back, to a level or two, and from lengths a little off that it does not. One so soft that half the length
+gives it back but for rounding is also drawn at that: nothing is lost, and edges are sharp there.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 EDGE, OFF = 16.0, 2.5  # levels between neighbours at an edge, and by which repeating the enlargement may be off
+ROUNDED = 1.0  # level by which it is off where values are only rounded, twice and to the worst of the channels
 SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
 FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
@@ -80,7 +82,7 @@ def _blends(levels: np.ndarray) -> int:
 
 def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     """Return the first of several lengths, give or take ASIDE px, from which lines (H, W, C) in levels were enlarged,
-    and the kernel; None if they were from none of them.
+    and the kernel; half the length if they were from none of them, but hold no more than that; else None.
     """
     changes = largest(np.abs(np.diff(seen, axis=0))).max(axis=0)
     steepest = seen[:, np.argsort(-changes, kind="stable")[:LINES]]
@@ -90,12 +92,16 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     def error(before: tuple[int, Kernel]) -> float:
         return _mean_error(steepest, *before)
 
+    def best(length: int) -> Kernel:
+        return min(KERNELS, key=lambda kernel: error((length, kernel)))
+
     for length in lengths:
-        kernel = min(KERNELS, key=lambda kernel: error((length, kernel)))
+        kernel = best(length)
         least = error((length, kernel))
         if least <= OFF and all(error((length + off, kernel)) >= WORSE * least for off in (-ASIDE, ASIDE)):
             return min(product(range(length - ASIDE, length + ASIDE + 1), KERNELS), key=error)
-    return None
+    half = len(seen) // 2, best(len(seen) // 2)
+    return half if error(half) <= ROUNDED else None
 
 
 def _peaks(seen: np.ndarray) -> Iterator[int]:
