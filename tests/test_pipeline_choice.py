@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +16,9 @@ from scipy import ndimage
 from test_pipeline import SETTINGS, disc, flat_picture
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.scene import scene_of
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, ground_shape
 from cubicsplat_cli.artwork.style import Style
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.files.load import as_picture
@@ -41,6 +42,7 @@ from cubicsplat_cli.pipeline.photo import QuickPhoto, is_smaller
 from cubicsplat_cli.pipeline.task import DrawingGivenUp, Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
@@ -263,6 +265,32 @@ def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
     (edges, edges_seen), (tones, tones_seen), (faint, faint_seen) = levels
     assert edges < tones - 2.0 and edges_seen > tones_seen + 2.0
     assert faint > ENOUGH_DB and math.isfinite(faint_seen), "bands are seen at a level at which nobody sees edges"
+
+
+def jpeg_task(pixels: np.ndarray) -> Task:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=75)
+    return task_of(as_picture(buffer.getvalue()), Request(FitSettings(threads=1)), StageTimer())
+
+
+def test_the_artefacts_of_a_jpeg_are_no_errors_of_its_drawing():
+    disc_shape = Shape((0, 90, 200, 255), (Circle(32.0, 32.0, 20.0),), "disc")
+    scene = scene_of(Drawing(64, 64, (ground_shape((250, 240, 230, 255), 64, 64), disc_shape)))
+    task = jpeg_task(np.rint(255.0 * render_scene(scene)[..., :3]).astype(np.uint8))
+    plain = replace(task, target=replace(task.target, compression=None))
+    assert level_db(task, scene, 24) > level_db(plain, scene, 24) + 10.0
+
+
+@pytest.mark.slow
+def test_a_logo_of_radial_gradients_is_drawn_of_its_jpeg():
+    y, x = np.mgrid[0:400, 0:400] - 199.5
+    reach = np.clip(np.hypot(x + 60.0, y - 200.0) / 420.0, 0.0, 1.0)[..., None]
+    shade = (1.0 - reach) * (255.0, 220.0, 85.0) + reach * (200.0, 55.0, 171.0)
+    ring = np.clip(110.0 - np.hypot(x, y), 0.0, 1.0) - np.clip(80.0 - np.hypot(x, y), 0.0, 1.0)
+    square = np.clip(160.0 - np.maximum(np.abs(x), np.abs(y)), 0.0, 1.0)
+    cover = np.clip(square - ring, 0.0, 1.0)[..., None]
+    (made,) = candidates(jpeg_task(np.rint(cover * shade + (1.0 - cover) * 255.0).astype(np.uint8)))
+    assert made.style.name == "artwork" and made.facts["shapes"] <= 6
 
 
 @pytest.mark.slow

@@ -45,8 +45,11 @@ class Style:
     doubtful: bool = False
 
 
-def choose_style(target: np.ndarray) -> Style:
-    """Return the style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Samples large ones."""
+def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
+    """Return the style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Samples large ones.
+
+    lossy: True if its file was compressed with loss.
+    """
     cells = cells_of(target)
     if cells is not None:
         return Style(PIXEL, f"cells of {len(cells.colours)} colours", cells)
@@ -56,7 +59,7 @@ def choose_style(target: np.ndarray) -> Style:
     if not drawn.any():
         return Style(ARTWORK, "nothing is drawn")
     is_drawn, reason = _drawn(levels)
-    suits = _unless_soft(levels, drawn, reason) if is_drawn else None
+    suits = _unless_soft(levels, drawn, reason, lossy=lossy) if is_drawn else None
     if suits is not None and suits.name == ARTWORK:
         return suits
     # Colours drift across the paper of a scan too, and fine grain is lost in a JPEG.
@@ -70,13 +73,12 @@ def choose_style(target: np.ndarray) -> Style:
         shaded = _shaded(levels, drawn)
         reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
         if shaded >= LEAST_SHADED:
-            return _unless_soft(levels, drawn, reason)
+            return _unless_soft(levels, drawn, reason, lossy=lossy)
     if _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
         return Style(PHOTO, reason)
-    alike = _in_few_colours(levels, drawn, UNSEEN)
-    if (alike & drawn).sum() < LEAST_DOUBTFUL * drawn.sum():
+    if _in_possible_fills(levels, drawn) < LEAST_DOUBTFUL:
         return Style(PHOTO, reason)
-    suits = _unless_soft(levels, drawn, reason)
+    suits = _unless_soft(levels, drawn, reason, lossy=lossy)
     return suits if suits.name == PHOTO else Style(PHOTO, reason, doubtful=True)
 
 
@@ -89,7 +91,7 @@ def _drawn(levels: np.ndarray) -> tuple[bool, str]:
     return (True, f"all pixels {APART} px apart alike") if contrast is None else (contrast.drawn, str(contrast))
 
 
-def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
+def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str, *, lossy: bool) -> Style:
     """Return artwork; or a photo if colours drift without edges, which small pictures cannot show."""
     if max(drawn.shape) <= SMALL:
         return Style(ARTWORK, reason)
@@ -99,9 +101,10 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
     if not areas.drifts:
         return Style(ARTWORK, reason)
     reason = f"{reason}, but colours drift across {100 * areas.soft:.0f} % of it"
-    # A window with a soft shadow is mostly even, and a logo may consist of gradients.
+    # A window with a soft shadow is mostly even, and a logo may consist of gradients, in a JPEG with artefacts on them.
     even = 2.0 * areas.soft < areas.ground + areas.even
-    return Style(PHOTO, reason, doubtful=even or _shaded(levels, drawn) >= LEAST_DOUBTFUL)
+    explained = _in_possible_fills if lossy else _shaded
+    return Style(PHOTO, reason, doubtful=even or explained(levels, drawn) >= LEAST_DOUBTFUL)
 
 
 def _like_paper(levels: np.ndarray) -> bool:
@@ -159,6 +162,11 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
     explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | in_gradients(levels, 16)  # tries
     return float((explained & drawn).sum() / drawn.sum())
+
+
+def _in_possible_fills(levels: np.ndarray, drawn: np.ndarray) -> float:
+    """Return the share of the drawn pixels in common colours that change less than people, or a JPEG, would tell."""
+    return float((_in_few_colours(levels, drawn, UNSEEN) & drawn).sum() / drawn.sum())
 
 
 def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR) -> np.ndarray:

@@ -65,7 +65,7 @@ def _first(task: Task, style: Style | None) -> Made:
         page = _page(task)
         made = _made(task, requested) if page is None else replace(page, style=requested)
         return replace(made, may_be_photo=False)
-    style = style or choose_style(task.pixels)
+    style = style or choose_style(task.pixels, lossy=task.target.compression is not None)
     try:
         if style.cells is not None:
             return replace(drawn_cells(task, style.cells), style=style)

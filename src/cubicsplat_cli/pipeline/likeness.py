@@ -55,12 +55,19 @@ def seen_db(
 
 
 def _drawn(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
-    """Return a copy of the target, and the engine's picture of a scene at its size."""
+    """Return a copy of the target, and the engine's picture of a scene at its size.
+
+    The scene is compressed as the target was, so that it is not blamed for artefacts that it lacks.
+    """
     picture, threads = resize_picture(task.target, LIKENESS_SIDE), task.request.settings.threads
     values = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
     if blur:
         sigma = blur * picture.width / task.target.width
         values = ndimage.gaussian_filter(values, (sigma, sigma, 0.0), mode="nearest")
+    compression = picture.compression
+    if compression is not None and compression.tables:
+        again = compression.again(255.0 * values[..., :3]) / np.float32(255.0)
+        values = np.concatenate([again, values[..., 3:]], axis=2)
     return picture, of_values(values)
 
 
