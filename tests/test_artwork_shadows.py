@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from itertools import pairwise
 
 import numpy as np
@@ -14,9 +15,11 @@ from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, box_of, shaded
 from cubicsplat_cli.artwork.shadows.lifting import lifted
+from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.vectorize import draw, versions
+from cubicsplat_cli.artwork.vectorize import draw, prepare, versions
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.files.load import Picture, as_picture
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.scene.paint import RadialGradient
 from cubicsplat_cli.svg.drawing_writer import write_drawing
@@ -409,3 +412,56 @@ def test_no_sketch_without_its_shadow_is_shown():
         with under_way(Work(ended)), pytest.raises(Later):
             next(versions(stored(picture), on_sketch=sketches.append))
         assert len(sketches) == (0 if soft else 1)
+
+
+def jpeg_of(picture: np.ndarray, quality: int = 85) -> Picture:
+    """The JPEG file of a picture (H, W, 3) in [0, 1], as read."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.rint(255 * picture).astype(np.uint8)).save(buffer, "JPEG", quality=quality)
+    return as_picture(buffer.getvalue())
+
+
+def starred(shape: np.ndarray, ground=WHITE, colour=(0, 0, 0), shade=(3.0, 6.0, 6.0, 0.5)) -> np.ndarray:
+    """(H, W, 3) float32: a red star with a white spot and a soft shadow or light."""
+    picture = over(np.zeros((HEIGHT, WIDTH, 3)) + ground, shadow(shape, *shade), colour)
+    return stored(over(over(picture, shape, (211, 47, 47)), box(88, 62, 102, 80), WHITE))
+
+
+@pytest.mark.parametrize(
+    ("ground", "colour", "shade"),
+    rest_slow((WHITE, (0, 0, 0), (3.0, 6.0, 6.0, 0.5)), ((20, 60, 160), WHITE, (0.0, 0.0, 8.0, 0.7))),
+)
+def test_a_shadow_in_a_jpeg_is_found_as_it_was_made(ground, colour, shade):
+    shape = star()
+    read = jpeg_of(starred(shape, ground, colour, shade))
+    prepared = analysed(read.target(), read.compression)
+    assert not prepared.condition.blur, "what is soft is no blur of the picture"
+    found = noisy_lifted(prepared.levels, prepared.condition)
+    (area,) = found.areas
+    assert np.abs(area.colour[:3] - colour).max() <= 24.0
+    seen = np.abs(area.share - shadow(shape, *shade)) * area.scale
+    assert np.percentile(seen[area.mask], 99) <= 8.0 and not (area.mask & (shape > 0.99)).any()
+    lit = over(np.zeros((HEIGHT, WIDTH, 3)) + ground, shape, (211, 47, 47))
+    gap = np.abs(found.levels[..., :3] - lit)[shape < 0.01].max(axis=1)
+    assert (gap > 8.0).mean() <= 0.05
+
+
+def test_a_shadow_in_a_jpeg_is_drawn_without_bands():
+    picture = starred(star())
+    read = jpeg_of(picture)
+    drawing = draw(read.target(), prepared=prepare(read.target(), read.compression))
+    steps = shadows(drawing)
+    assert len(steps) >= 8 and len(drawing.shapes) <= len(steps) + 5
+    gap = np.abs(drawn(drawing) - 255 * picture).max(axis=2)
+    assert np.percentile(gap, 97) <= 10.0 and gap[66:76, 92:98].max() <= 3.0, "the spot has not the ground's shade"
+
+
+def test_a_jpeg_without_a_shadow_is_left_as_it_is():
+    for picture in (
+        card(shade=(0.0, 0.0, 1.0, 0.0)),
+        stored(np.linspace(60, 200, WIDTH)[None, :, None] * np.ones((HEIGHT, 1, 3))),
+    ):
+        read = jpeg_of(picture, 75)
+        prepared = analysed(read.target(), read.compression)
+        found = noisy_lifted(prepared.levels, prepared.condition)
+        assert not found and found.levels is prepared.levels

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -47,6 +48,7 @@ from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
+from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.artwork.shadows.slices import placed, with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced, with_pixels
@@ -123,12 +125,14 @@ def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
 
 
 def _with_its_shadow(prepared: PreparedInput, settings: ArtworkSettings) -> Iterator[Drawing] | None:
-    """Return the versions of a clean picture with a soft shadow, drawn as gradients; None if it has none, or the
-    settings allow no gradients or fewer shapes.
+    """Return the versions of a picture with a soft shadow, drawn as gradients; None if it has none, or the settings
+    allow no gradients or fewer shapes.
     """
-    if not _may_be_translucent(prepared, settings):
+    condition = prepared.condition
+    if not settings.free_fills or settings.stacking == CUTOUT or prepared.scanned or condition.only_blurred:
         return None
-    without = lifted(prepared.levels) if prepared.lifted is None else prepared.lifted
+    lift = lifted if condition.clean else partial(noisy_lifted, condition=condition)
+    without = lift(prepared.levels) if prepared.lifted is None else prepared.lifted
     if not without:
         return None
 
@@ -136,12 +140,13 @@ def _with_its_shadow(prepared: PreparedInput, settings: ArtworkSettings) -> Iter
         # Without a sketch: it lacks the shadow, and would not be like the picture.
         return _versions(prepared, settings, nothing)
 
-    drawings = drawn(replace(prepared, levels=without.levels))
+    # Compressed again, a drawing without its shadow gives another file.
+    drawings = drawn(replace(prepared, levels=without.levels, compression=None))
     drawing = next(drawings)
     first = with_shadow(drawing, without)
     if first is None and (kept := placed(drawing, without.areas)):
-        without = lifted(prepared.levels, kept)
-        drawings = drawn(replace(prepared, levels=without.levels))
+        without = lift(prepared.levels, areas=kept)
+        drawings = drawn(replace(prepared, levels=without.levels, compression=None))
         first = with_shadow(next(drawings), without)
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None

@@ -23,6 +23,7 @@ from cubicsplat_cli.artwork.input.sharpening import without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
+from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
@@ -126,6 +127,10 @@ def _prepared(levels: np.ndarray, factor: int, width: int, height: int, *, lossy
     if not condition.clean and not lossy and (without := lifted(levels)):
         unshaded = condition_of(flattened(without.levels).levels)
         if unshaded.clean:
+            return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
+    if condition.blur and condition.noise and (without := noisy_lifted(levels, condition)):
+        unshaded = condition_of(without.levels, lossy=lossy)
+        if not unshaded.blur:
             return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
     if condition.only_blurred:
         flat = without_blurred_gradients(levels, condition.blur)

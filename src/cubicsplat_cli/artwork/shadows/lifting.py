@@ -11,14 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.flattening import placeholders, with_placeholders
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
-from cubicsplat_cli.artwork.regions.fills import ALIKE, EVEN, ROUNDED, SAME, eight_bit
+from cubicsplat_cli.artwork.regions.fills import ALIKE, EVEN, ROUNDED, SAME, SEEN, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import LEAST_CASTER, Ground
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Shadow, falls_on, shadow_of
 from cubicsplat_cli.artwork.shadows.soft import REACH, SoftArea, soft_areas
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
@@ -42,15 +44,16 @@ class Lifted:
         return self.shadow is not None or bool(self.areas)
 
     def meant(self, drawing: Drawing) -> Drawing:
-        """Return the drawing with the true fills in place of placeholders."""
-        meant, size = dict(self.fills), (drawing.width, drawing.height)
-        return replace(
-            drawing,
-            shapes=tuple(
-                shape.filled(meant[shape.fill], *size) if shape.gradient is None and shape.fill in meant else shape
-                for shape in drawing.shapes
-            ),
-        )
+        """Return the drawing with the true fills in place of placeholders, which are rounded as other fills may be."""
+
+        def meant(shape: Shape) -> Shape:
+            if shape.gradient is None:
+                for stand, fill in self.fills:
+                    if max(abs(one - other) for one, other in zip(shape.fill, stand, strict=True)) <= SAME:
+                        return shape.filled(fill, drawing.width, drawing.height)
+            return shape
+
+        return replace(drawing, shapes=tuple(map(meant, drawing.shapes)))
 
 
 def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lifted:
@@ -72,17 +75,34 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
             above |= (area.scale * area.share > FAINT) & ~area.mask
     if not grounds:
         return Lifted(levels)
-    cards = _like_ground(levels, parts, grounds, above)
+    out, meant = without_grounds(levels, np.where(taken, 0, parts), grounds, above)
+    return Lifted(out, shadow, areas or (), shaded, meant)
+
+
+def without_grounds(
+    levels: np.ndarray,
+    parts: np.ndarray,
+    grounds: Sequence[SoftArea],
+    above: np.ndarray,
+    rough: float = 1.0,
+    line: float = SEEN,
+) -> tuple[np.ndarray, tuple[tuple[Rgba, Rgba], ...]]:
+    """Return a picture (H, W, 4) in levels whose shaded grounds are even; and placeholders in it, with their fills.
+
+    parts: (H, W) int32, connected parts of one colour, 0 for none. above: (H, W) bool, the pixels that cover the
+    shadows. rough: how many times as much pixels differ from their fill as in a clean picture. line: as of
+    `with_placeholders`.
+    """
+    cards = _like_ground(levels, parts, grounds, above, rough)
     stands = placeholders([card.fill for card in cards], levels.reshape(-1, 4))
     # The colours of a ground vary with its shade; a card has one everywhere.
     paints = [*grounds, *(SoftArea(card, card.fill, np.zeros(parts.shape)) for card in cards)]
-    colours = [lambda x, y, p=p: p.ground.fill + p.share[y, x][:, None] * (p.colour - p.ground.fill) for p in paints]
-    paint = np.where((parts > 0) & ~taken, parts + len(paints) - 1, -1).astype(np.int32)
+    paint = np.where(parts > 0, parts + len(paints) - 1, -1).astype(np.int32)
     for k, area in enumerate(paints):
         paint[area.mask] = k
     fills = np.array([area.ground.fill for area in grounds] + stands)
     meant = tuple((eight_bit(stand), eight_bit(card.fill)) for stand, card in zip(stands, cards, strict=True))
-    return Lifted(with_placeholders(levels, paint, colours, fills), shadow, areas or (), shaded, meant)
+    return with_placeholders(levels, paint, [area.colours for area in paints], fills, line), meant
 
 
 def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
@@ -101,10 +121,10 @@ def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
     return [SoftArea(Ground(ground.fill, owner == k), colour, share) for k, (ground, share) in grounds]
 
 
-def _like_ground(levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray) -> list[Ground]:
-    """Return the fills that shapes above a shadow share with a ground, and their pixels. above: (H, W) bool, the pixels
-    that cover the shadow.
-    """
+def _like_ground(
+    levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray, rough: float
+) -> list[Ground]:
+    """Return the fills that shapes above a shadow share with a ground, and their pixels; see `without_grounds`."""
     out: dict[tuple[float, ...], np.ndarray] = {}
     numbers, sizes = np.unique(parts[above & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)
@@ -113,7 +133,14 @@ def _like_ground(levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftAr
         inside = parts[box] == number
         values = levels[box][inside]
         fill = np.rint(np.median(values, axis=0)).astype(float)
-        if np.abs(values - fill).max() > ROUNDED or min(np.abs(g.ground.fill - fill).max() for g in grounds) > SAME:
+        even = (largest(np.abs(values - fill)) <= ROUNDED * rough).mean() >= EXPLAINED
+        if not even or min(np.abs(g.ground.fill - fill).max() for g in grounds) > SAME * rough:
             continue
         out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= inside
-    return [Ground(np.array(fill), mask) for fill, mask in out.items()]
+    cards = [Ground(np.array(fill), mask) for fill, mask in out.items()]
+    # Ringing makes the rims of shapes uneven.
+    near = [above & (largest(np.abs(levels - card.fill)) <= SAME * rough) for card in cards]
+    return [
+        replace(card, mask=ndimage.binary_propagation(card.mask, None, card.mask | rim))
+        for card, rim in zip(cards, near, strict=True)
+    ]

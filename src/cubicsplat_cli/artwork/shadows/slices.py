@@ -152,7 +152,7 @@ def _contoured(area: SoftArea) -> Iterator[Shape]:
     levels = whole * share
     slope = np.maximum(np.hypot(*np.gradient(levels)), 1e-3)
     values, slopes = levels[shown], slope[shown]
-    most, error = float(values.max()), 255.0 * EVEN / float(slopes.max())
+    most, error = float(values.max()), area.rough * 255.0 * EVEN / float(slopes.max())
     dark = 0.0
     while dark < most:
         near = np.abs(values - dark - STEPS[0]) < STEPS[0]

@@ -42,16 +42,22 @@ ROUNDS = 60  # of smoothing within the error of rounding
 @record
 class SoftArea:
     """ground: the ground with the pixels that show the area; colour: the opaque colour (4,) in levels towards which it
-    tends; share: (H, W) share of this colour, also in pixels that do not show the area."""
+    tends; share: (H, W) share of this colour, also in pixels that do not show the area; rough: times as much as in a
+    clean picture by which pixels may differ from it."""
 
     ground: Ground
     colour: np.ndarray
     share: np.ndarray
+    rough: float = 1.0
 
     @property
     def mask(self) -> np.ndarray:
         """(H, W) bool, the pixels that show the area."""
         return self.ground.mask
+
+    def colours(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return (n, 4) levels of the area on its ground in columns x and rows y (n,)."""
+        return np.asarray(self.ground.fill + self.share[y, x][:, None] * (self.colour - self.ground.fill))
 
     @property
     def scale(self) -> float:

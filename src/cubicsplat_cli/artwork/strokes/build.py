@@ -110,7 +110,7 @@ def _stroke(
     if not closed:
         line, gaps, cap = with_ends(line, gaps, width, sides, hidden)
     line, corners = with_corners(line, gaps, closed)
-    if closed and len(line) < 8:
+    if closed and len(np.unique(line, axis=0)) < 8:
         return None
     sigma = np.full(len(line), math.hypot(SIGMA, slack))
     path = fit_outline(line, sigma, detail) if closed else open_line(line, corners, detail, slack)

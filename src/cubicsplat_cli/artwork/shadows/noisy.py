@@ -1,0 +1,192 @@
+"""The soft shadows and glows of pictures with noise or JPEG artefacts: blurred copies of what stands on even grounds.
+
+Noise hides where a shadow ends, and ringing what it is like beside the shapes that cast it. So it is not taken from the
+pixels, as in a clean picture, but fitted to them as programs make it: the silhouettes M_k on the ground, moved by d and
+blurred by a Gaussian of standard deviation sigma, leave shares s(p) = sum_k alpha_k (G_sigma * M_k)(p - d) of a colour.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
+from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
+from cubicsplat_cli.artwork.gradients.noisy import roughness
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA as LEAST_EVEN
+from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import CLOSE
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import calm_pixels
+from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Ground, end_of
+from cubicsplat_cli.artwork.shadows.lifting import Lifted, without_grounds
+from cubicsplat_cli.artwork.shadows.shadow import BLURS, FAINT, MOST_MOVED
+from cubicsplat_cli.artwork.shadows.soft import LEAST_AREA, SoftArea
+from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.shades import part_spreads
+from cubicsplat_cli.raster.unmix import STRANGE
+
+MOST_GROUNDS = 3  # the commonest
+BLUR = 1.0  # px by which noise is smoothed
+SOFT_BEND = 4.0  # levels of a second difference after that, which no edge of 20 levels or more falls short of
+RIM = 2  # px by which edges are wider after that, on either side
+MOST_CASTERS = 6  # with an opacity of their own; the smaller ones share one
+FITTED, SAMPLES = 256, 2000  # px of the longer side of what shadows are fitted to; shaded pixels of it, and others
+MOVED = 5.0  # px of the first offsets
+# Share of the shade by which the nearest of these may be off, and of its pixels that a fit must explain at least, since
+# ringing hides some.
+MISFIT, SHOWN = 0.5, 0.75
+
+
+def noisy_lifted(levels: np.ndarray, condition: Condition, areas: tuple[SoftArea, ...] | None = None) -> Lifted:
+    """Return a picture (H, W, 4), premultiplied levels, of a condition without its soft shadows; the same array if it
+    has none. areas: those to remove, if they are known.
+    """
+    if areas is None:
+        areas = tuple(_areas(levels, roughness(condition), condition.noise)) if levels[..., 3].min() == 255.0 else ()
+    if not areas:
+        return Lifted(levels)
+    even, _ = ndimage.large_parts(calm_pixels(levels, condition.noise)[0], LEAST_EVEN)
+    above = np.logical_or.reduce([(area.scale * area.share > FAINT) & ~area.mask for area in areas])
+    out, meant = without_grounds(levels, even, areas, above, roughness(condition), STRANGE)
+    return Lifted(out, None, areas, None, meant)
+
+
+def _areas(levels: np.ndarray, rough: float, noise: float) -> Iterator[SoftArea]:
+    """Yield the soft areas of an opaque picture (H, W, 4) in levels, whose pixels differ from a smooth one by so many
+    times as much as in a clean picture.
+    """
+    seen = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
+    parts, count = smooth_parts(seen, SOFT_BEND, np.inf)
+    if not count:
+        return
+    sizes, _, spreads = part_spreads(seen, parts, count)
+    sizes, uneven = np.append(1, sizes), np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
+    if not uneven.any():
+        return
+    for fill in _grounds(seen[calm_pixels(levels, noise)[0]], int(LEAST_PLATEAU * parts.size), rough):
+        work().at()
+        area = _area(seen - fill, fill, parts, sizes, uneven, CLOSE * rough)
+        if area is not None:
+            yield area
+
+
+def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarray]:
+    """Yield the commonest colours (4,) of even pixels (n, 4), each of at least so many."""
+    for _ in range(MOST_GROUNDS):
+        if len(values) < least:
+            return
+        colours, counts = np.unique(packed(np.rint(values)), return_counts=True)
+        commonest = (colours[counts.argmax()] >> (8 * np.arange(4))) & 255
+        near = largest(np.abs(values - commonest)) <= rough
+        if near.sum() >= least:
+            yield np.rint(np.median(values[near], axis=0)).astype(float)
+        values = values[~near]
+
+
+def _area(
+    off: np.ndarray, fill: np.ndarray, parts: np.ndarray, sizes: np.ndarray, uneven: np.ndarray, error: float
+) -> SoftArea | None:
+    """Return the soft area on a ground of a fill, to an error in levels; None if no blur of what stands there is one.
+
+    off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`, of these sizes (n,), some of them uneven.
+    """
+    far = largest(np.abs(off))
+    ground = (uneven & (np.bincount(parts[far <= error], minlength=len(sizes)) > 0))[parts]
+    shaded = ground & (far > error)
+    if min(shaded.sum(), (ground & ~shaded).sum()) < LEAST_AREA:
+        return None  # no shadow, or none that ends on the ground
+    colour = end_of(fill, off[shaded].sum(axis=0, dtype=float))
+    line = colour - fill
+    scale, shares = float(np.abs(line).max()), off @ line / max(float(line @ line), 1e-9)
+
+    def near(shares: np.ndarray) -> np.ndarray:
+        return np.asarray(largest(np.abs(off - shares[..., None] * line)) <= error)
+
+    on_line = near(shares) & (scale * shares >= -error)
+    ground &= (np.bincount(parts[on_line], minlength=len(sizes)) >= EXPLAINED * sizes)[parts]
+    if (ground & shaded).sum() < LEAST_AREA:
+        return None
+    best, most = None, SHOWN
+    clear = ndimage.binary_erosion(ground, ndimage.SQUARE, iterations=RIM, border_value=1)
+    # Dark shadows end in edges of their own beside a shape, and glows have its colour.
+    beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
+    for shown in (ground, _connected(ground, beside)):
+        field = _fitted(shares, shown, scale)
+        if field is None:
+            continue
+        dark = clear & (scale * np.maximum(shares, field) > error)
+        explained = float((near(field) & (scale * field > 0.5 * error))[dark].mean()) if dark.any() else 0.0
+        if explained > most:
+            most, best = explained, SoftArea(Ground(fill, _connected(shown, near(field))), colour, field, error / CLOSE)
+    return best
+
+
+def _connected(mask: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool a mask with those of the other pixels that are connected to it."""
+    return np.asarray(ndimage.binary_propagation(mask, None, mask | others))
+
+
+def _fitted(seen: np.ndarray, ground: np.ndarray, scale: float) -> np.ndarray | None:
+    """Return (H, W) the shares, 0 to 1, of a shadow of all that stands on a ground (H, W) bool, fitted to those seen
+    there (H, W); None if nothing stands there, or too few pixels show it. scale: levels of a share of 1.
+    """
+    from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
+
+    masks = _silhouettes(ground)
+    step = -(-max(seen.shape) // FITTED)
+    clear = ndimage.binary_erosion(ground, ndimage.SQUARE, iterations=RIM, border_value=1)
+    small, whole, wanted = (
+        in_blocks(values.astype(np.float32), step).mean((2, 3)) for values in (masks, clear[..., None], seen[..., None])
+    )
+    wanted, dark, order = scale * wanted.ravel(), scale * wanted.ravel() > LEAST_RANGE, np.random.default_rng(0)
+    usable = whole.ravel() == 1.0
+    at = np.concatenate([order.permutation(np.flatnonzero(usable & some))[:SAMPLES] for some in (dark, ~dark)])
+    if not masks.shape[2] or not (usable & dark).any():
+        return None
+
+    def opacities(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the opacities (K,) with which a shadow is nearest, and the levels (n,) by which it is off."""
+        blurred = scale * _blurred(small, *place).reshape(-1, small.shape[2])[at].astype(float)
+        found, _ = nnls(blurred, wanted[at].astype(float))
+        return found, blurred @ found - wanted[at]
+
+    def off(place: np.ndarray) -> np.ndarray:
+        return opacities(place)[1]
+
+    sides = (-MOVED / step, 0.0, MOVED / step)
+    begins = [np.array(place) for place in product(sides, sides, [math.log(blur / step) for blur in BLURS])]
+    unlike, begin = min(((float(np.abs(off(place)).sum()), place) for place in begins), key=lambda trial: trial[0])
+    if unlike > MISFIT * float(np.abs(wanted[at]).sum()):
+        return None
+    ends = np.array([MOST_MOVED / step, MOST_MOVED / step, math.log(MOST_MOVED / step)])
+    least = np.append(-ends[:2], -math.log(step))
+    fit = least_squares(off, begin, bounds=(least, ends), diff_step=0.02, loss="soft_l1", f_scale=CLOSE, max_nfev=12)
+    dx, dy, blur = fit.x
+    strong = masks.astype(np.float32) @ opacities(fit.x)[0].astype(np.float32)
+    return np.clip(_blurred(strong[..., None], dx * step, dy * step, blur + math.log(step))[..., 0], 0.0, 1.0)
+
+
+def _silhouettes(ground: np.ndarray) -> np.ndarray:
+    """Return (H, W, K) bool the pixels of each of the largest shapes on a ground (H, W) bool, and of all others."""
+    inner = ndimage.binary_erosion(~ground, ndimage.SQUARE, iterations=RIM, border_value=1)
+    labels, count = ndimage.label(inner, ndimage.SQUARE)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    number = np.full(count + 1, min(count, MOST_CASTERS))
+    number[1 + np.argsort(-sizes, kind="stable")[:MOST_CASTERS]] = np.arange(min(count, MOST_CASTERS))
+    number[0] = -1
+    return np.asarray(number[labels][..., None] == np.arange(number.max() + 1))
+
+
+def _blurred(masks: np.ndarray, dx: float, dy: float, log_blur: float) -> np.ndarray:
+    """Return masks (H, W, K) moved by dx, dy px and blurred by a Gaussian of standard deviation exp(log_blur) px."""
+    blur = math.exp(log_blur)
+    for axis, moved in ((0, dy), (1, dx)):
+        reach = math.ceil(4.0 * blur + abs(moved))
+        weights = np.exp(-0.5 * ((np.arange(-reach, reach + 1) + moved) / blur) ** 2)
+        masks = ndimage.correlate1d(masks, weights / weights.sum(), axis=axis, mode="nearest")
+    return masks
