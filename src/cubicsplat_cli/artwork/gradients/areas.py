@@ -36,7 +36,7 @@ SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and 
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
 CONTACT = 8  # px in which two areas must touch, for their relation to count
 MOST_UNIONS = 6  # gradients with which a common one is sought for an area, the likeliest first
-LONGEST_TIP = 40  # px that a gradient goes on beyond the even part of its shape
+RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that a tip goes on
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 
 
@@ -244,10 +244,15 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: Sequence[ShadedArea]
         free[area.patch.window] &= ~area.patch.mask
     for area in (area for area in areas if area.ground is None):
         patch = area.patch.padded(LONGEST_TIP, levels.shape)
-        if (patch_free := free[patch.window]).any():
-            near = Part(levels, replace(patch, mask=patch_free))
-            explained = patch.mask | near.within(area.shade.extended().explains(near.pixels)).mask
-            patch = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, explained))
+        if (outside := free[patch.window]).any():
+            near, shade = Part(levels, replace(patch, mask=outside)), area.shade.extended()
+            # Where the ramp has ended a gradient is like a fill, whose tips these may be as well.
+            t, (first, *_, last) = shade.t(*near.pixels[:2]), shade.ramp.knots
+            explained = near.within(shade.explains(near.pixels) & (t >= first) & (t <= last)).mask
+            # Along an edge of little contrast the rim is explained as well, which tells where the edge lies.
+            beyond = explained & ~ndimage.binary_dilation(patch.mask, ndimage.SQUARE, iterations=RIM)
+            tips = patch.mask | (explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM))
+            patch = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
             free[patch.window] &= ~patch.mask
         wider.setdefault(area.shade, []).append(Part(levels, patch))
     fading = [area for area in areas if area.ground is not None]
