@@ -236,7 +236,7 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
     ]
 
 
-def with_tips(levels: np.ndarray, parts: np.ndarray, areas: Sequence[ShadedArea]) -> list[ShadedArea]:
+def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
     free, wider = parts == 0, dict[Shade, list[Part]]()
@@ -296,5 +296,5 @@ def _common(members: list[Part], hints: list[Shade]) -> Shade | None:
     return shade if all(shade.explains(part.pixels).mean() >= EXPLAINED for part in members) else None
 
 
-def _all_pixels(members: Sequence[Part]) -> Pixels:
+def _all_pixels(members: list[Part]) -> Pixels:
     return Pixels(*(np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True)))
