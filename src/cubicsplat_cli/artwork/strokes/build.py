@@ -114,7 +114,7 @@ def _stroke(
         return None
     sigma = np.full(len(line), math.hypot(SIGMA, slack))
     path = fit_outline(line, sigma, detail) if closed else open_line(line, corners, detail, slack)
-    return Stroke(path, width, cap, _join(line, corners, width, sides))
+    return Stroke(path, width, cap, _join(line, corners, width, cap, sides))
 
 
 def _node(row: list[Link], graph: Graph, end: int) -> int:
@@ -130,9 +130,10 @@ def _beside(row: list[Link], graph: Graph, widths: np.ndarray, end: int) -> floa
     return float(np.nanmax(others)) if others and np.isfinite(others).any() else 0.0
 
 
-def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> str:
-    """The join that reaches as far out of the corners as the outline does."""
-    votes = {MITER: 0, ROUND: 0, BEVEL: 0}
+def _join(line: np.ndarray, corners: np.ndarray, width: float, cap: str, sides: Sides) -> str:
+    """The join that reaches as far out of the corners as the outline does; without corners that of a pen with such a
+    cap, whose other strokes may have some."""
+    votes = {ROUND if cap == ROUND else MITER: 0} | {MITER: 0, ROUND: 0, BEVEL: 0}
     for i in corners.tolist():
         before, after = line[i] - line[i - 1], line[(i + 1) % len(line)] - line[i]
         before, after = (v / max(float(np.hypot(*v)), 1e-9) for v in (before, after))

@@ -103,7 +103,8 @@ def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[S
     strokes = strokes_of(shape.oriented(), detail, slack)
     if shorter and length_of(*(replace(shape, stroke=stroke) for stroke in strokes)) >= length_of(shape):
         return []
-    return strokes if strokes and _same(shape, strokes, slack) else []
+    # Where only shorter ones are asked for the pixels decide about them, once they are fitted to these.
+    return strokes if strokes and _same(shape, strokes, MOST_SLACK if shorter else slack) else []
 
 
 def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
