@@ -36,6 +36,7 @@ SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and 
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
 CONTACT = 8  # px in which two areas must touch, for their relation to count
 MOST_UNIONS = 6  # gradients with which a common one is sought for an area, the likeliest first
+MOST_TIPS = 0.25  # of an area's pixels: more is no tip, but something whose colours are near by chance
 RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that a tip goes on
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 
@@ -239,7 +240,7 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
 def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
-    free, wider = parts == 0, dict[Shade, list[Part]]()
+    free, members_of = parts == 0, dict[Shade, list[Part]]()
     for area in areas:
         free[area.patch.window] &= ~area.patch.mask
     for area in (area for area in areas if area.ground is None):
@@ -252,11 +253,13 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
             # Along an edge of little contrast the rim is explained as well, which tells where the edge lies.
             beyond = explained & ~ndimage.binary_dilation(patch.mask, ndimage.SQUARE, iterations=RIM)
             tips = patch.mask | (explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM))
-            patch = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
-            free[patch.window] &= ~patch.mask
-        wider.setdefault(area.shade, []).append(Part(levels, patch))
+            wider = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
+            if wider.size <= (1.0 + MOST_TIPS) * patch.size:
+                patch = wider
+                free[patch.window] &= ~patch.mask
+        members_of.setdefault(area.shade, []).append(Part(levels, patch))
     fading = [area for area in areas if area.ground is not None]
-    reached = [(reaching(shade, _all_pixels(members)), members) for shade, members in wider.items()]
+    reached = [(reaching(shade, _all_pixels(members)), members) for shade, members in members_of.items()]
     return fading + [ShadedArea(shade, part.patch) for shade, members in reached for part in members]
 
 

@@ -122,7 +122,7 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
             half = 0.5 * (long - short if rounded else long) * np.array([math.cos(angle), math.sin(angle)])
             middle = np.array([first.x + 0.5 * first.width, first.y + 0.5 * first.height])
             path = line_chain(np.stack([middle - half, middle + half]))
-            return Stroke(path, short, ROUND if rounded else BUTT, MITER)
+            return Stroke(path, short, *((ROUND, ROUND) if rounded else (BUTT, MITER)))
     return None
 
 
