@@ -60,10 +60,12 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
     # Whoever draws several strokes gives them one cap; where it is hidden it may yet show beside what hides it.
     free = [s.cap for s, (row, closed) in zip(strokes, rows, strict=True) if not closed and _shows_cap(row, graph)]
     usual = max(free, key=free.count) if free else BUTT
-    return [
+    capped = [
         stroke if stroke.closed or _shows_cap(row, graph) else replace(stroke, cap=usual)
         for stroke, (row, _) in zip(strokes, rows, strict=True)
     ]
+    # Lines without corners are told apart from others by the same pen if their joins differ.
+    return [s if s.join else replace(s, join=ROUND if s.cap == ROUND else MITER) for s in capped]
 
 
 def _shows_cap(row: list[Link], graph: Graph) -> bool:
@@ -114,7 +116,7 @@ def _stroke(
         return None
     sigma = np.full(len(line), math.hypot(SIGMA, slack))
     path = fit_outline(line, sigma, detail) if closed else open_line(line, corners, detail, slack)
-    return Stroke(path, width, cap, _join(line, corners, width, cap, sides))
+    return Stroke(path, width, cap, _join(line, corners, width, sides))
 
 
 def _node(row: list[Link], graph: Graph, end: int) -> int:
@@ -130,10 +132,9 @@ def _beside(row: list[Link], graph: Graph, widths: np.ndarray, end: int) -> floa
     return float(np.nanmax(others)) if others and np.isfinite(others).any() else 0.0
 
 
-def _join(line: np.ndarray, corners: np.ndarray, width: float, cap: str, sides: Sides) -> str:
-    """The join that reaches as far out of the corners as the outline does; without corners that of a pen with such a
-    cap, whose other strokes may have some."""
-    votes = {ROUND if cap == ROUND else MITER: 0} | {MITER: 0, ROUND: 0, BEVEL: 0}
+def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> str:
+    """The join that reaches as far out of the corners as the outline does; empty without any."""
+    votes = {MITER: 0, ROUND: 0, BEVEL: 0}
     for i in corners.tolist():
         before, after = line[i] - line[i - 1], line[(i + 1) % len(line)] - line[i]
         before, after = (v / max(float(np.hypot(*v)), 1e-9) for v in (before, after))
@@ -151,7 +152,7 @@ def _join(line: np.ndarray, corners: np.ndarray, width: float, cap: str, sides: 
         stretch = math.cos(half_turn)
         wanted = {MITER: 1.0 / max(stretch, 1e-6), ROUND: 1.0, BEVEL: stretch}
         votes[min(wanted, key=lambda join: abs(wanted[join] - reach))] += 1
-    return max(votes, key=lambda join: votes[join])
+    return max(votes, key=lambda join: votes[join]) if any(votes.values()) else ""
 
 
 def chains_of(graph: Graph, centres: list[Centres], widths: np.ndarray) -> list[tuple[list[Link], bool]]:
