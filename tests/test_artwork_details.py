@@ -234,6 +234,12 @@ def test_of_many_areas_the_worst_are_tried(monkeypatch, caplog):
     assert "only the 3 largest are tried" in caplog.text
 
 
+@pytest.mark.parametrize(("x", "count"), [(28.0, 0), (34.5, 5)])
+def test_dots_smaller_than_a_pixel_are_drawn_but_for_those_on_an_edge(x: float, count: int) -> None:
+    document = truth("".join(f'<circle cx="{x}" cy="{8.5 + 6 * k}" r="0.5" fill="#dc1e14"/>' for k in range(5)))
+    assert len(new_shapes(explained(plain(), picture(document)))) == count
+
+
 def test_the_seam_of_a_hidden_shape_along_the_edge_of_another_gets_no_dots() -> None:
     text = (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 48"><path d="M0 0H64V48H0z" fill="#fff"/>'

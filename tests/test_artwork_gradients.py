@@ -15,7 +15,7 @@ from skimage.data import astronaut
 
 from cubicsplat_cli.artwork.finish.colours import recoloured
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.gradients.areas import _largest, gradient_areas
+from cubicsplat_cli.artwork.gradients.areas import _largest, gradient_areas, with_tips
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.parts import Part, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
@@ -102,6 +102,24 @@ def test_three_stops_of_every_kind(markup, kind):
     fills = np.array([stop.colour for stop in shape.gradient.stops])
     assert len(fills) <= 4 and np.abs(fills - (240, 144, 32, 255)).max(axis=1).min() <= 2
     assert np.percentile(difference(drawing, body), 99) <= 3 and difference(drawing, body).mean() < 0.4
+
+
+def test_a_gradient_goes_on_into_tips_that_are_too_thin_to_be_seen_as_even():
+    body = LINEAR.format(TWO) + GROUND + '<path fill="url(#a)" d="M20 96L120 84L252 60L130 110L60 180z"/>'
+    drawing = draw(picture(body))
+    _, shape = drawing.shapes
+    assert isinstance(shape.gradient, LinearGradient)
+    assert difference(drawing, body).mean() < 0.08
+
+
+def test_pixels_along_an_edge_of_little_contrast_are_no_tips():
+    near = '<rect width="256" height="192" fill="#cb2831"/>'
+    stops = '<stop stop-color="#d0202c"/><stop offset="1" stop-color="#b8202c"/>'
+    levels = as_levels(picture(LINEAR.format(stops) + near + BLOB))
+    parts, count = smooth_parts(levels)
+    areas = gradient_areas(levels, parts, count)
+    sizes = [[area.patch.size for area in each] for each in (areas, with_tips(levels, parts, areas))]
+    assert sizes[0] == sizes[1] and len(areas) == 1
 
 
 def test_a_radial_gradient_has_its_middle_and_radius():

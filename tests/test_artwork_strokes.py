@@ -120,6 +120,12 @@ def test_caps_and_joins(name, caps, joins):
     assert {stroke.cap for stroke in found} == {caps} and {stroke.join for stroke in found} <= set(joins)
 
 
+def test_lines_without_corners_have_the_join_of_the_pen_that_drew_others():
+    ways = ("M30 60C60 10 90 110 130 60", "M30 120L60 170L120 110", "M30 220H120")
+    found = strokes_in(picture_of([Pen(way, 12, "round", "round") for way in ways]))
+    assert len(found) == 3 and {(stroke.cap, stroke.join) for stroke in found} == {("round", "round")}
+
+
 def test_square_caps_are_butt_caps_of_a_longer_line():
     (found,) = strokes_in(picture_of([Pen("M60 200L128 60L190 200", 14, "square")]))
     assert found.cap == "butt" and isinstance(found.path, Chain)

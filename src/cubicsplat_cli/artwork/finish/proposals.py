@@ -209,7 +209,9 @@ class _Drawn:
             own = parts == number
             beneath = _beneath(self.owners[own], self.touching[own])
             if sizes[number] <= DOT:
-                if (self.cover & ~own)[ndimage.binary_dilation(own, ndimage.SQUARE)].any():
+                near = ndimage.binary_dilation(own, ndimage.SQUARE)
+                seam = self.share[near].sum() < 1.0 and len(np.unique(self.owners[near])) > 1
+                if seam or (self.cover & ~own)[near].any():
                     continue  # of a line between two shapes, of which dots here and there are none of the drawing
                 yield beneath, (self._dot(own),)
                 continue

@@ -22,7 +22,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
     uneven_parts,
 )
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike
-from cubicsplat_cli.artwork.gradients.shades import common_shade, shade_of
+from cubicsplat_cli.artwork.gradients.shades import common_shade, reaching, shade_of
 from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, FLAT_RANGE, SEEN
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
@@ -36,6 +36,8 @@ SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and 
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
 CONTACT = 8  # px in which two areas must touch, for their relation to count
 MOST_UNIONS = 6  # gradients with which a common one is sought for an area, the likeliest first
+MOST_TIPS = 0.25  # of an area's pixels: more is no tip, but something whose colours are near by chance
+RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that a tip goes on
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 
 
@@ -235,6 +237,32 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
     ]
 
 
+def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) -> list[ShadedArea]:
+    """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
+    thin to be seen as even. levels, parts: as of `gradient_areas`."""
+    free, members_of = parts == 0, dict[Shade, list[Part]]()
+    for area in areas:
+        free[area.patch.window] &= ~area.patch.mask
+    for area in (area for area in areas if area.ground is None):
+        patch = area.patch.padded(LONGEST_TIP, levels.shape)
+        if (outside := free[patch.window]).any():
+            near, shade = Part(levels, replace(patch, mask=outside)), area.shade.extended()
+            # Where the ramp has ended a gradient is like a fill, whose tips these may be as well.
+            t, (first, *_, last) = shade.t(*near.pixels[:2]), shade.ramp.knots
+            explained = near.within(shade.explains(near.pixels) & (t >= first) & (t <= last)).mask
+            # Along an edge of little contrast the rim is explained as well, which tells where the edge lies.
+            beyond = explained & ~ndimage.binary_dilation(patch.mask, ndimage.SQUARE, iterations=RIM)
+            tips = patch.mask | (explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM))
+            wider = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
+            if wider.size <= (1.0 + MOST_TIPS) * patch.size:
+                patch = wider
+                free[patch.window] &= ~patch.mask
+        members_of.setdefault(area.shade, []).append(Part(levels, patch))
+    fading = [area for area in areas if area.ground is not None]
+    reached = [(reaching(shade, _all_pixels(members)), members) for shade, members in members_of.items()]
+    return fading + [ShadedArea(shade, part.patch) for shade, members in reached for part in members]
+
+
 def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
     """Add to a group the even parts beside it in which its ramp ends, and the pixels between that it explains."""
     near = group.near
@@ -264,9 +292,12 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
 
 def _common(members: list[Part], hints: list[Shade]) -> Shade | None:
     """Return the gradient that explains all of some parts; None if there is none."""
-    pixels = Pixels(*(np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True)))
-    shade = common_shade(pixels, hints)
+    shade = common_shade(_all_pixels(members), hints)
     # A gradient that needs more stops than any of them only strings them together.
     if shade is None or len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
         return None
     return shade if all(shade.explains(part.pixels).mean() >= EXPLAINED for part in members) else None
+
+
+def _all_pixels(members: list[Part]) -> Pixels:
+    return Pixels(*(np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True)))

@@ -14,7 +14,7 @@ from dataclasses import field
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed
-from cubicsplat_cli.artwork.gradients.areas import gradient_areas
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas, with_tips
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.artwork.regions.fills import APART, ROUNDED, SEEN
@@ -59,7 +59,8 @@ class Flattened:
 def flattened(levels: np.ndarray) -> Flattened:
     """Return a picture (H, W, 4), premultiplied levels, without its gradients; the same array if it has none."""
     parts, count = smooth_parts(levels)
-    return without_areas(levels, parts, gradient_areas(levels, parts, count) if count else [])
+    areas = gradient_areas(levels, parts, count) if count else []
+    return without_areas(levels, parts, with_tips(levels, parts, areas))
 
 
 def without_areas(

@@ -61,14 +61,14 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
     if count > FEW_PIXELS:
         few = pixels.some(order)
         best = _fitted(best, few)
-    return _reaching(_level(best, few, count), pixels)
+    return reaching(_level(best, few, count), pixels)
 
 
 def refitted(shade: Shade, pixels: Pixels) -> Shade:
     """Return the gradient near another one that is best for pixels."""
     count = len(pixels.x)
     some = pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
-    return _reaching(_level(_pruned(_fitted(shade.extended(), some), some, count), some, count), pixels)
+    return reaching(_level(_pruned(_fitted(shade.extended(), some), some, count), some, count), pixels)
 
 
 def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -> Shade:
@@ -119,7 +119,7 @@ def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
     return level if loss < PRICE else shade
 
 
-def _reaching(shade: Shade, pixels: Pixels) -> Shade:
+def reaching(shade: Shade, pixels: Pixels) -> Shade:
     """Return the shade with its ramp carried on to where all pixels end, and a pixel farther, where edges blend, unless
     the pixels beyond a stop show that the ramp ends there."""
     knots, colours = shade.ramp.knots.copy(), shade.ramp.colours.copy()
@@ -132,7 +132,7 @@ def _reaching(shade: Shade, pixels: Pixels) -> Shade:
         flat, carried_on = squares[end]
         if not tip and flat < carried_on:
             continue
-        place = min(float(least), knots[0]) - margin if end == 0 else max(float(most), knots[-1]) + margin
+        place = min(float(least) - margin, knots[0]) if end == 0 else max(float(most) + margin, knots[-1])
         place = 0.0 if tip else max(place, 0.0) if shade.radial else place
         colours[end] += slope * (place - knots[end])
         knots[end] = place

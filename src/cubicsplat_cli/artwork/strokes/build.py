@@ -60,10 +60,12 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
     # Whoever draws several strokes gives them one cap; where it is hidden it may yet show beside what hides it.
     free = [s.cap for s, (row, closed) in zip(strokes, rows, strict=True) if not closed and _shows_cap(row, graph)]
     usual = max(free, key=free.count) if free else BUTT
-    return [
+    capped = [
         stroke if stroke.closed or _shows_cap(row, graph) else replace(stroke, cap=usual)
         for stroke, (row, _) in zip(strokes, rows, strict=True)
     ]
+    # Lines without corners are told apart from others by the same pen if their joins differ.
+    return [s if s.join else replace(s, join=ROUND if s.cap == ROUND else MITER) for s in capped]
 
 
 def _shows_cap(row: list[Link], graph: Graph) -> bool:
@@ -131,7 +133,7 @@ def _beside(row: list[Link], graph: Graph, widths: np.ndarray, end: int) -> floa
 
 
 def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> str:
-    """The join that reaches as far out of the corners as the outline does."""
+    """The join that reaches as far out of the corners as the outline does; empty without any."""
     votes = {MITER: 0, ROUND: 0, BEVEL: 0}
     for i in corners.tolist():
         before, after = line[i] - line[i - 1], line[(i + 1) % len(line)] - line[i]
@@ -150,7 +152,7 @@ def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> 
         stretch = math.cos(half_turn)
         wanted = {MITER: 1.0 / max(stretch, 1e-6), ROUND: 1.0, BEVEL: stretch}
         votes[min(wanted, key=lambda join: abs(wanted[join] - reach))] += 1
-    return max(votes, key=lambda join: votes[join])
+    return max(votes, key=lambda join: votes[join]) if any(votes.values()) else ""
 
 
 def chains_of(graph: Graph, centres: list[Centres], widths: np.ndarray) -> list[tuple[list[Link], bool]]:

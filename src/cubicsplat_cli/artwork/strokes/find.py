@@ -103,7 +103,8 @@ def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[S
     strokes = strokes_of(shape.oriented(), detail, slack)
     if shorter and length_of(*(replace(shape, stroke=stroke) for stroke in strokes)) >= length_of(shape):
         return []
-    return strokes if strokes and _same(shape, strokes, slack) else []
+    # Where only shorter ones are asked for the pixels decide about them, once they are fitted to these.
+    return strokes if strokes and _same(shape, strokes, MOST_SLACK if shorter else slack) else []
 
 
 def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
@@ -121,7 +122,7 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
             half = 0.5 * (long - short if rounded else long) * np.array([math.cos(angle), math.sin(angle)])
             middle = np.array([first.x + 0.5 * first.width, first.y + 0.5 * first.height])
             path = line_chain(np.stack([middle - half, middle + half]))
-            return Stroke(path, short, ROUND if rounded else BUTT, MITER)
+            return Stroke(path, short, *((ROUND, ROUND) if rounded else (BUTT, MITER)))
     return None
 
 
