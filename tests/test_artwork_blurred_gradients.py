@@ -63,7 +63,7 @@ def test_each_gradient_becomes_one_fill_up_to_its_edges_and_tips():
 
 @pytest.mark.slow
 def test_what_is_drawn_has_a_shape_for_each_gradient():
-    prepared = PreparedInput(drawing()[0], Condition(0.0, False, BLUR), 1, 1, SIDE, SIDE)
+    prepared = PreparedInput(drawing()[0], Condition(0.0, False, BLUR), (1.0, 1.0), 1.0, SIDE, SIDE)
     shapes = draw(prepared.levels / np.float32(255.0), prepared=prepared).shapes
     # The last px of the tip, which show the gradient nowhere, may be two more.
     assert len(shapes) <= 7
