@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, smooth_p
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
+from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Ground, end_of
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, without_grounds
 from cubicsplat_cli.artwork.shadows.shadow import BLURS, FAINT, MOST_MOVED
@@ -34,6 +35,7 @@ MOST_GROUNDS = 3  # the commonest
 BLUR = 1.0  # px by which noise is smoothed
 SOFT_BEND = 4.0  # levels of a second difference after that, which no edge of 20 levels or more falls short of
 RIM = 2  # px by which edges are wider after that, on either side
+AT_EDGES = 2.0  # times the error by which pixels beside edges may be off
 MOST_CASTERS = 6  # with an opacity of their own; the smaller ones share one
 FITTED, SAMPLES = 256, 2000  # px of the longer side of what shadows are fitted to; shaded pixels of it, and others
 MOVED = 5.0  # px of the first offsets
@@ -47,7 +49,7 @@ def noisy_lifted(levels: np.ndarray, condition: Condition, areas: tuple[SoftArea
     has none. areas: those to remove, if they are known.
     """
     if areas is None:
-        areas = tuple(_areas(levels, roughness(condition), condition.noise)) if levels[..., 3].min() == 255.0 else ()
+        areas = tuple(_areas(levels, condition)) if levels[..., 3].min() == 255.0 else ()
     if not areas:
         return Lifted(levels)
     even, _ = ndimage.large_parts(calm_pixels(levels, condition.noise)[0], LEAST_EVEN)
@@ -56,10 +58,9 @@ def noisy_lifted(levels: np.ndarray, condition: Condition, areas: tuple[SoftArea
     return Lifted(out, None, areas, None, meant)
 
 
-def _areas(levels: np.ndarray, rough: float, noise: float) -> Iterator[SoftArea]:
-    """Yield the soft areas of an opaque picture (H, W, 4) in levels, whose pixels differ from a smooth one by so many
-    times as much as in a clean picture.
-    """
+def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
+    """Yield the soft areas of an opaque picture (H, W, 4) in levels and of a condition."""
+    rough = roughness(condition)
     seen = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
     parts, count = smooth_parts(seen, SOFT_BEND, np.inf)
     if not count:
@@ -68,9 +69,9 @@ def _areas(levels: np.ndarray, rough: float, noise: float) -> Iterator[SoftArea]
     sizes, uneven = np.append(1, sizes), np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
     if not uneven.any():
         return
-    for fill in _grounds(seen[calm_pixels(levels, noise)[0]], int(LEAST_PLATEAU * parts.size), rough):
+    for fill in _grounds(seen[calm_pixels(levels, condition.noise)[0]], int(LEAST_PLATEAU * parts.size), rough):
         work().at()
-        area = _area(seen - fill, fill, parts, sizes, uneven, CLOSE * rough)
+        area = _area(seen - fill, fill, parts, sizes, uneven, CLOSE * rough, seen_as(condition))
         if area is not None:
             yield area
 
@@ -89,11 +90,18 @@ def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarra
 
 
 def _area(
-    off: np.ndarray, fill: np.ndarray, parts: np.ndarray, sizes: np.ndarray, uneven: np.ndarray, error: float
+    off: np.ndarray,
+    fill: np.ndarray,
+    parts: np.ndarray,
+    sizes: np.ndarray,
+    uneven: np.ndarray,
+    error: float,
+    told: np.ndarray,
 ) -> SoftArea | None:
     """Return the soft area on a ground of a fill, to an error in levels; None if no blur of what stands there is one.
 
     off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`, of these sizes (n,), some of them uneven.
+    told: (4, 4) as of `seen_as`.
     """
     far = largest(np.abs(off))
     ground = (uneven & (np.bincount(parts[far <= error], minlength=len(sizes)) > 0))[parts]
@@ -122,7 +130,9 @@ def _area(
         dark = clear & (scale * np.maximum(shares, field) > error)
         explained = float((near(field) & (scale * field > 0.5 * error))[dark].mean()) if dark.any() else 0.0
         if explained > most:
-            most, best = explained, SoftArea(Ground(fill, _connected(shown, near(field))), colour, field, error / CLOSE)
+            # Beside edges luma rings, and chroma is blurred.
+            alike = np.linalg.norm((off - field[..., None] * line) @ told, axis=2) <= AT_EDGES * error
+            most, best = explained, SoftArea(Ground(fill, _connected(shown, alike)), colour, field, error / CLOSE)
     return best
 
 
