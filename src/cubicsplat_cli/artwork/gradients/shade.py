@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +131,14 @@ class ShadedArea:
     ground: np.ndarray | None = None
     rim: float = 0.0
     inwards: bool = False
+
+
+def covered(areas: Iterable[ShadedArea], shape: tuple[int, ...]) -> np.ndarray:
+    """Return (H, W) bool: the pixels of some areas of a picture (H, W, ...)."""
+    out = np.zeros(shape[:2], dtype=bool)
+    for area in areas:
+        out[area.patch.window] |= area.patch.mask
+    return out
 
 
 def gradient_of(shade: Shade) -> Gradient:

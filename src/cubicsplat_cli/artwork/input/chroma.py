@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, summed
 from cubicsplat_cli.artwork.regions.fills import APART
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, lies_beyond
+from cubicsplat_cli.artwork.regions.hidden_fills import lies_beyond
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
@@ -56,13 +56,6 @@ def explained(
     # A missing part fills about 0.7 of such a pixel, so its colour is farther off by 1 / 0.7 - 1, or 0.4, residuals.
     missing[:, 1:3] += 0.4 * rest[strange]
     return fills, luma_cost + float(np.log1p((off / sigma) ** 2).sum()), missing
-
-
-def missing_fills(missing: np.ndarray, palette: np.ndarray) -> np.ndarray:
-    """Return (k, 4) fills in levels that a palette (P, 4) lacks, from the colours (n, 4) of unexplained pixels. At
-    least 8 pixels of half the size show a fill, within 20 levels.
-    """
-    return hidden_fills(np.clip(missing, 0.0, 255.0), palette, APART, 20.0, 8)
 
 
 def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:

@@ -14,7 +14,6 @@ from cubicsplat_cli.artwork.input.chroma import (
     LUMA_CHROMA,
     RGB,
     explained,
-    missing_fills,
     mixture_of,
     smeared,
     with_sharp_chroma,
@@ -161,7 +160,8 @@ def _with_small_parts(
         if len(best.palette) <= MOST_THICK:
             best = min(best, fitted_of(np.vstack([best.palette, fill]), thick), key=lambda trial: trial.cost)
     for _ in range(4):  # rounds
-        new = missing_fills(best.missing, best.palette)
+        # At least 8 pixels of half the size show a fill, within 20 levels.
+        new = hidden_fills(np.clip(best.missing, 0.0, 255.0), best.palette, APART, 20.0, 8)
         if not len(new) or len(best.palette) > MOST_THICK:
             break
         trial = fitted_of(np.vstack([best.palette, new]), thick)

@@ -143,9 +143,6 @@ class Completion:
     corners: np.ndarray
 
 
-Wrong = Callable[[np.ndarray], int]
-
-
 @record
 class HiddenLoop:
     """A closed outline with hidden parts. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: counts the px
@@ -153,7 +150,7 @@ class HiddenLoop:
 
     points: np.ndarray
     sigma: np.ndarray
-    wrong: Wrong
+    wrong: Callable[[np.ndarray], int]
     room: Room
 
 

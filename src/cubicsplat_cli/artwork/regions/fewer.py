@@ -33,7 +33,10 @@ def fewer_colours(
     visible = colours[:, 3] > CLEAR
     owner = np.zeros(len(colours), dtype=np.int64)
     bins = _binned(colours[visible]) if visible.sum() > MOST_COMPARED else np.arange(visible.sum())
-    groups = _merged(*_means(colours[visible], areas[visible].astype(float), bins), most, apart, free)[bins]
+    weights = areas[visible].astype(float)
+    total = np.bincount(bins, weights)
+    means = np.stack([np.bincount(bins, weights * channel) for channel in colours[visible].T], axis=1) / total[:, None]
+    groups = _merged(means, total, most, apart, free)[bins]
     owner[visible] = groups
     owner[~visible] = groups.max(initial=-1) + 1
     largest = np.lexsort((np.arange(len(colours)), -areas, owner))
@@ -90,13 +93,6 @@ def _binned(colours: np.ndarray) -> np.ndarray:
         if bins.max() < MOST_COMPARED:
             break
     return bins
-
-
-def _means(colours: np.ndarray, areas: np.ndarray, bins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(k, 4) the mean colour of each bin, and (k,) its area."""
-    total = np.bincount(bins, areas)
-    sums = np.stack([np.bincount(bins, areas * channel) for channel in colours.T], axis=1)
-    return sums.reshape(-1, 4) / total[:, None], total
 
 
 def _merged(colours: np.ndarray, areas: np.ndarray, most: int | None, apart: float, free: float) -> np.ndarray:

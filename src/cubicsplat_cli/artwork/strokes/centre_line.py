@@ -19,7 +19,6 @@ SIGMA = PRECISION  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
 FLANK = 8  # points on either side of a gap that tell its direction
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
-END_ERRORS = (SIGMA, SIGMA)  # px and radians
 FEWEST = 6  # points
 HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
 
@@ -48,7 +47,8 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     weights = np.full(len(points), 1.0 / (SIGMA**2 + slack**2))
     local = _local_fits(points, weights)
     ends, tangents = points[[0, -1]], local[1][[0, -1]]
-    division, _ = divided_run(local, weights, (ends, tangents, np.array([END_ERRORS, END_ERRORS])), price)
+    # The ends are off by as many px as a point is, and by as many radians.
+    division, _ = divided_run(local, weights, (ends, tangents, np.full((2, 2), SIGMA)), price)
     pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division.sizes))
     return pieces.chain()
 
