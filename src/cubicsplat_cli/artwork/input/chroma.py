@@ -29,12 +29,7 @@ PRIOR = 2.0  # px; weight of the former value of each fill
 
 
 def explained(
-    seen: np.ndarray,
-    mixture: Mixture,
-    fills: np.ndarray,
-    free: np.ndarray,
-    sigma: float,
-    halved: tuple[int, ...],
+    seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float, halved: tuple[int, ...]
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Return the fills (P, 4) that explain a picture best, the cost of their residuals in nats, and the colours (k, 4)
     of pixels with large residuals; all as luma, chroma and opacity in levels.
@@ -127,7 +122,11 @@ def _stored(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     """Return values (H, W, C), stored at half their size along some axes, as they are read, float32."""
     out = _halved(values, halved)
     for axis in halved:
-        out = _doubled(out, axis)
+        # Twice as large along the axis, as by libjpeg.
+        lines = np.moveaxis(out, axis, 0)
+        padded = np.concatenate([lines[:1], lines, lines[-1:]])
+        halves = [(1.0 - BESIDE) * lines + BESIDE * beside for beside in (padded[:-2], padded[2:])]
+        out = np.moveaxis(np.stack(halves, axis=1).reshape(-1, *lines.shape[1:]), 0, axis)
     return out[: values.shape[0], : values.shape[1]]
 
 
@@ -137,14 +136,6 @@ def _again(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     for axis in halved:
         values = ndimage.correlate1d(values, weights, axis=axis, mode="nearest")
     return values
-
-
-def _doubled(values: np.ndarray, axis: int) -> np.ndarray:
-    """Return values (H, W, C) made twice as large along an axis, as by libjpeg."""
-    lines = np.moveaxis(values, axis, 0)
-    padded = np.concatenate([lines[:1], lines, lines[-1:]])
-    halves = [(1.0 - BESIDE) * lines + BESIDE * beside for beside in (padded[:-2], padded[2:])]
-    return np.moveaxis(np.stack(halves, axis=1).reshape(-1, *lines.shape[1:]), 0, axis)
 
 
 def with_sharp_chroma(seen: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:

@@ -10,14 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.chroma import (
-    LUMA_CHROMA,
-    RGB,
-    explained,
-    mixture_of,
-    smeared,
-    with_sharp_chroma,
-)
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import APART, picture_fills
@@ -69,11 +62,7 @@ def _blurred(levels: np.ndarray, blur: float) -> np.ndarray:
 
 
 def restored(
-    levels: np.ndarray,
-    condition: Condition,
-    placeholders: np.ndarray = NONE,
-    *,
-    lines: bool = True,
+    levels: np.ndarray, condition: Condition, placeholders: np.ndarray = NONE, *, lines: bool = True
 ) -> FlatPicture:
     """Return a picture (H, W, 4) in levels as if it were clean. placeholders: (G, 4) fills that stand for gradients and
     stay as they are. lines: True to find thin lines that its labels lack.

@@ -169,14 +169,8 @@ def _covers(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas:
         for other, e, sign in beside[here]:
             if windings[other] is not None:
                 continue
-            there = dict(own)
-            for shape, change in changes[e].items():
-                total = there.get(shape, 0) + sign * change
-                if total:
-                    there[shape] = total
-                else:
-                    there.pop(shape, None)
-            windings[other] = there
+            there = own | {shape: own.get(shape, 0) + sign * change for shape, change in changes[e].items()}
+            windings[other] = {shape: total for shape, total in there.items() if total}
             queue.append(other)
     return covers
 

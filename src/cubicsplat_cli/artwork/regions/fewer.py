@@ -17,7 +17,6 @@ MOST_COMPARED = 512
 _TO_XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
 )
-_WHITE = _TO_XYZ.sum(axis=1)
 
 
 def fewer_colours(
@@ -78,7 +77,7 @@ def to_lab(colours: np.ndarray) -> np.ndarray:
     """(K, 4) what is seen of colours (K, 4), premultiplied RGBA in levels: CIELAB, and opacity from 0 to 100."""
     opacity = colours[:, 3:] / 255.0
     straight = np.clip(colours[:, :3] / np.maximum(colours[:, 3:], 1e-6), 0.0, 1.0)
-    xyz = light_of_srgb(straight) @ _TO_XYZ.T / _WHITE
+    xyz = light_of_srgb(straight) @ _TO_XYZ.T / _TO_XYZ.sum(axis=1)
     f = np.where(xyz > 216.0 / 24389.0, np.cbrt(xyz), (24389.0 / 27.0 * xyz + 16.0) / 116.0)
     lab = np.stack([116.0 * f[:, 1] - 16.0, 500.0 * (f[:, 0] - f[:, 1]), 200.0 * (f[:, 1] - f[:, 2])], axis=1)
     return np.concatenate([lab, 100.0 * opacity], axis=1)

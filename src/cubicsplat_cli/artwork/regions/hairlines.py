@@ -96,12 +96,7 @@ def without(palette: np.ndarray, standing: np.ndarray) -> np.ndarray:
 
 
 def with_lines(
-    levels: np.ndarray,
-    palette: np.ndarray,
-    labels: np.ndarray,
-    off: float,
-    less: float,
-    standing: np.ndarray = NONE,
+    levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off: float, less: float, standing: np.ndarray = NONE
 ) -> np.ndarray:
     """Return (H, W) int32 the labels of a picture (H, W, 4) with the thin lines that they lack.
 

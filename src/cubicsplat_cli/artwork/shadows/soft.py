@@ -145,13 +145,8 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
     """Return (H, W) levels as they were before rounding, continued, up to `most`, into pixels that are not known."""
     rows, columns = (np.flatnonzero((known & (levels > ROUNDED)).any(axis=axis)) for axis in (1, 0))
     box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    window, out = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
-    out[window] = _continued_within(levels[window], known[window], most)
-    return out
-
-
-def _continued_within(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
-    """Return the same of a window."""
+    window, whole = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
+    levels, known = levels[window], known[window]
     height, width = levels.shape
     at = np.flatnonzero(~known)
     found, places = nearest_paints(np.where(known, 0, -1), at, REACH, 1)
@@ -167,7 +162,8 @@ def _continued_within(levels: np.ndarray, known: np.ndarray, most: float) -> np.
     low, high = np.where(fixed, out - ALIKE, -np.inf), np.where(fixed, out + ALIKE, np.inf)
     for _ in range(ROUNDS):
         out = np.clip(ndimage.gaussian_filter(out, 1.0, truncate=3.0, mode="nearest"), low, high)
-    return np.maximum(out, 0.0)
+    whole[window] = np.maximum(out, 0.0)
+    return whole
 
 
 def _inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
