@@ -196,16 +196,15 @@ def mixture_of(
     padded = np.pad(labels, reach, mode="edge")
     best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
     colours = seen[y, x]
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            beside = padded[y + reach + dy, x + reach + dx]
-            k = np.flatnonzero(beside != own)
-            k = k[np.linalg.norm(fills[beside[k]] - fills[own[k]], axis=1) > 3.0 * sigma]
-            t, rest = blend_of(colours[k], fills[own[k]], fills[beside[k]])
-            left = summed(rest * rest) + 1e-3 * (dy * dy + dx * dx)
-            better = left < best[k]
-            k, left, t = k[better], left[better], t[better]
-            best[k], other[k], share[k] = left, beside[k], t
+    for down, right in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        beside = padded[y + down, x + right]
+        k = np.flatnonzero(beside != own)
+        k = k[np.linalg.norm(fills[beside[k]] - fills[own[k]], axis=1) > 3.0 * sigma]
+        t, rest = blend_of(colours[k], fills[own[k]], fills[beside[k]])
+        left = summed(rest * rest) + 1e-3 * ((down - reach) ** 2 + (right - reach) ** 2)
+        better = left < best[k]
+        k, left, t = k[better], left[better], t[better]
+        best[k], other[k], share[k] = left, beside[k], t
     if blur:
         from scipy.special import ndtri  # takes a while to import, and few pictures are blurred
 

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon, turn_matrix
 from cubicsplat_cli.artwork.layers.extents import MOST_WRONG, Contour, Extent, Window, enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.ways import (
     ALLOWED,
@@ -234,8 +234,7 @@ def _every_side_shows(contour: Contour, outline: Outline) -> bool:
         return True
     half = 0.5 * np.array([outline.width, outline.height])
     offset = contour.points[np.isfinite(contour.sigma)] - half - np.array([outline.x, outline.y])
-    cos, sin = np.cos(outline.angle), np.sin(outline.angle)
-    local = offset @ np.array([[cos, -sin], [sin, cos]])
+    local = offset @ turn_matrix(outline.angle).T
     return bool(((half - local).min(axis=0) < SIDE_SEEN).all() and ((half + local).min(axis=0) < SIDE_SEEN).all())
 
 

@@ -48,8 +48,7 @@ def faces_of(segments: Segments, shape: np.ndarray) -> Faces:
     cycle, areas = _cycles(vertices, tail, head, following)
     face_of_cycle = _nested(vertices, tail, head, cycle, areas)
     face = face_of_cycle[cycle]
-    sizes = np.zeros(int(face_of_cycle.max(initial=0)) + 1)
-    np.add.at(sizes, face_of_cycle, 0.5 * areas)
+    sizes = np.bincount(face_of_cycle, 0.5 * areas, 1)
     sizes[0] = np.inf
     covers = _covers(face, changes, len(sizes), int(shape.max()))
     shown = np.array([max(shapes, default=NOTHING) for shapes in covers])

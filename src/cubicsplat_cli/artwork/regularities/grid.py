@@ -60,12 +60,11 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
 
 def _seen_edges(state: State, error: float) -> list[Mark]:
     """Return the x of the upright lines and the y of the level ones that show in the picture."""
-    crossings, shown = state.crossings, np.zeros(int(state.pieces[-1]))
-    np.add.at(shown, crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWS)
+    crossings, cubics = state.crossings, state.drawn.cubics
+    shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWS, len(cubics))
     good = state.drawn.lines & (shown >= FEWEST_SEEN)
-    level = np.ptp(state.drawn.cubics, axis=1) < EXACT
-    edges = [state.drawn.cubics[good & level[:, axis], 0, axis].tolist() for axis in (0, 1)]
-    return [(axis, value, error) for axis in (0, 1) for value in edges[axis]]
+    level = np.ptp(cubics, axis=1) < EXACT
+    return [(axis, value, error) for axis in (0, 1) for value in cubics[good & level[:, axis], 0, axis].tolist()]
 
 
 def _middle_and_radii(outline: Outline) -> list[tuple[int, float]]:
