@@ -12,7 +12,7 @@ from scipy import ndimage
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.finish import added
-from cubicsplat_cli.artwork.finish.proposals import ErrorModel, Placed, TargetPicture
+from cubicsplat_cli.artwork.finish.proposals import Placed, TargetPicture
 from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
@@ -254,8 +254,8 @@ def test_only_shapes_that_can_pay_are_tried() -> None:
     """Beside the dot that is missing one where nothing is."""
     document = truth('<circle cx="36" cy="9" r="3" fill="#143cc8"/>')
     goal = goal_of(picture(document))
-    model = ErrorModel.of(CLEAN, 0.0)
-    trials = added._Trials(plain(), goal, TargetPicture.of(255.0 * goal.target.astype(np.float32), model), 1.0)
+    target = TargetPicture.of(255.0 * goal.target.astype(np.float32), CLEAN, 0.0)
+    trials = added._Trials(plain(), goal, target, 1.0)
     missing, needless = (Placed(Shape(BLUE, (Circle(x, 9.0, 3.0),), "dot"), 0) for x in (36.0, 52.0))
     asked = [(0, missing), (0, needless)]
     assert trials._affordable(asked, [[]]) == asked[:1]

@@ -34,7 +34,7 @@ GRAINY = 7.0
 SOFT, FAINT = 2.0, 1e-6  # px of a picture's continuation beyond a mask; its weight relative to the mean colour's
 OTHER = 64.0  # levels of distance to its surroundings that a placeholder gives up to differ from the other ones
 LEAST_REST = 0.002  # share of the picture, away from its photos, that is drawn
-Box = tuple[int, int, int, int]  # left, top, right, bottom, px
+Window = tuple[slice, slice]  # rows and columns
 
 
 @record
@@ -138,21 +138,21 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
     thick = _opened(even == 0)
     parts = list[PhotoPart]()
     labels, _ = ndimage.label(ndimage.binary_fill_holes(thick))
-    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), 1):
-        if min(rows.stop - rows.start, columns.stop - columns.start) < LEAST_SIDE:
+    for number, whole in enumerate(ndimage.find_objects(labels), 1):
+        if min(side.stop - side.start for side in whole) < LEAST_SIDE:
             continue
-        whole = (columns.start, rows.start, columns.stop, rows.stop)
         own = labels == number
-        box = _ended(levels, whole)
-        mask = _mask_of(own, even, box)
+        window = _ended(levels, whole)
+        mask = _mask_of(own, even, window)
         corners = mask[[0, 0, -1, -1], [0, -1, 0, -1]]
         if corners.all() and mask.mean() >= LEAST_FILLED:
             mask = np.ones_like(mask)
         else:
-            box = whole
-            mask = _mask_of(own, even, box)
+            window = whole
+            mask = _mask_of(own, even, window)
         if min(mask.shape) >= LEAST_SIDE and mask.sum() >= LEAST_SIDE**2:
-            parts.append(PhotoPart(box[1], box[0], mask, _stand_in(levels, box, mask, parts)))
+            rows, columns = window
+            parts.append(PhotoPart(rows.start, columns.start, mask, _stand_in(levels, window, mask, parts)))
     return parts
 
 
@@ -162,18 +162,18 @@ def _opened(mask: np.ndarray) -> np.ndarray:
     return np.asarray(ndimage.maximum_filter(narrowed, TILE + 1) > 0.0)
 
 
-def _ended(levels: np.ndarray, box: Box) -> Box:
-    """Return a box with its sides moved inwards to the strongest changes of the picture, and beyond a frame, each by at
-    most 2 FRAME px.
+def _ended(levels: np.ndarray, window: Window) -> Window:
+    """Return a window with its sides moved inwards to the strongest changes of the picture, and beyond a frame, each by
+    at most 2 FRAME px.
     """
-    left, top, right, bottom = box
+    rows, columns = window
     grown = np.pad(levels, ((1, 1), (1, 1), (0, 0)), constant_values=-np.inf)  # the outside differs from any pixel
-    part = grown[top : bottom + 2, left : right + 2]
+    part = grown[rows.start : rows.stop + 2, columns.start : columns.stop + 2]
     turned = part.swapaxes(0, 1)
-    sides = (turned[:, 1:-1], part[:, 1:-1], turned[::-1, 1:-1], part[::-1, 1:-1])
+    sides = (part[:, 1:-1], part[::-1, 1:-1], turned[:, 1:-1], turned[::-1, 1:-1])
     steps = [_strongest(side) for side in sides]
-    steps = [step + _frame(side[1 + step :]) for step, side in zip(steps, sides, strict=True)]
-    return left + steps[0], top + steps[1], right - steps[2], bottom - steps[3]
+    top, bottom, left, right = (step + _frame(side[1 + step :]) for step, side in zip(steps, sides, strict=True))
+    return slice(rows.start + top, rows.stop - bottom), slice(columns.start + left, columns.stop - right)
 
 
 def _strongest(part: np.ndarray) -> int:
@@ -198,33 +198,31 @@ def _frame(part: np.ndarray) -> int:
     return rows
 
 
-def _mask_of(own: np.ndarray, even: np.ndarray, box: Box) -> np.ndarray:
-    """Return (h, w) bool, the pixels of a box that belong to a part (H, W) bool: not those of even areas that reach
-    into the box from outside.
+def _mask_of(own: np.ndarray, even: np.ndarray, window: Window) -> np.ndarray:
+    """Return (h, w) bool, the pixels of a window that belong to a part (H, W) bool: not those of even areas that reach
+    into the window from outside.
     """
-    left, top, right, bottom = box
-    inside = even[top:bottom, left:right]
+    inside = even[window]
     counts = np.bincount(even.ravel())
     outside = np.bincount(inside.ravel(), minlength=len(counts)) < counts
     outside[0] = False
     free = ~ndimage.binary_dilation(outside[inside], ndimage.SQUARE)
     labels, count = ndimage.label(_opened(free))
-    sizes = np.bincount(labels.ravel(), own[top:bottom, left:right].ravel(), count + 1)
+    sizes = np.bincount(labels.ravel(), own[window].ravel(), count + 1)
     sizes[0] = 0.0
     # With the corners again, which squares do not fit into.
     wide = ndimage.maximum_filter((labels == int(sizes.argmax())).astype(np.float32), TILE // 2 - 1) > 0.0
     return np.asarray(ndimage.binary_fill_holes(wide & free))
 
 
-def _stand_in(levels: np.ndarray, box: Box, mask: np.ndarray, others: list[PhotoPart]) -> np.ndarray:
-    """Return (3,) levels far from those around a mask in a box, and unlike the placeholders of other parts: two parts
-    of one fill could become one shape.
+def _stand_in(levels: np.ndarray, window: Window, mask: np.ndarray, others: list[PhotoPart]) -> np.ndarray:
+    """Return (3,) levels far from those around a mask in a window, and unlike the placeholders of other parts: two
+    parts of one fill could become one shape.
     """
-    left, top, right, bottom = box
     around = np.ones(levels.shape[:2], dtype=bool)
-    around[top:bottom, left:right] = ~mask
-    window = widened((slice(top, bottom), slice(left, right)), FRAME, around.shape)
-    near = levels[window][around[window]]
+    around[window] = ~mask
+    wide = widened(window, FRAME, around.shape)
+    near = levels[wide][around[wide]]
     corners = np.array(np.meshgrid(*[(0.0, 255.0)] * 3)).reshape(3, -1).T
     used = [(corners == other.stand_in).all(axis=1) for other in others]
     far = [largest(np.abs(near - corner)).min(initial=255.0) for corner in corners]

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
 from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
@@ -47,6 +47,10 @@ class Shape:
     def filled(self, fill: Rgba, width: int, height: int) -> Shape:
         """Return the shape in a flat fill, with its name on a canvas of width x height px."""
         return replace(self, fill=fill, gradient=None, name=shape_name(fill, self.outlines, width, height))
+
+    def stroked(self, stroke: Stroke) -> Shape:
+        """Return the shape as a stroke."""
+        return replace(self, outlines=outlines_of_stroke(stroke), stroke=stroke)
 
     def box(self) -> Rectangle:
         """Return the box of whole px around the outlines."""

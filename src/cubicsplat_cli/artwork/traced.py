@@ -7,7 +7,7 @@ their width. If an outline misses or adds a pixel of such a part, its pixels are
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -171,11 +171,7 @@ def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarra
     off = drawn - own
     if not own.any() or (np.abs(off) > MOST_OFF).sum() <= FEW_OFF * own.sum():
         return shape
-    return replace(shape, outlines=tuple(_along_pixels(own, np.array([extent.left, extent.top]))))
-
-
-def _along_pixels(own: np.ndarray, corner: np.ndarray) -> Iterator[Outline]:
-    """Yield the outlines of pixels (h, w) bool in a window with the corner (x, y)."""
-    for inside, cracks, _ in border_map(own.astype(np.int32)).loops:
-        if inside:
-            yield polygon(cracks[cracks[:, 2] != np.roll(cracks[:, 2], 1), :2] + corner.astype(float))
+    corner = np.array([extent.left, extent.top], dtype=float)
+    loops = [cracks for inside, cracks, _ in border_map(own.astype(np.int32)).loops if inside]
+    turns = [cracks[cracks[:, 2] != np.roll(cracks[:, 2], 1), :2] for cracks in loops]
+    return replace(shape, outlines=tuple(polygon(corners + corner) for corners in turns))

@@ -11,16 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import Still
-from cubicsplat_cli.artwork.finish.proposals import (
-    MARGIN,
-    Area,
-    Canvas,
-    ErrorModel,
-    Placed,
-    TargetPicture,
-    areas,
-    proposals,
-)
+from cubicsplat_cli.artwork.finish.proposals import MARGIN, Area, Canvas, Placed, TargetPicture, areas, proposals
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
 from cubicsplat_cli.artwork.finish.state import (
@@ -66,7 +57,7 @@ def with_added(
     """
     if not drawing.shapes:
         return drawing
-    picture = TargetPicture.of(goal.target @ _back(goal), ErrorModel.of(condition, min_area))
+    picture = TargetPicture.of(goal.target @ _back(goal), condition, min_area)
     trials = _Trials(drawing, goal, picture, detail)
     for _ in range(PASSES if len(drawing.shapes) <= CROWDED else 1):
         added = trials.best()
@@ -200,7 +191,7 @@ class _Trials:
         price = PRICE * (SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines))
         if not own.any():
             return _Change(0.0, UNSEEN, price)
-        errors = self.picture.model.noise + self.picture.ringing[window][own][:, 0]
+        errors = self.picture.condition.noise + self.picture.ringing[window][own][:, 0]
         slope = (premultiplied(shape.fill) @ self.goal.space - self.before.image[window][own]) * WHITE
         floor = self.goal.share_error**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
         return _Change(float(falls[window][own].sum()), max(floor, UNSEEN), price)

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import SAME, UNLIKE, modes, ringing
 from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
-from cubicsplat_cli.artwork.regions.fills import OPAQUE, eight_bit
+from cubicsplat_cli.artwork.regions.fills import OPAQUE, SEEN, eight_bit
 from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners
 from cubicsplat_cli.artwork.regions.sampling import COVERS, share_positions
@@ -33,7 +33,6 @@ from cubicsplat_cli.record import record
 SIDE = 5  # px, of the lines along which residuals are averaged
 OWN = 0.5  # of the mean around it that a pixel is off itself
 NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
-SEAM = 8.0  # levels that edges of a clean picture may be off: half of one of 4 x 4 samples a pixel
 MARGIN = 5  # px around an area that are looked at with it
 # Px times levels of an area that people see, and px of a shape, in a clean picture: a dot of a px; and in one with
 # noise: 60 px of what is just unlike, or a short line.
@@ -57,69 +56,45 @@ class Area:
 
 
 @record
-class ErrorModel:
-    """The errors that a picture may have beside its drawing.
-
-    noise: standard deviation in levels; error: that of pixels on edges. rings: whether edges do. blur: standard
-    deviation, px. least: px times levels of an area. smallest: px of a shape. seam: levels by which what lies beneath
-    shows through on edges.
-    """
-
-    noise: float
-    error: float
-    rings: bool
-    blur: float
-    least: float
-    smallest: float
-    seam: float
-
-    @property
-    def clean(self) -> bool:
-        """Return whether every difference is one of the drawing."""
-        return self.seam > 0.0
-
-    @classmethod
-    def of(cls, condition: Condition, min_area: float) -> ErrorModel:
-        rings = condition.jpeg or condition.sharpened
-        sharp, seam = condition.clean and not (condition.aliased or rings), SEAM if condition.clean else 0.0
-        least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if sharp else (LEAST, SMALLEST)
-        errors = condition.noise, condition.edge_error, rings, condition.blur
-        return cls(*errors, least, max(smallest, min_area), seam)
-
-
-@record
 class TargetPicture:
-    """The picture that drawings are compared with. levels: (H, W, 4); model: of its errors; ringing: (H, W, 4) levels
-    by which edges that ring are off in luma and chroma, else 0.
+    """The picture that drawings are compared with, in a condition. levels: (H, W, 4); least: px times levels of an
+    area; smallest: px of a shape; ringing: (H, W, 4) levels by which edges that ring are off in luma and chroma, else
+    0.
     """
 
     levels: np.ndarray
-    model: ErrorModel
+    condition: Condition
+    least: float
+    smallest: float
     ringing: np.ndarray
 
     @classmethod
-    def of(cls, levels: np.ndarray, model: ErrorModel) -> TargetPicture:
-        """A picture with such errors."""
-        seen = levels @ LUMA_CHROMA
-        return cls(levels, model, ringing(seen) if model.rings else np.zeros(seen.shape, np.float32))
+    def of(cls, levels: np.ndarray, condition: Condition, min_area: float) -> TargetPicture:
+        """The picture in a condition. min_area: px^2 that a shape has at least."""
+        seen, rings = levels @ LUMA_CHROMA, condition.jpeg or condition.sharpened
+        sharp = condition.clean and not (condition.aliased or rings)
+        least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if sharp else (LEAST, SMALLEST)
+        off = ringing(seen) if rings else np.zeros(seen.shape, np.float32)
+        return cls(levels, condition, least, max(smallest, min_area), off)
 
 
 def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
     """The areas in which a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
-    model = picture.model
-    allowed = UNLIKE + NOISY * model.noise / SIDE**0.5
-    judged = 1 + math.ceil(model.blur), model.seam, UNLIKE, OWN, allowed
+    condition = picture.condition
+    allowed = UNLIKE + NOISY * condition.noise / SIDE**0.5
+    # What lies beneath shows through on edges of a clean picture.
+    judged = 1 + math.ceil(condition.blur), SEEN if condition.clean else 0.0, UNLIKE, OWN, allowed
     gap, where = unexplained(picture.levels, painted, LUMA_CHROMA, picture.ringing, *judged)
-    if gap[where].sum() < model.least:
+    if gap[where].sum() < picture.least:
         return []
-    reach = MARGIN + math.ceil(2.0 * model.blur)
+    reach = MARGIN + math.ceil(2.0 * condition.blur)
     parts, _ = ndimage.label(ndimage.binary_dilation(where, ndimage.SQUARE), ndimage.SQUARE)
     unlike = []
     for number, box in enumerate(ndimage.find_objects(parts), start=1):
         rows, columns = widened(box, reach, gap.shape)
         pixels = where[rows, columns] & (parts[rows, columns] == number)
         off = gap[rows, columns][pixels]
-        if off.sum() >= model.least:
+        if off.sum() >= picture.least:
             unlike.append(Area(rows, columns, pixels, float((off**2).sum())))
     return sorted(unlike, key=lambda area: -area.weight)
 
@@ -148,15 +123,15 @@ def proposals(
     area: Area, picture: TargetPicture, painted: np.ndarray, canvas: Canvas, detail: float
 ) -> Iterator[list[Placed]]:
     """The ways to explain an area of a picture by shapes over what is painted, (H, W, 4) in levels."""
-    window, model = (area.rows, area.columns), picture.model
+    window, condition = (area.rows, area.columns), picture.condition
     values, ground = picture.levels[window].astype(float), painted[window].astype(float)
     inner = ndimage.binary_erosion(area.where, ndimage.SQUARE)
-    if model.noise:
+    if condition.noise:
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
     near = ndimage.binary_dilation(area.where, ndimage.SQUARE, 2)
     # The uppermost shapes that cover half or more of each pixel, and that show in it; -1 for none.
     owners, touching = (canvas.stack.uppermost(*window, share) for share in (0.5, SHOWS))
-    for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=model.clean):
+    for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=condition.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
             shares[k][near], rest[k][near] = blend_with(values[near], colour, ground[near], ground[near])
@@ -164,12 +139,12 @@ def proposals(
         found: list[Placed] = []
         for k, colour in enumerate(colours):
             share = np.where(near & (best == k), shares[k], 0.0)
-            cover = _cover(share, area.where, model.blur)
+            cover = _cover(share, area.where, condition.blur)
             if cover.any():
                 contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
                 drawn = _Drawn(area, share, cover, owners, touching, canvas)
                 fill = eight_bit(colour)
-                for beneath, outlines in drawn.outlines(model.smallest, model.error / contrast, detail):
+                for beneath, outlines in drawn.outlines(picture.smallest, condition.edge_error / contrast, detail):
                     name = shape_name(fill, outlines, *canvas.size[::-1])
                     found.append(Placed(Shape(fill, outlines, name), beneath))
         yield found

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, turn_matrix
 from cubicsplat_cli.record import record
 
 
@@ -22,10 +22,8 @@ class RigidTransform:
     @property
     def matrix(self) -> np.ndarray:
         """(2, 2) what rows of x and y are multiplied with before they are shifted; exact for quarter turns."""
-        cos, sin = math.cos(self.angle), math.sin(self.angle)
-        if is_quarter(self.angle):
-            cos, sin = float(round(cos)), float(round(sin))
-        return np.array(self.signs)[:, None] * np.array([[cos, sin], [-sin, cos]])
+        turn = turn_matrix(self.angle)
+        return np.array(self.signs)[:, None] * (np.rint(turn) if is_quarter(self.angle) else turn)
 
     def points(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 2) where they come to lie."""

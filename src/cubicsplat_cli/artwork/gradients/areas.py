@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
     plateau,
     uneven_parts,
 )
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, covered
 from cubicsplat_cli.artwork.gradients.shades import common_shade, reaching, shade_of
 from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, FLAT_RANGE, SEEN
 from cubicsplat_cli.progress import log, work
@@ -75,7 +75,7 @@ class _Search:
         if self.left <= 0:
             return None
         self.left -= 1
-        radial = [shade for shade in {id(a.shade): a.shade for a in self.found}.values() if shade.radial]
+        radial = [shade for shade in dict.fromkeys(area.shade for area in self.found) if shade.radial]
         return shade_of(pixels, radial[-MOST_HINTS:])
 
 
@@ -179,9 +179,8 @@ def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: lis
     parts: as of `smooth_parts`; boxes: as of `uneven_parts`.
     """
     groups: list[_Group] = []
-    claimed = np.zeros(levels.shape[:2], dtype=bool)
+    claimed = covered(found, levels.shape)
     for area in found:
-        claimed[area.patch.window] |= area.patch.mask
         if area.ground is None:
             work().at()
             _unite(levels, area, groups)
@@ -240,9 +239,7 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
 def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
-    free, members_of = parts == 0, dict[Shade, list[Part]]()
-    for area in areas:
-        free[area.patch.window] &= ~area.patch.mask
+    free, members_of = (parts == 0) & ~covered(areas, parts.shape), dict[Shade, list[Part]]()
     for area in (area for area in areas if area.ground is None):
         patch = area.patch.padded(LONGEST_TIP, levels.shape)
         if (outside := free[patch.window]).any():

@@ -73,18 +73,17 @@ def without_areas(
     """
     if not areas:
         return Flattened(levels)
-    shades = list({id(area.shade): area.shade for area in areas}.values())
-    gradients = [gradient_of(shade) for shade in shades]
+    number = {shade: k for k, shade in enumerate(dict.fromkeys(area.shade for area in areas))}
+    gradients = [gradient_of(shade) for shade in number]
     paint = np.where(parts > 0, parts + len(gradients) - 1, -1).astype(np.int32)
-    number = {id(shade): k for k, shade in enumerate(shades)}
     for area in areas:
-        paint[area.patch.window][area.patch.mask] = number[id(area.shade)]
+        paint[area.patch.window][area.patch.mask] = number[area.shade]
     colours = [lambda x, y, g=gradient: 255.0 * painted(g, x + 0.5, y + 0.5) for gradient in gradients]
     fills = _placeholders_of(levels, paint, gradients)
     out = with_placeholders(levels, paint, colours, fills, line, blur)
     for area in areas:
         if area.ground is not None:
-            _fade(out, levels, area, fills[number[id(area.shade)]])
+            _fade(out, levels, area, fills[number[area.shade]])
     return Flattened(out, fills, tuple(gradients))
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Patch, patches_of, smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, patches_of, smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, covered
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
@@ -54,11 +54,9 @@ def without_noisy_gradients(
     new ones cover half are left out.
     """
     calm, _ = calm_pixels(levels, condition.noise)
-    even, covered = ndimage.large_parts(calm, LEAST_AREA)[0], np.zeros(levels.shape[:2], dtype=bool)
-    new = plane_areas(levels, condition) if new is None else new
-    for area in new:
-        covered[area.patch.window] |= area.patch.mask
-    areas = [area for area in earlier if 2 * covered[area.patch.window][area.patch.mask].sum() < area.patch.size]
+    even, new = ndimage.large_parts(calm, LEAST_AREA)[0], plane_areas(levels, condition) if new is None else new
+    taken = covered(new, levels.shape)
+    areas = [area for area in earlier if 2 * taken[area.patch.window][area.patch.mask].sum() < area.patch.size]
     kinds = np.zeros(even.shape, dtype=np.uint8)
     if condition.jpeg:
         kind_of = np.where(np.bincount(even.ravel()) >= LARGE_AREA, IN_LARGE, 0).astype(np.uint8)
@@ -75,9 +73,9 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     parts = ndimage.large_parts(ndimage.binary_opening(smooth, ndimage.SQUARE), LARGE_AREA)
     rough = roughness(condition)
     found = gradient_areas(means / np.float32(rough), *parts)
-    shades = {id(shade): shade.times(rough) for shade in (area.shade for area in found)}
+    shades = {area.shade: area.shade.times(rough) for area in found}
     # Noise hides the end of a ramp that fades into its ground, so an area ends with its windows.
-    areas = [replace(area, shade=shades[id(area.shade)], ground=None) for area in found]
+    areas = [replace(area, shade=shades[area.shade], ground=None) for area in found]
     return [
         area
         for area in areas
@@ -138,18 +136,14 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np
     return replace(area, patch=replace(wide, mask=wide.mask | filled[labels]))
 
 
-def _unlike(levels: np.ndarray, shade: Shade, patch: Patch, condition: Condition) -> np.ndarray:
-    """Return levels (n,) by which pixels differ from a gradient, carried on, as a condition lets colours be told."""
-    residuals = shade.extended().residuals(patch.pixels(levels))
-    return np.asarray(np.linalg.norm(residuals @ seen_as(condition), axis=1))
-
-
 def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Condition) -> list[ShadedArea]:
     """Return the areas without overlaps: each pixel stays with the gradient that is nearest to it."""
     least, owner = np.full(levels.shape[:2], np.inf), np.full(levels.shape[:2], -1)
     for k, area in enumerate(areas):
         y, x = area.patch.places()
-        off = _unlike(levels, area.shade, area.patch, condition)
+        # As the condition lets colours be told.
+        residuals = area.shade.extended().residuals(area.patch.pixels(levels))
+        off = np.linalg.norm(residuals @ seen_as(condition), axis=1)
         nearer = off < least[y, x]
         least[y[nearer], x[nearer]], owner[y[nearer], x[nearer]] = off[nearer], k
     return [
@@ -172,9 +166,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
         areas = [_followed(levels, parts, area, GROWN) for area in planes]
     else:
         areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
-    free = parts > 0
-    for area in areas:
-        free[area.patch.window] &= ~area.patch.mask
+    free = (parts > 0) & ~covered(areas, parts.shape)
     return without_areas(levels, ndimage.large_parts(free, LEAST_AREA)[0], areas, STRANGE, blur)
 
 

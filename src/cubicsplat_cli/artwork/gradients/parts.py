@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest, packed
+from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.regions.fills import CLEAR, EVEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, part_spreads, trimmed_range
@@ -80,12 +80,9 @@ class Patch:
 
     def padded(self, by: int, shape: tuple[int, ...]) -> Patch:
         """Return the same pixels in a box that is larger by so many px on all sides, cut at the border of a picture."""
-        height, width = self.mask.shape
-        above, before = min(by, self.top), min(by, self.left)
-        below = min(by, shape[0] - self.top - height)
-        after = min(by, shape[1] - self.left - width)
-        mask = np.pad(self.mask, ((above, below), (before, after)))
-        return Patch(self.top - above, self.left - before, mask)
+        rows, columns = widened(self.window, by, shape)
+        empty = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=bool)
+        return joined([Patch(rows.start, columns.start, empty), self])
 
     def grown(self, by: int, shape: tuple[int, ...]) -> Patch:
         """Return the pixels of a picture (H, W) within so many px of these."""

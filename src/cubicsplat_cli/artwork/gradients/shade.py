@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import Patch
-from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
+from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN, eight_bit
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_of_frame
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba, Stop, radial_of_frame
 
 CLOSE = 2.0  # levels by which a gradient may differ from a pixel that it explains
 SIGMA = 0.4  # levels, standard deviation of rounding to 8 bits and of the arithmetic of drawing programs
@@ -132,6 +133,14 @@ class ShadedArea:
     inwards: bool = False
 
 
+def covered(areas: Iterable[ShadedArea], shape: tuple[int, ...]) -> np.ndarray:
+    """Return (H, W) bool: the pixels of some areas of a picture (H, W, ...)."""
+    out = np.zeros(shape[:2], dtype=bool)
+    for area in areas:
+        out[area.patch.window] |= area.patch.mask
+    return out
+
+
 def gradient_of(shade: Shade) -> Gradient:
     """Return the gradient with 8-bit stops. A linear one has t = 0 at its first stop; any has t = 1 at its last."""
     knots = shade.ramp.knots
@@ -151,14 +160,9 @@ def gradient_of(shade: Shade) -> Gradient:
     return radial_of_frame(shade.frame, span, stops)
 
 
-def _fills(colours: np.ndarray) -> list[tuple[int, int, int, int]]:
+def _fills(colours: np.ndarray) -> list[Rgba]:
     """Return 8-bit fills of premultiplied colours (K, 4) in levels. A clear stop gets the colour of the next one."""
-    fills: list[tuple[int, int, int, int]] = []
-    alpha = np.clip(colours[:, 3], 0.0, 255.0)
-    visible = np.flatnonzero(alpha >= SEEN)
-    for i in range(len(colours)):
-        source = i if alpha[i] >= SEEN or not len(visible) else int(visible[np.abs(visible - i).argmin()])
-        straight = np.clip(np.rint(colours[source, :3] * 255.0 / max(float(alpha[source]), 1e-9)), 0, 255)
-        r, g, b = (int(v) for v in straight)
-        fills.append((r, g, b, round(float(alpha[i]))))
-    return fills
+    visible = np.flatnonzero(colours[:, 3] >= SEEN)
+    sources = [visible[np.abs(visible - i).argmin()] if len(visible) else i for i in range(len(colours))]
+    shown = [eight_bit(colours[source]) for source in sources]
+    return [(r, g, b, eight_bit(colour)[3]) for (r, g, b, _), colour in zip(shown, colours, strict=True)]

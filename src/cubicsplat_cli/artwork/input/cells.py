@@ -111,9 +111,7 @@ def _exact_cells(target: np.ndarray) -> Cells | None:
     if count > MOST_CELLS:
         return None
     cells = _cells_on(target, grid)
-    if len(cells.colours) > _most_colours(count):
-        return None
-    return cells if _are_meant(cells) else None
+    return cells if len(cells.colours) <= _most_colours(count) and _are_meant(cells) else None
 
 
 def _noisy_cells(target: np.ndarray) -> Cells | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, summed
 from cubicsplat_cli.artwork.regions.fills import APART
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, lies_beyond
+from cubicsplat_cli.artwork.regions.hidden_fills import lies_beyond
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
@@ -29,12 +29,7 @@ PRIOR = 2.0  # px; weight of the former value of each fill
 
 
 def explained(
-    seen: np.ndarray,
-    mixture: Mixture,
-    fills: np.ndarray,
-    free: np.ndarray,
-    sigma: float,
-    halved: tuple[int, ...],
+    seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float, halved: tuple[int, ...]
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Return the fills (P, 4) that explain a picture best, the cost of their residuals in nats, and the colours (k, 4)
     of pixels with large residuals; all as luma, chroma and opacity in levels.
@@ -56,13 +51,6 @@ def explained(
     # A missing part fills about 0.7 of such a pixel, so its colour is farther off by 1 / 0.7 - 1, or 0.4, residuals.
     missing[:, 1:3] += 0.4 * rest[strange]
     return fills, luma_cost + float(np.log1p((off / sigma) ** 2).sum()), missing
-
-
-def missing_fills(missing: np.ndarray, palette: np.ndarray) -> np.ndarray:
-    """Return (k, 4) fills in levels that a palette (P, 4) lacks, from the colours (n, 4) of unexplained pixels. At
-    least 8 pixels of half the size show a fill, within 20 levels.
-    """
-    return hidden_fills(np.clip(missing, 0.0, 255.0), palette, APART, 20.0, 8)
 
 
 def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:
@@ -134,7 +122,11 @@ def _stored(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     """Return values (H, W, C), stored at half their size along some axes, as they are read, float32."""
     out = _halved(values, halved)
     for axis in halved:
-        out = _doubled(out, axis)
+        # Twice as large along the axis, as by libjpeg.
+        lines = np.moveaxis(out, axis, 0)
+        padded = np.concatenate([lines[:1], lines, lines[-1:]])
+        halves = [(1.0 - BESIDE) * lines + BESIDE * beside for beside in (padded[:-2], padded[2:])]
+        out = np.moveaxis(np.stack(halves, axis=1).reshape(-1, *lines.shape[1:]), 0, axis)
     return out[: values.shape[0], : values.shape[1]]
 
 
@@ -144,14 +136,6 @@ def _again(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     for axis in halved:
         values = ndimage.correlate1d(values, weights, axis=axis, mode="nearest")
     return values
-
-
-def _doubled(values: np.ndarray, axis: int) -> np.ndarray:
-    """Return values (H, W, C) made twice as large along an axis, as by libjpeg."""
-    lines = np.moveaxis(values, axis, 0)
-    padded = np.concatenate([lines[:1], lines, lines[-1:]])
-    halves = [(1.0 - BESIDE) * lines + BESIDE * beside for beside in (padded[:-2], padded[2:])]
-    return np.moveaxis(np.stack(halves, axis=1).reshape(-1, *lines.shape[1:]), 0, axis)
 
 
 def with_sharp_chroma(seen: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
@@ -212,16 +196,15 @@ def mixture_of(
     padded = np.pad(labels, reach, mode="edge")
     best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
     colours = seen[y, x]
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            beside = padded[y + reach + dy, x + reach + dx]
-            k = np.flatnonzero(beside != own)
-            k = k[np.linalg.norm(fills[beside[k]] - fills[own[k]], axis=1) > 3.0 * sigma]
-            t, rest = blend_of(colours[k], fills[own[k]], fills[beside[k]])
-            left = summed(rest * rest) + 1e-3 * (dy * dy + dx * dx)
-            better = left < best[k]
-            k, left, t = k[better], left[better], t[better]
-            best[k], other[k], share[k] = left, beside[k], t
+    for down, right in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        beside = padded[y + down, x + right]
+        k = np.flatnonzero(beside != own)
+        k = k[np.linalg.norm(fills[beside[k]] - fills[own[k]], axis=1) > 3.0 * sigma]
+        t, rest = blend_of(colours[k], fills[own[k]], fills[beside[k]])
+        left = summed(rest * rest) + 1e-3 * ((down - reach) ** 2 + (right - reach) ** 2)
+        better = left < best[k]
+        k, left, t = k[better], left[better], t[better]
+        best[k], other[k], share[k] = left, beside[k], t
     if blur:
         from scipy.special import ndtri  # takes a while to import, and few pictures are blurred
 

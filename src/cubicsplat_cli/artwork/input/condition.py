@@ -74,11 +74,6 @@ class Condition:
         return self.noise * (5.0 if self.coarse else 8.0 if self.jpeg else 1.0)
 
     @property
-    def noise_of_means(self) -> float:
-        """Levels of noise in the means of 3 x 3 px: a third, unless the noise of neighbours is alike."""
-        return self.noise if self.jpeg or self.coarse else self.noise / 3.0
-
-    @property
     def restored_error(self) -> float:
         """Levels by which pixels on edges are off in the restored picture, by 16 for each px of blur removed."""
         return math.hypot(self.edge_error, 16.0 * self.blur)

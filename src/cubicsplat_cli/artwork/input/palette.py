@@ -39,7 +39,8 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
 
 def reach_of(condition: Condition) -> float:
     """Return the levels within which means of 3 x 3 px are of one fill."""
-    return max(SAME, OUTLIER * condition.noise_of_means)
+    # The means have a third of the noise, unless that of neighbours is alike.
+    return max(SAME, OUTLIER * condition.noise / (1.0 if condition.jpeg or condition.coarse else 3.0))
 
 
 def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> np.ndarray:
@@ -195,8 +196,8 @@ def _on_ramps(seen: np.ndarray, mean: np.ndarray, sigma: float) -> np.ndarray:
     """
     padded = np.pad(seen, ((BESIDE, BESIDE), (BESIDE, BESIDE), (0, 0)), mode="edge")
     out = np.zeros(mean.shape[:2], dtype=bool)
-    for turned in (False, True):
-        around, middle = (padded.swapaxes(0, 1), mean.swapaxes(0, 1)) if turned else (padded, mean)
+    turned = out.T, padded.swapaxes(0, 1), mean.swapaxes(0, 1)
+    for part, around, middle in ((out, padded, mean), turned):
         height, width = middle.shape[:2]
         # The two pixels beside the square, in its rows or columns.
         pair = 0.5 * (around[BESIDE : BESIDE + height] + around[BESIDE + 1 : BESIDE + height + 1])
@@ -205,5 +206,5 @@ def _on_ramps(seen: np.ndarray, mean: np.ndarray, sigma: float) -> np.ndarray:
             share, rest = blend_of(middle, before, after)
             ramp = (share > 0.15) & (share < 0.85) & (np.linalg.norm(rest, axis=-1) <= 2.0 * sigma)
             ramp &= np.linalg.norm(after - before, axis=-1) > 6.0 * sigma
-            out |= ramp.T if turned else ramp
+            part |= ramp
     return out

@@ -41,18 +41,18 @@ class Profiles:
     tints: np.ndarray
 
 
-def profiles_of(dark: np.ndarray, least: float, even: float) -> Profiles:
+def profiles_of(dark: np.ndarray, least: float) -> Profiles:
     """Return the profiles across all lines that are alone within REACH, with six or more others within 8 px.
 
-    dark: (H, W, 3) levels by which a picture is darker than its paper; least: levels of depth that a line has; even:
-    levels by which the mean of the outermost 3 samples of a profile may be off the paper.
+    dark: (H, W, 3) levels by which a picture is darker than its paper; least: levels of depth that a line has,
+    and by which the mean of the outermost 3 samples of a profile may be off the paper.
     """
     depth = dark @ LUMA
     places, directions = _ridges(depth, least)
     offsets = np.arange(-REACH, REACH + 0.5 * STEP, STEP)
     depths = _sampled(depth, places, directions, offsets)
     outer = np.concatenate([depths[:, :3], depths[:, -3:]], axis=1).reshape(-1, 2, 3).mean(axis=2)
-    alone = (np.abs(outer) <= even).all(axis=1)
+    alone = (np.abs(outer) <= least).all(axis=1)
     places, directions, depths = places[alone], directions[alone], depths[alone]
     near = PointTree(places).query_ball_point(places, 8.0) if len(places) else []
     many = np.array([len(part) >= 6 for part in near], dtype=bool)
@@ -113,7 +113,7 @@ def pens_of(bare: np.ndarray, grain: float) -> Pens | None:
     """
     if min(bare.shape[:2]) < 2 * REACH:
         return None
-    lines = profiles_of(255.0 - bare, OUTLIER * grain, OUTLIER * grain)
+    lines = profiles_of(255.0 - bare, OUTLIER * grain)
     kinds = _kinds(lines)
     own = kinds >= 0
     if not own.any():

@@ -10,15 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.chroma import (
-    LUMA_CHROMA,
-    RGB,
-    explained,
-    missing_fills,
-    mixture_of,
-    smeared,
-    with_sharp_chroma,
-)
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import APART, picture_fills
@@ -70,11 +62,7 @@ def _blurred(levels: np.ndarray, blur: float) -> np.ndarray:
 
 
 def restored(
-    levels: np.ndarray,
-    condition: Condition,
-    placeholders: np.ndarray = NONE,
-    *,
-    lines: bool = True,
+    levels: np.ndarray, condition: Condition, placeholders: np.ndarray = NONE, *, lines: bool = True
 ) -> FlatPicture:
     """Return a picture (H, W, 4) in levels as if it were clean. placeholders: (G, 4) fills that stand for gradients and
     stay as they are. lines: True to find thin lines that its labels lack.
@@ -161,7 +149,8 @@ def _with_small_parts(
         if len(best.palette) <= MOST_THICK:
             best = min(best, fitted_of(np.vstack([best.palette, fill]), thick), key=lambda trial: trial.cost)
     for _ in range(4):  # rounds
-        new = missing_fills(best.missing, best.palette)
+        # At least 8 pixels of half the size show a fill, within 20 levels.
+        new = hidden_fills(np.clip(best.missing, 0.0, 255.0), best.palette, APART, 20.0, 8)
         if not len(new) or len(best.palette) > MOST_THICK:
             break
         trial = fitted_of(np.vstack([best.palette, new]), thick)

@@ -79,14 +79,10 @@ def _halos(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     edge = even & (contrast >= CONTRAST) & (lines[:, REACH - 1] < half) & (lines[:, REACH] >= half)
     room = light + MOST * contrast <= 255.0, dark - MOST * contrast >= 0.0
     sides = (edge & room[0], -lines[:, ::-1]), (edge & room[1], lines)
-    found = [_undershoot(side[told]) / contrast[told] for told, side in sides]
+    near, found = np.arange(2, REACH), []
+    for told, side in sides:
+        own = side[told]
+        # A side is a straight line through its far pixels: a soft shadow is darkest at the edge, too.
+        line = own[:, :1] + (own[:, 2:3] - own[:, :1]) / 2.0 * near
+        found.append((line - own[:, near]).max(axis=1) / contrast[told])
     return found[0], found[1]
-
-
-def _undershoot(lines: np.ndarray) -> np.ndarray:
-    """Return by how many levels (n,) lines of pixels (n, 2 REACH + 1) fall below their first side near the edge.
-
-    A side is a straight line through its far pixels: a soft shadow is darkest at the edge, too.
-    """
-    near = np.arange(2, REACH)
-    return (lines[:, :1] + (lines[:, 2:3] - lines[:, :1]) / 2.0 * near - lines[:, near]).max(axis=1)

@@ -11,6 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import covered
 from cubicsplat_cli.artwork.input.condition import SECOND
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import planes
@@ -63,7 +64,10 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     median are even; areas whose medians are within 6 levels of that of the largest are the ground.
     """
     values = levels.astype(np.float32)
-    means, slopes = planes(values, 9 if _is_noisy(values) else 5)
+    bends = _bends(values)
+    # 0.6745: median of a normal error's size.
+    noisy = 2 * np.count_nonzero(bends > NOISY * 0.6745 * SECOND) > bends.size
+    means, slopes = planes(values, 9 if noisy else 5)
     places, count = ndimage.label((slopes <= 1.2) & drawn)
     inside = places > 0
     order = np.argsort(places[inside], kind="stable")
@@ -97,14 +101,6 @@ def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
     return float(bent.mean()) if len(bent) else 1.0
 
 
-def _is_noisy(values: np.ndarray) -> bool:
-    """Return True if the noise in most of the picture has a standard deviation beyond NOISY levels."""
-    second = _bends(values)
-    return (
-        2 * np.count_nonzero(second > NOISY * 0.6745 * SECOND) > second.size
-    )  # 0.6745: median of a normal error's size
-
-
 def _bends(values: np.ndarray) -> np.ndarray:
     """Return (H, W - 2, 3) the sizes of second differences along rows."""
     return np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
@@ -115,7 +111,4 @@ def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
     explain, of which at most `tries` are sought.
     """
     levels = with_channels(levels, 4, 255.0)
-    explained = np.zeros(levels.shape[:2], dtype=bool)
-    for area in gradient_areas(levels, *smooth_parts(levels), tries, MOST_PARTS):
-        explained[area.patch.window] |= area.patch.mask
-    return explained
+    return covered(gradient_areas(levels, *smooth_parts(levels), tries, MOST_PARTS), levels.shape)

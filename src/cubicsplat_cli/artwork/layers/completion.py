@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon, turn_matrix
 from cubicsplat_cli.artwork.layers.extents import MOST_WRONG, Contour, Extent, Window, enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.ways import (
     ALLOWED,
@@ -93,7 +93,9 @@ def _outline(
     contour: Contour, extent: Extent, window: Callable[[], Window], whole: bool, sought: bool, astray: int
 ) -> _Search:
     """The outline of a contour of an extent; window: of that, and astray: see `_completed`."""
-    if _is_dot(contour, extent):
+    # Of very few px, all of which show.
+    few = len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
+    if few and np.isfinite(contour.sigma).all():
         return dot_of(contour.points, extent.shown, (extent.left, extent.top))
     if len(contour.points) < 2 * DOT:
         return few_lines(contour.points if sought else _thinned(contour))
@@ -197,12 +199,6 @@ def _shows_beyond(box: Rectangle, ends: np.ndarray, extent: Extent) -> bool:
     return bool((own & (down[:, None] | right) & ~hidden).any())
 
 
-def _is_dot(contour: Contour, extent: Extent) -> bool:
-    """Return whether a contour runs around very few px, all of which show."""
-    few = len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
-    return few and bool(np.isfinite(contour.sigma).all())
-
-
 def _thinned(contour: Contour) -> np.ndarray:
     """(m, 2) the points of a contour with only the corners of its hidden runs, which go from pixel to pixel."""
     kept = np.isfinite(contour.sigma)
@@ -218,12 +214,7 @@ def _known(sigma: np.ndarray) -> np.ndarray:
 
 
 def _with_corners(
-    found: Outline,
-    contour: Contour,
-    runs: list[np.ndarray],
-    ways: list[Completion],
-    loop: HiddenLoop,
-    window: Window,
+    found: Outline, contour: Contour, runs: list[np.ndarray], ways: list[Completion], loop: HiddenLoop, window: Window
 ) -> _Search:
     """The outline with hidden corners where straight sides meet, if that is shorter and hidden as well."""
     if not isinstance(found, Ring):
@@ -243,8 +234,7 @@ def _every_side_shows(contour: Contour, outline: Outline) -> bool:
         return True
     half = 0.5 * np.array([outline.width, outline.height])
     offset = contour.points[np.isfinite(contour.sigma)] - half - np.array([outline.x, outline.y])
-    cos, sin = np.cos(outline.angle), np.sin(outline.angle)
-    local = offset @ np.array([[cos, -sin], [sin, cos]])
+    local = offset @ turn_matrix(outline.angle).T
     return bool(((half - local).min(axis=0) < SIDE_SEEN).all() and ((half + local).min(axis=0) < SIDE_SEEN).all())
 
 

@@ -162,13 +162,11 @@ class Window:
         off[part] = np.where(own, ~may, off[part])
         y, x = np.nonzero(off)
         within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
-        return np.concatenate([within, points[self._astray(points)]])
-
-    def _astray(self, points: np.ndarray) -> np.ndarray:
-        """(n,) bool: points of an outline beyond the window, though on the canvas."""
+        # Points beyond the window, though on the canvas.
         low = np.array([self.extent.left, self.extent.top])
-        beyond = (points < low - 1.0) | (points > low + self.may.shape[::-1] + 1.0)
-        return np.asarray(beyond.any(axis=1) & ((points > 0.0) & (points < self.canvas[::-1])).all(axis=1))
+        beyond = ((points < low - 1.0) | (points > low + self.may.shape[::-1] + 1.0)).any(axis=1)
+        astray = beyond & ((points > 0.0) & (points < self.canvas[::-1])).all(axis=1)
+        return np.concatenate([within, points[astray]])
 
 
 def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent, steps: int = 1) -> tuple[Outline, ...]:

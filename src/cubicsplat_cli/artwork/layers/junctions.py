@@ -38,9 +38,11 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
     # Of the outlines that pass between three regions: own region, the others, the vertex, and the likelihood.
     places: dict[tuple[int, ...], list[tuple[int, tuple[int, int], int, int, float]]] = {}
     known = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)
-    for (region, before, after, x, y), turn in zip(*(each.tolist() for each in known), strict=True):
+    for (region, before, after, x, y), (turn, error) in zip(*(each.tolist() for each in known), strict=True):
         names = tuple(sorted((region, before, after)))
-        places.setdefault(names, []).append((region, (before, after), x, y, _likelihood(*turn)))
+        # Of a turn, radians, where the outline goes straight on, over that of any turn up to a right angle.
+        likelihood = math.exp(-0.5 * (turn / error) ** 2) * math.sqrt(0.5 * math.pi) / error
+        places.setdefault(names, []).append((region, (before, after), x, y, likelihood))
     votes: dict[tuple[int, int], float] = {}
     for same in places.values():
         for region, others, x, y, own in same:
@@ -50,11 +52,6 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
                 for other in others:
                     votes[region, other] = votes.get((region, other), 0.0) + sure
     return votes
-
-
-def _likelihood(turn: float, error: float) -> float:
-    """Of a turn, radians, where the outline goes straight on, over that of any turn up to a right angle."""
-    return math.exp(-0.5 * (turn / error) ** 2) * math.sqrt(0.5 * math.pi) / error
 
 
 def round_votes(regions: Regions, found: EdgePositions, clear: np.ndarray) -> dict[tuple[int, int], float]:

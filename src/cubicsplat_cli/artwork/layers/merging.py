@@ -57,17 +57,16 @@ def with_covered(
 
     What lies beneath one overlay only where another one lies too meets it in no X of its own.
     """
-    left = True
-    while overlays and left:
-        left = False
+    while overlays:
         for above, below in zip(regions.borders.first.tolist(), regions.borders.second.tolist(), strict=True):
             over = () if fixed[[above, below]].any() else _over(regions, overlays, above, below)
             if over:
                 mask = regions.labels == above
                 overlays = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(overlays, over)]
                 regions, fixed = merged(regions, {above: below}, fixed)
-                left = True
                 break
+        else:
+            break
     return regions, fixed, overlays
 
 

@@ -10,7 +10,6 @@ Opaque shapes hardly ever meet so, as the upper one hides the lower one's edge.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -80,15 +79,6 @@ def _with_overlays(
     return out
 
 
-@record
-class _Candidate:
-    """An overlay in regions. grounds: region that is covered: region beneath it."""
-
-    paint: Paint
-    grounds: dict[int, int]
-    sure: int
-
-
 def without_overlays(
     regions: Regions, found: EdgePositions, fixed: np.ndarray | None = None
 ) -> tuple[Regions, tuple[Overlay, ...]]:
@@ -99,27 +89,29 @@ def without_overlays(
     overlays: list[Overlay] = []
     fixed = np.zeros(regions.count, dtype=bool) if fixed is None else fixed
     while len(overlays) < MOST_OVERLAYS:
-        best = _uppermost(regions, found, fixed)
-        if best is None:
+        grounds = _uppermost(regions, found, fixed)
+        if grounds is None:
             break
-        pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in best.grounds.items()], axis=0)
-        paint = replace(best.paint, fill=likeliest(pairs[:, 0], pairs[:, 1]))
-        overlays.append(Overlay(paint, np.isin(regions.labels, list(best.grounds))))
-        regions, fixed = merged(regions, best.grounds, fixed)
+        pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in grounds.items()], axis=0)
+        paint = Paint(likeliest(pairs[:, 0], pairs[:, 1]))
+        overlays.append(Overlay(paint, np.isin(regions.labels, list(grounds))))
+        regions, fixed = merged(regions, grounds, fixed)
         regions, fixed, overlays = with_covered(regions, fixed, overlays)
     return regions, tuple(overlays)
 
 
-def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> _Candidate | None:
-    """Of the overlays that nothing speaks against, the largest: where several lie over each other that is one of them
-    rather than the place in which they do.
+def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> dict[int, int] | None:
+    """The regions that the largest overlay covers, of those that nothing speaks against, and beneath each what it lies
+    on: where several lie over each other that is one of them rather than the place in which they do.
     """
-    crossings = _crossings(regions, found, fixed)
     areas = regions.areas()
-    good = [each for each in _overlays(regions, crossings) if _plausible(regions, each)]
-    if not good:
-        return None
-    return max(good, key=lambda s: (sum(areas[c] for c in s.grounds), -min(s.grounds)))
+    # An overlay must make the description shorter: fewer outlines than what it covers has without it.
+    good = [
+        grounds
+        for grounds, sure in _overlays(regions, _crossings(regions, found, fixed))
+        if sure > 0 and ndimage.label(np.isin(regions.labels, list(grounds)))[1] < len(grounds)
+    ]
+    return max(good, key=lambda grounds: (sum(areas[c] for c in grounds), -min(grounds)), default=None)
 
 
 def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> list[tuple[dict[int, int], int]]:
@@ -141,13 +133,12 @@ def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> lis
     return out
 
 
-def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> list[_Candidate]:
-    """Overlays of crossings that share a region and are of one paint, the surest ones first."""
+def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> list[tuple[dict[int, int], int]]:
+    """Crossings that share a region and are of one paint, all in one, the surest ones first."""
     out = []
     left = sorted(crossings, key=lambda crossing: -crossing[1])
     while left:
         grounds, sure = left.pop(0)
-        paint = _paint(regions, grounds)
         growing = True
         while growing:
             growing = False
@@ -157,23 +148,11 @@ def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> 
                 if grounds.keys().isdisjoint(each[0]) or not apart:
                     continue
                 trial = grounds | each[0]
-                better = _paint(regions, trial)
-                if better is not None:
-                    grounds, paint, sure, growing = trial, better, sure + each[1], True
+                if paint_of(regions.fills[list(trial)], regions.fills[list(trial.values())]) is not None:
+                    grounds, sure, growing = trial, sure + each[1], True
                     left.remove(each)
-        assert paint is not None
-        out.append(_Candidate(paint, grounds, sure))
+        out.append((grounds, sure))
     return out
-
-
-def _paint(regions: Regions, grounds: dict[int, int]) -> Paint | None:
-    return paint_of(regions.fills[list(grounds)], regions.fills[list(grounds.values())])
-
-
-def _plausible(regions: Regions, overlay: _Candidate) -> bool:
-    """Return whether an overlay makes the description shorter: fewer outlines than what it covers has without it."""
-    cover = np.isin(regions.labels, list(overlay.grounds))
-    return overlay.sure > 0 and ndimage.label(cover)[1] < len(overlay.grounds)
 
 
 def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:

@@ -56,24 +56,21 @@ class End:
 
 
 def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End, End]:
-    """Return the ends of the visible parts of a closed outline before and after a hidden run, indices in order."""
-    return end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+    """Return the ends of the visible parts of a closed outline before and after a hidden run, indices in order.
 
-
-def end_of(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> End:
-    """Return the end of the visible part of a closed outline beside the hidden run that begins at index `start`.
-
-    points: (n, 2) px; sigma: (n,) inf where hidden. step: -1 where the visible part comes before the run, else 1.
+    points: (n, 2) px; sigma: (n,) inf where hidden.
     """
-    n = len(points)
-    index = (start + step * np.arange(1, n)) % n
-    known = np.isfinite(sigma[index])
-    index = index[: int(np.argmin(known)) if not known.all() else n]
-    at = points[index[:1] if len(index) else [start]][0]
-    found = heading(points[index], sigma[index], REACH)
-    if found is None:
-        return End(at, None, False)
-    return End(found.at, found.tangent, found.bend * REACH <= STRAIGHT)
+    n, ends = len(points), list[End]()
+    for start, step in ((run[0], -1), (run[-1], 1)):
+        index = (start + step * np.arange(1, n)) % n
+        known = np.isfinite(sigma[index])
+        index = index[: int(np.argmin(known)) if not known.all() else n]
+        found = heading(points[index], sigma[index], REACH)
+        if found is None:
+            ends.append(End(points[index[:1] if len(index) else [start]][0], None, False))
+        else:
+            ends.append(End(found.at, found.tangent, found.bend * REACH <= STRAIGHT))
+    return ends[0], ends[1]
 
 
 @record
@@ -143,9 +140,6 @@ class Completion:
     corners: np.ndarray
 
 
-Wrong = Callable[[np.ndarray], int]
-
-
 @record
 class HiddenLoop:
     """A closed outline with hidden parts. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: counts the px
@@ -153,7 +147,7 @@ class HiddenLoop:
 
     points: np.ndarray
     sigma: np.ndarray
-    wrong: Wrong
+    wrong: Callable[[np.ndarray], int]
     room: Room
 
 

@@ -48,8 +48,7 @@ def faces_of(segments: Segments, shape: np.ndarray) -> Faces:
     cycle, areas = _cycles(vertices, tail, head, following)
     face_of_cycle = _nested(vertices, tail, head, cycle, areas)
     face = face_of_cycle[cycle]
-    sizes = np.zeros(int(face_of_cycle.max(initial=0)) + 1)
-    np.add.at(sizes, face_of_cycle, 0.5 * areas)
+    sizes = np.bincount(face_of_cycle, 0.5 * areas, 1)
     sizes[0] = np.inf
     covers = _covers(face, changes, len(sizes), int(shape.max()))
     shown = np.array([max(shapes, default=NOTHING) for shapes in covers])
@@ -169,14 +168,8 @@ def _covers(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas:
         for other, e, sign in beside[here]:
             if windings[other] is not None:
                 continue
-            there = dict(own)
-            for shape, change in changes[e].items():
-                total = there.get(shape, 0) + sign * change
-                if total:
-                    there[shape] = total
-                else:
-                    there.pop(shape, None)
-            windings[other] = there
+            there = own | {shape: own.get(shape, 0) + sign * change for shape, change in changes[e].items()}
+            windings[other] = {shape: total for shape, total in there.items() if total}
             queue.append(other)
     return covers
 

@@ -17,7 +17,6 @@ MOST_COMPARED = 512
 _TO_XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
 )
-_WHITE = _TO_XYZ.sum(axis=1)
 
 
 def fewer_colours(
@@ -33,7 +32,10 @@ def fewer_colours(
     visible = colours[:, 3] > CLEAR
     owner = np.zeros(len(colours), dtype=np.int64)
     bins = _binned(colours[visible]) if visible.sum() > MOST_COMPARED else np.arange(visible.sum())
-    groups = _merged(*_means(colours[visible], areas[visible].astype(float), bins), most, apart, free)[bins]
+    weights = areas[visible].astype(float)
+    total = np.bincount(bins, weights)
+    means = np.stack([np.bincount(bins, weights * channel) for channel in colours[visible].T], axis=1) / total[:, None]
+    groups = _merged(means, total, most, apart, free)[bins]
     owner[visible] = groups
     owner[~visible] = groups.max(initial=-1) + 1
     largest = np.lexsort((np.arange(len(colours)), -areas, owner))
@@ -75,7 +77,7 @@ def to_lab(colours: np.ndarray) -> np.ndarray:
     """(K, 4) what is seen of colours (K, 4), premultiplied RGBA in levels: CIELAB, and opacity from 0 to 100."""
     opacity = colours[:, 3:] / 255.0
     straight = np.clip(colours[:, :3] / np.maximum(colours[:, 3:], 1e-6), 0.0, 1.0)
-    xyz = light_of_srgb(straight) @ _TO_XYZ.T / _WHITE
+    xyz = light_of_srgb(straight) @ _TO_XYZ.T / _TO_XYZ.sum(axis=1)
     f = np.where(xyz > 216.0 / 24389.0, np.cbrt(xyz), (24389.0 / 27.0 * xyz + 16.0) / 116.0)
     lab = np.stack([116.0 * f[:, 1] - 16.0, 500.0 * (f[:, 0] - f[:, 1]), 200.0 * (f[:, 1] - f[:, 2])], axis=1)
     return np.concatenate([lab, 100.0 * opacity], axis=1)
@@ -90,13 +92,6 @@ def _binned(colours: np.ndarray) -> np.ndarray:
         if bins.max() < MOST_COMPARED:
             break
     return bins
-
-
-def _means(colours: np.ndarray, areas: np.ndarray, bins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(k, 4) the mean colour of each bin, and (k,) its area."""
-    total = np.bincount(bins, areas)
-    sums = np.stack([np.bincount(bins, areas * channel) for channel in colours.T], axis=1)
-    return sums.reshape(-1, 4) / total[:, None], total
 
 
 def _merged(colours: np.ndarray, areas: np.ndarray, most: int | None, apart: float, free: float) -> np.ndarray:

@@ -11,16 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, SEEN
 from cubicsplat_cli.artwork.regions.hidden_fills import MOST
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import (
-    REACH,
-    STRANGE,
-    best_blend,
-    blend_with,
-    fills_of_lines,
-    near_fills,
-    off_palette,
-    residual_of_three,
-)
+from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
 
 CLOSE = 10.0  # levels, the residual of a blend with the fill of a line
 MOST_FILLS = 32  # the commonest, of which lines are sought
@@ -33,13 +24,6 @@ MOST_RESIDUAL = 40.0  # levels of a pixel's residual that count against a fill a
 LATER = 0.1  # levels by which each fill must explain a line better than commoner ones
 LENGTH = 8  # px along which the labels must leave connected pixels unexplained, for a line to be there
 NONE, NOWHERE = np.zeros((0, 4)), -1e4  # no fill, and a level that no colour has
-
-
-def unexplained(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: True for values (n, 4) that are no blend of two or three fills near them (n, slots)."""
-    strange = residual > STRANGE
-    strange[strange] = residual_of_three(values[strange], palette, near[strange]) > CLOSE
-    return strange
 
 
 def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
@@ -112,12 +96,7 @@ def without(palette: np.ndarray, standing: np.ndarray) -> np.ndarray:
 
 
 def with_lines(
-    levels: np.ndarray,
-    palette: np.ndarray,
-    labels: np.ndarray,
-    off: float,
-    less: float,
-    standing: np.ndarray = NONE,
+    levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off: float, less: float, standing: np.ndarray = NONE
 ) -> np.ndarray:
     """Return (H, W) int32 the labels of a picture (H, W, 4) with the thin lines that they lack.
 

@@ -11,19 +11,28 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, MOST_PALETTE, PURE, SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
+    CLOSE,
     LESS,
     MOST_RESIDUAL,
     NONE,
     missing_fills,
     nearest_line_fills,
-    unexplained,
     with_lines,
     without,
 )
 from cubicsplat_cli.artwork.regions.hidden_fills import BLEND, hidden_fills, line_blends, without_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners, with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
-from cubicsplat_cli.raster.unmix import REACH, STRANGE, best_blend, components, near_fills, nearest_fills, off_palette
+from cubicsplat_cli.raster.unmix import (
+    REACH,
+    STRANGE,
+    best_blend,
+    components,
+    near_fills,
+    nearest_fills,
+    off_palette,
+    residual_of_three,
+)
 from cubicsplat_cli.record import record
 
 MOST_SEEN = 24  # fills, beyond which those that no pixel shows pure are not sought
@@ -219,12 +228,14 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
 def _strange(
     levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray, residual: np.ndarray
 ) -> np.ndarray:
-    """(n,) bool: the pixels y, x that the fills near them do not explain; those on the canvas's rim, which blend with
-    what is beyond it, are none.
+    """(n,) bool: the pixels y, x that are no blend of two or three fills near them; those on the canvas's rim, which
+    blend with what is beyond it, are none of these.
     """
     height, width = levels.shape[:2]
     within = (y > 0) & (x > 0) & (y < height - 1) & (x < width - 1) & (near[:, 0] >= 0)
-    return within & unexplained(levels[y, x], palette, near, residual)
+    strange = within & (residual > STRANGE)
+    strange[strange] = residual_of_three(levels[y[strange], x[strange]], palette, near[strange]) > CLOSE
+    return strange
 
 
 def _sure(

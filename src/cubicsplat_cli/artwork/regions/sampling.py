@@ -74,9 +74,7 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
         telling &= (share > 0.5 / SAMPLES) & (share < 1.0 - 0.5 / SAMPLES)
         shares.append(share[telling][:MOST])
     found = SAMPLES * np.concatenate(shares)
-    if len(found) < FEWEST:
-        return 0
-    return 4 if (np.abs(found - np.rint(found)) < NEAR).mean() > SAMPLED else 0
+    return 4 if len(found) >= FEWEST and (np.abs(found - np.rint(found)) < NEAR).mean() > SAMPLED else 0
 
 
 def edge_positions(

@@ -35,7 +35,6 @@ SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, an
 FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
 SHORTEST = 4.0  # px of a line that tells its direction
 SHOWN = 0.8  # share of a line that must show
-POINT = 0.5 * SEEN_SIGMA  # px, the standard error of a point of a straight line
 OFTEN = 0.1  # share of a drawing's sloping lines that have the directions of a family, where the artist used it
 
 Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y, 2 for a length; value; error, px
@@ -61,12 +60,11 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
 
 def _seen_edges(state: State, error: float) -> list[Mark]:
     """Return the x of the upright lines and the y of the level ones that show in the picture."""
-    crossings, shown = state.crossings, np.zeros(int(state.pieces[-1]))
-    np.add.at(shown, crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWS)
+    crossings, cubics = state.crossings, state.drawn.cubics
+    shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWS, len(cubics))
     good = state.drawn.lines & (shown >= FEWEST_SEEN)
-    level = np.ptp(state.drawn.cubics, axis=1) < EXACT
-    edges = [state.drawn.cubics[good & level[:, axis], 0, axis].tolist() for axis in (0, 1)]
-    return [(axis, value, error) for axis in (0, 1) for value in edges[axis]]
+    level = np.ptp(cubics, axis=1) < EXACT
+    return [(axis, value, error) for axis in (0, 1) for value in cubics[good & level[:, axis], 0, axis].tolist()]
 
 
 def _middle_and_radii(outline: Outline) -> list[tuple[int, float]]:
@@ -172,7 +170,8 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list
     for family in FAMILIES:
         score, hits = 0.0, []
         for k, piece, length, angle in lines:
-            allowed = SIGMAS * math.hypot(SYSTEMATIC, POINT * math.sqrt(12.0 / length))
+            # A point of a straight line is known twice as well as one pixel tells.
+            allowed = SIGMAS * math.hypot(SYSTEMATIC, 0.5 * SEEN_SIGMA * math.sqrt(12.0 / length))
             nearest = min(family, key=lambda degrees: _between(angle, math.radians(degrees)))
             hit = length * math.sin(_between(angle, math.radians(nearest))) <= allowed
             chance = min(len(family) * 2.0 * allowed / (math.pi * length), 1.0)

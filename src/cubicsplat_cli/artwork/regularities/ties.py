@@ -55,10 +55,7 @@ def tied_ring(parameters: Parameters) -> RingParameters | None:
 
 
 def constrained(
-    ring: RingParameters,
-    rows: np.ndarray,
-    missed: Callable[[Pieces, np.ndarray], np.ndarray],
-    others: np.ndarray,
+    ring: RingParameters, rows: np.ndarray, missed: Callable[[Pieces, np.ndarray], np.ndarray], others: np.ndarray
 ) -> RingParameters | None:
     """Return a ring with ties brought to where equations hold, and tied by them too; None where nothing fulfils them.
 

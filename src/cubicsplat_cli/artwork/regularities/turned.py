@@ -34,10 +34,8 @@ from cubicsplat_cli.raster.point_tree import ClosedLines
 from cubicsplat_cli.record import record
 
 STEPS = 128  # round an outline
-LENGTH_OFF, NEAR = (
-    0.8,
-    0.4,
-)  # px by which lengths of outlines that are alike differ, and their steps in the mean and extents
+# Px by which lengths of outlines that are alike differ, and their steps in the mean and extents.
+LENGTH_OFF, NEAR = 0.8, 0.4
 ALIKE = 0.1  # px by which turns that fit as well differ in that
 FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each

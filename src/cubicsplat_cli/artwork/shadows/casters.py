@@ -7,6 +7,7 @@ for a shadow of any grey.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 
@@ -17,6 +18,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
     LARGE_AREA,
     LEAST_PLATEAU,
     RING,
+    Part,
     Patch,
     part_of,
     patches_of,
@@ -74,19 +76,30 @@ class Shaded:
         return np.asarray(ndimage.binary_dilation(inner, ndimage.SQUARE, iterations=RING - 1))
 
 
+def even_grounds(
+    levels: np.ndarray, parts: np.ndarray, count: int, most: int
+) -> Iterator[tuple[Part, np.ndarray, np.ndarray]]:
+    """Yield uneven parts of a picture, of the largest so many, that have an even ground: its colour (4,) in whole
+    levels, and (n,) bool, the pixels of the part that show it. parts, count: as of `smooth_parts`.
+    """
+    numbers, boxes = uneven_parts(levels, parts, count, LARGE_AREA, LEAST_RANGE)
+    for number in numbers[:most]:
+        part = part_of(levels, parts, number, boxes)
+        fill, even = plateau(part)
+        if even.mean() >= LEAST_PLATEAU:
+            yield part, np.rint(fill), even
+
+
 def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded | None:
     """Return the grounds of a picture (H, W, 4), premultiplied levels, that may show a shadow; None without any.
 
     parts, count: as of `smooth_parts`.
     """
     found: list[tuple[Ground, np.ndarray]] = []
-    numbers, boxes = uneven_parts(levels, parts, count, LARGE_AREA, LEAST_RANGE)
-    for number in numbers[:MOST_GROUNDS]:
-        part = part_of(levels, parts, number, boxes)
-        fill, even = plateau(part)
-        direction = direction_from(part.pixels.values, np.rint(fill)) if even.mean() >= LEAST_PLATEAU else None
+    for part, fill, _ in even_grounds(levels, parts, count, MOST_GROUNDS):
+        direction = direction_from(part.pixels.values, fill)
         if direction is not None:
-            found.append((Ground(np.rint(fill), parts == number), direction))
+            found.append((Ground(fill, parts == parts[part.rows[0], part.columns[0]]), direction))
     if not found:
         return None
     return Shaded(tuple(ground for ground, _ in found), end_of(found[0][0].fill, found[0][1]))

@@ -62,21 +62,17 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     """
     parts, count = smooth_parts(levels, SHARP_BEND, np.inf)
     shadow = shadow_of(levels, parts, count) if areas is None else None
-    shaded: np.ndarray | None = None
-    above, taken = np.zeros(parts.shape, dtype=bool), np.zeros(parts.shape, dtype=bool)
     if shadow is not None:
-        grounds: Sequence[SoftArea] = _shaded_grounds(levels, shadow)
-        shaded = np.logical_or.reduce([area.mask for area in grounds])
-        taken = shadow.shaded.mask
+        grounds, taken = _shaded_grounds(levels, shadow), shadow.shaded.mask
         above = np.logical_or.reduce([cast.mask for cast in shadow.casts]) & ~taken
-    else:
-        grounds = areas = tuple(soft_areas(levels, parts, count)) if areas is None else areas
-        for area in areas:
-            above |= (area.scale * area.share > FAINT) & ~area.mask
-    if not grounds:
+        out, meant = without_grounds(levels, np.where(taken, 0, parts), grounds, above)
+        return Lifted(out, shadow, (), np.logical_or.reduce([area.mask for area in grounds]), meant)
+    areas = tuple(soft_areas(levels, parts, count)) if areas is None else areas
+    if not areas:
         return Lifted(levels)
-    out, meant = without_grounds(levels, np.where(taken, 0, parts), grounds, above)
-    return Lifted(out, shadow, areas or (), shaded, meant)
+    above = np.logical_or.reduce([(area.scale * area.share > FAINT) & ~area.mask for area in areas])
+    out, meant = without_grounds(levels, parts, areas, above)
+    return Lifted(out, None, areas, None, meant)
 
 
 def without_grounds(
@@ -110,10 +106,7 @@ def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
     colour, shares = shadow.shaded.colour, [shadow.share_on(ground.mask) for ground in shadow.shaded.grounds]
     owner = np.full(levels.shape[:2], -1, dtype=np.int32)
     for k, (ground, share) in enumerate(zip(shadow.shaded.grounds, shares, strict=True)):
-        casters = np.zeros(owner.shape, dtype=bool)
-        for cast in shadow.casts:
-            if falls_on(cast.mask, ground.mask):
-                casters |= cast.mask
+        casters = np.logical_or.reduce([cast.mask for cast in shadow.casts if falls_on(cast.mask, ground.mask)])
         off = np.abs(ground.fill + share[..., None] * (colour - ground.fill) - levels).max(axis=2)
         near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=REACH) & (off <= EVEN)
         owner[(ground.mask & (off <= CLOSE + ALIKE)) | (near & ~casters & (owner < 0))] = k

@@ -14,18 +14,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.gradients.areas import CONTACT, EXPLAINED
-from cubicsplat_cli.artwork.gradients.parts import (
-    LARGE_AREA,
-    LEAST_PLATEAU,
-    Part,
-    part_of,
-    plateau,
-    smooth_parts,
-    uneven_parts,
-)
+from cubicsplat_cli.artwork.gradients.parts import Part, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, OPAQUE, ROUNDED, SAME
-from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, ON_LINE, Ground, direction_from, end_of
+from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, ON_LINE, Ground, direction_from, end_of, even_grounds
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
@@ -94,14 +86,10 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
 
 def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, Part]]:
     """Yield parts, their even grounds (4,), and the pieces of them that are not even."""
-    numbers, boxes = uneven_parts(levels, parts, count, LARGE_AREA, LEAST_RANGE)
-    for number in numbers[:MOST_TRIED]:
-        part = part_of(levels, parts, number, boxes)
-        fill, even = plateau(part)
-        if even.mean() >= LEAST_PLATEAU:
-            for piece in part.pieces(~even):
-                if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE:
-                    yield part, np.rint(fill), piece
+    for part, fill, even in even_grounds(levels, parts, count, MOST_TRIED):
+        for piece in part.pieces(~even):
+            if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE:
+                yield part, fill, piece
 
 
 def _is_cut(clear: np.ndarray, piece: Part) -> bool:
@@ -157,13 +145,8 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
     """Return (H, W) levels as they were before rounding, continued, up to `most`, into pixels that are not known."""
     rows, columns = (np.flatnonzero((known & (levels > ROUNDED)).any(axis=axis)) for axis in (1, 0))
     box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    window, out = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
-    out[window] = _continued_within(levels[window], known[window], most)
-    return out
-
-
-def _continued_within(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
-    """Return the same of a window."""
+    window, whole = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
+    levels, known = levels[window], known[window]
     height, width = levels.shape
     at = np.flatnonzero(~known)
     found, places = nearest_paints(np.where(known, 0, -1), at, REACH, 1)
@@ -179,7 +162,8 @@ def _continued_within(levels: np.ndarray, known: np.ndarray, most: float) -> np.
     low, high = np.where(fixed, out - ALIKE, -np.inf), np.where(fixed, out + ALIKE, np.inf)
     for _ in range(ROUNDS):
         out = np.clip(ndimage.gaussian_filter(out, 1.0, truncate=3.0, mode="nearest"), low, high)
-    return np.maximum(out, 0.0)
+    whole[window] = np.maximum(out, 0.0)
+    return whole
 
 
 def _inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -19,7 +19,6 @@ SIGMA = PRECISION  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
 FLANK = 8  # points on either side of a gap that tell its direction
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
-END_ERRORS = (SIGMA, SIGMA)  # px and radians
 FEWEST = 6  # points
 HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
 
@@ -48,7 +47,8 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     weights = np.full(len(points), 1.0 / (SIGMA**2 + slack**2))
     local = _local_fits(points, weights)
     ends, tangents = points[[0, -1]], local[1][[0, -1]]
-    division, _ = divided_run(local, weights, (ends, tangents, np.array([END_ERRORS, END_ERRORS])), price)
+    # The ends are off by as many px as a point is, and by as many radians.
+    division, _ = divided_run(local, weights, (ends, tangents, np.full((2, 2), SIGMA)), price)
     pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division.sizes))
     return pieces.chain()
 
@@ -132,19 +132,15 @@ def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     s = arc_lengths(points)
     if s[-1] < LEAST:
         return np.zeros(2), np.zeros(2)
-    degree = 2 if len(points) >= 6 and _bent(points) else 1
+    chord = points[-1] - points[0]
+    off = (points - points[0]) @ np.array([-chord[1], chord[0]]) / max(float(np.hypot(*chord)), 1e-9)
+    # It bends where points are off their chord by more than chance.
+    degree = 2 if len(points) >= 6 and np.abs(off).max() > 2.0 * SIGMA else 1
     x, y = (np.polyfit(s - s[-1], points[:, c], degree)[::-1] for c in (0, 1))
     way = np.array([x[1], y[1]])
     way = way / max(float(np.hypot(*way)), 1e-9)
     bend = 2.0 * np.array([x[2], y[2]]) if degree == 2 else np.zeros(2)
     return way, bend - (bend @ way) * way
-
-
-def _bent(points: np.ndarray) -> bool:
-    """Return whether points are off their chord by more than chance."""
-    way = points[-1] - points[0]
-    off = (points - points[0]) @ np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
-    return bool(np.abs(off).max() > 2.0 * SIGMA)
 
 
 def _meeting(a: np.ndarray, way: np.ndarray, b: np.ndarray, onward: np.ndarray) -> np.ndarray | None:

@@ -59,10 +59,8 @@ def as_strokes(
     hopeful = _hopeful(shapes, slack) if shorter else range(len(shapes))
     by_shape = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
     width_of = _common([stroke for strokes in by_shape.values() for stroke in strokes])
-    return [
-        tuple(_stroked(shape, stroke, width_of[stroke.width]) for stroke in by_shape.get(n, ())) or (shape,)
-        for n, shape in enumerate(shapes)
-    ]
+    alike = {n: [replace(own, width=width_of[own.width]) for own in strokes] for n, strokes in by_shape.items()}
+    return [tuple(map(shape.stroked, alike.get(n, ()))) or (shape,) for n, shape in enumerate(shapes)]
 
 
 def _hopeful(shapes: tuple[Shape, ...], slack: float) -> list[int]:
@@ -81,12 +79,6 @@ def length_of(*shapes: Shape) -> float:
         else 2.0 * SHAPE_PARAMETERS + shape.stroke.coordinates
         for shape in shapes
     )
-
-
-def _stroked(shape: Shape, stroke: Stroke, width: float) -> Shape:
-    """The shape as a stroke of a width."""
-    stroke = replace(stroke, width=width)
-    return replace(shape, outlines=outlines_of_stroke(stroke), stroke=stroke)
 
 
 def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[Stroke]:

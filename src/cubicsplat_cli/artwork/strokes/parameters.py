@@ -130,7 +130,7 @@ def _drawn(layer: Layer) -> Shape:
     own = layer.outlines[0]
     if not isinstance(own, StrokeParameters):
         return layer.shape
-    return replace(layer.shape, outlines=outlines_of_stroke(own.stroke), stroke=own.stroke)
+    return layer.shape.stroked(own.stroke)
 
 
 def _fitted(state: State, drawing: Drawing) -> State:
