@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from conftest import rest_slow
+from image_files import encode
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
@@ -416,9 +416,7 @@ def test_no_sketch_without_its_shadow_is_shown():
 
 def jpeg_of(picture: np.ndarray, quality: int = 85) -> Picture:
     """The JPEG file of a picture (H, W, 3) in [0, 1], as read."""
-    buffer = io.BytesIO()
-    Image.fromarray(np.rint(255 * picture).astype(np.uint8)).save(buffer, "JPEG", quality=quality)
-    return as_picture(buffer.getvalue())
+    return as_picture(encode(Image.fromarray(np.rint(255 * picture).astype(np.uint8)), "JPEG", quality=quality))
 
 
 def starred(shape: np.ndarray, ground=WHITE, colour=(0, 0, 0), shade=(3.0, 6.0, 6.0, 0.5)) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from image_files import encode
 from PIL import Image, ImageFilter
 from scipy import ndimage
 from test_pipeline import SETTINGS, disc, flat_picture
@@ -268,9 +268,8 @@ def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
 
 
 def jpeg_task(pixels: np.ndarray) -> Task:
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=75)
-    return task_of(as_picture(buffer.getvalue()), Request(FitSettings(threads=1)), StageTimer())
+    read = as_picture(encode(Image.fromarray(pixels), "JPEG", quality=75))
+    return task_of(read, Request(FitSettings(threads=1)), StageTimer())
 
 
 def test_the_artefacts_of_a_jpeg_are_no_errors_of_its_drawing():

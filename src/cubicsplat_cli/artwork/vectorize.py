@@ -129,7 +129,7 @@ def _with_its_shadow(prepared: PreparedInput, settings: ArtworkSettings) -> Iter
     allow no gradients or fewer shapes.
     """
     condition = prepared.condition
-    if not settings.free_fills or settings.stacking == CUTOUT or prepared.scanned or condition.only_blurred:
+    if not _may_overlap(settings) or prepared.scanned or condition.only_blurred:
         return None
     lift = lifted if condition.clean else partial(noisy_lifted, condition=condition)
     without = lift(prepared.levels) if prepared.lifted is None else prepared.lifted
@@ -280,10 +280,13 @@ def draw_flat(picture: FlatPicture) -> Drawing:
 
 
 def _may_be_translucent(prepared: PreparedInput, settings: ArtworkSettings) -> bool:
-    """True if shapes may be translucent: not in an unclean picture, which does not show blends well enough, nor with
-    chosen fills, nor in a cutout.
-    """
-    return prepared.condition.clean and settings.free_fills and settings.stacking != CUTOUT
+    """True if shapes may be translucent: not in an unclean picture, which does not show blends well enough."""
+    return prepared.condition.clean and _may_overlap(settings)
+
+
+def _may_overlap(settings: ArtworkSettings) -> bool:
+    """True if shapes may show others through: not with chosen fills, nor in a cutout."""
+    return settings.free_fills and settings.stacking != CUTOUT
 
 
 def _painted(drawing: Drawing) -> Drawing:

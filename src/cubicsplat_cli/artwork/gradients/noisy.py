@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, gradient_areas
+from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, patches_of, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, covered
@@ -38,7 +38,6 @@ GROWN = 5  # px by which windows stay away from edges
 # Times the noise by which pixels there may differ, which in a JPEG is greater near edges; times the restored error.
 NEAR, JPEG_NEAR, RESTORED = 3.0, 6.0, 2.0
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
-FARTHEST = 40  # px that a gradient is followed if there is no noise
 MORE = 1.5  # times the pixels in which windows must show gradients
 
 
@@ -172,7 +171,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
 
 def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
     """Return the area with the connected pixels that its gradient explains too: those within `rim` px, and tips."""
-    wide, near = area.patch.padded(FARTHEST, levels.shape), area.patch.ring(FARTHEST, levels.shape)
+    wide, near = area.patch.padded(LONGEST_TIP, levels.shape), area.patch.ring(LONGEST_TIP, levels.shape)
     explained = np.zeros_like(wide.mask)
     explained[near.mask] = area.shade.extended().off(near.pixels(levels)) <= CLOSE
     # Neither a neighbour of about the last colour of the ramp belongs to it, nor a part that goes on farther.

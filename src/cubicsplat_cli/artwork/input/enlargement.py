@@ -10,6 +10,7 @@ gives it back but for rounding is also drawn at that: nothing is lost, and edges
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -89,6 +90,7 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     if _sharp(steepest):
         return None
 
+    @cache
     def error(before: tuple[int, Kernel]) -> float:
         return _mean_error(steepest, *before)
 

@@ -65,29 +65,32 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     if shadow is not None:
         grounds, taken = _shaded_grounds(levels, shadow), shadow.shaded.mask
         above = np.logical_or.reduce([cast.mask for cast in shadow.casts]) & ~taken
-        out, meant = without_grounds(levels, np.where(taken, 0, parts), grounds, above)
+        out, meant = _without_grounds(levels, np.where(taken, 0, parts), grounds, above, 1.0, SEEN)
         return Lifted(out, shadow, (), np.logical_or.reduce([area.mask for area in grounds]), meant)
-    areas = tuple(soft_areas(levels, parts, count)) if areas is None else areas
+    return without_areas(levels, parts, tuple(soft_areas(levels, parts, count)) if areas is None else areas)
+
+
+def without_areas(
+    levels: np.ndarray, parts: np.ndarray, areas: tuple[SoftArea, ...], rough: float = 1.0, line: float = SEEN
+) -> Lifted:
+    """Return a picture (H, W, 4) in levels without soft areas; the same array if there are none.
+
+    parts: (H, W) int32, connected parts of one colour, 0 for none. rough: how many times as much pixels differ from
+    their fill as in a clean picture. line: as of `with_placeholders`.
+    """
     if not areas:
         return Lifted(levels)
     above = np.logical_or.reduce([(area.scale * area.share > FAINT) & ~area.mask for area in areas])
-    out, meant = without_grounds(levels, parts, areas, above)
+    out, meant = _without_grounds(levels, parts, areas, above, rough, line)
     return Lifted(out, None, areas, None, meant)
 
 
-def without_grounds(
-    levels: np.ndarray,
-    parts: np.ndarray,
-    grounds: Sequence[SoftArea],
-    above: np.ndarray,
-    rough: float = 1.0,
-    line: float = SEEN,
+def _without_grounds(
+    levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray, rough: float, line: float
 ) -> tuple[np.ndarray, tuple[tuple[Rgba, Rgba], ...]]:
     """Return a picture (H, W, 4) in levels whose shaded grounds are even; and placeholders in it, with their fills.
 
-    parts: (H, W) int32, connected parts of one colour, 0 for none. above: (H, W) bool, the pixels that cover the
-    shadows. rough: how many times as much pixels differ from their fill as in a clean picture. line: as of
-    `with_placeholders`.
+    above: (H, W) bool, the pixels that cover the shadows. parts, rough, line: as of `without_areas`.
     """
     cards = _like_ground(levels, parts, grounds, above, rough)
     stands = placeholders([card.fill for card in cards], levels.reshape(-1, 4))
@@ -117,7 +120,7 @@ def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
 def _like_ground(
     levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray, rough: float
 ) -> list[Ground]:
-    """Return the fills that shapes above a shadow share with a ground, and their pixels; see `without_grounds`."""
+    """Return the fills that shapes above a shadow share with a ground, and their pixels; see `_without_grounds`."""
     out: dict[tuple[float, ...], np.ndarray] = {}
     numbers, sizes = np.unique(parts[above & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)

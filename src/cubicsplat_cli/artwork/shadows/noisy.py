@@ -23,8 +23,8 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Ground, end_of
-from cubicsplat_cli.artwork.shadows.lifting import Lifted, without_grounds
-from cubicsplat_cli.artwork.shadows.shadow import BLURS, FAINT, MOST_MOVED
+from cubicsplat_cli.artwork.shadows.lifting import Lifted, without_areas
+from cubicsplat_cli.artwork.shadows.shadow import BLURS, MOST_MOVED
 from cubicsplat_cli.artwork.shadows.soft import LEAST_AREA, SoftArea
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
@@ -53,9 +53,7 @@ def noisy_lifted(levels: np.ndarray, condition: Condition, areas: tuple[SoftArea
     if not areas:
         return Lifted(levels)
     even, _ = ndimage.large_parts(calm_pixels(levels, condition.noise)[0], LEAST_EVEN)
-    above = np.logical_or.reduce([(area.scale * area.share > FAINT) & ~area.mask for area in areas])
-    out, meant = without_grounds(levels, even, areas, above, roughness(condition), STRANGE)
-    return Lifted(out, None, areas, None, meant)
+    return without_areas(levels, even, areas, roughness(condition), STRANGE)
 
 
 def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
@@ -177,19 +175,19 @@ def _fitted(seen: np.ndarray, ground: np.ndarray, scale: float) -> np.ndarray | 
     least = np.append(-ends[:2], -math.log(step))
     fit = least_squares(off, begin, bounds=(least, ends), diff_step=0.02, loss="soft_l1", f_scale=CLOSE, max_nfev=12)
     dx, dy, blur = fit.x
-    strong = masks.astype(np.float32) @ opacities(fit.x)[0].astype(np.float32)
+    strong = masks @ opacities(fit.x)[0].astype(np.float32)
     return np.clip(_blurred(strong[..., None], dx * step, dy * step, blur + math.log(step))[..., 0], 0.0, 1.0)
 
 
 def _silhouettes(ground: np.ndarray) -> np.ndarray:
-    """Return (H, W, K) bool the pixels of each of the largest shapes on a ground (H, W) bool, and of all others."""
+    """Return (H, W, K) 0 or 1, the pixels of each of the largest shapes on a ground (H, W) bool, and of all others."""
     inner = ndimage.binary_erosion(~ground, ndimage.SQUARE, iterations=RIM, border_value=1)
     labels, count = ndimage.label(inner, ndimage.SQUARE)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     number = np.full(count + 1, min(count, MOST_CASTERS))
     number[1 + np.argsort(-sizes, kind="stable")[:MOST_CASTERS]] = np.arange(min(count, MOST_CASTERS))
     number[0] = -1
-    return np.asarray(number[labels][..., None] == np.arange(number.max() + 1))
+    return (number[labels][..., None] == np.arange(number.max() + 1)).astype(np.float32)
 
 
 def _blurred(masks: np.ndarray, dx: float, dy: float, log_blur: float) -> np.ndarray:
