@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.structure import boxes_of, near_box
@@ -37,7 +37,10 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
     joins = paths | np.array([sign and shape.stroke is None for shape in shapes], dtype=bool)
-    free = joins & np.array([_opaque(shape) and not _crosses(shape) for shape in shapes], dtype=bool)
+    free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
+    for k in [k for k in np.flatnonzero(free).tolist() if _crosses(shapes[k])]:
+        beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
+        free[k] = not _cuts(shapes[k], [shapes[n] for n in np.flatnonzero(beside).tolist() if n != k])
     while True:
         leaders = _leaders(boxes, numbers, free)
         # Groups of too few paths are dissolved.
@@ -86,9 +89,18 @@ def _opaque(shape: Shape) -> bool:
 
 
 def _crosses(shape: Shape) -> bool:
-    """Return whether a loop of a ring runs the other way round; it would cut a hole into other shapes."""
+    """Return whether a loop of a ring runs the other way round; it would cut a hole into shapes that it lies on."""
     rings = [outline for outline in shape.outlines if isinstance(outline, Ring)]
     return shape.stroke is None and any(_reversed_area(ring) >= _LOOP for ring in rings)
+
+
+def _cuts(shape: Shape, others: Sequence[Shape]) -> bool:
+    """Return whether less is covered where a shape and others are one path."""
+    own, rest = shape.oriented(), tuple(ring for other in others for ring in other.oriented())
+    x0, y0, x1, y1 = np.rint(boxes_of([shape])[0]).astype(int).tolist()
+    window = y0 - 1, x0 - 1, y1 - y0 + 2, x1 - x0 + 2
+    one, many, both = (coverage(*pieces_of_rings(rings), *window) for rings in (own, rest or own, own + rest))
+    return bool((np.maximum(one, many) - both).sum() >= _LOOP)
 
 
 def _reversed_area(ring: Ring) -> float:
