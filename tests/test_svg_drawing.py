@@ -116,9 +116,9 @@ def letters(count: int, fill=RED, x: float = 0.0) -> list[Shape]:
 OTHERS = [shape(Circle(5 + 12 * i, 90, 4), fill=(0, 80 + 40 * i, 0, 255)) for i in range(4)]
 
 
-def test_three_paths_of_one_fill_are_a_compound_path():
-    assert len(written(*OTHERS, *letters(2))) == len(OTHERS) + 2
-    found = written(*letters(4), *OTHERS)
+def test_five_paths_of_one_fill_are_a_compound_path():
+    assert len(written(*OTHERS, *letters(4))) == len(OTHERS) + 4
+    found = written(*letters(5), *OTHERS)
     assert [element.get("id") for element in found[: -len(OTHERS)]] == ["letter-0"]
     assert len(written(*letters(4, fill=GLASS))) == 4, "translucent shapes are not one where they overlap"
     read = read_drawing(svg_of(*letters(4))).shapes
@@ -162,6 +162,8 @@ def test_what_lies_between_shapes_keeps_them_apart():
     over_second = shape(Ellipse(15, 8, 5, 3), fill=BLACK)
     assert len(written(first, over_second, *rest)) == 3
     assert len(written(first, over_second, *rest, *OTHERS)) == 4 + len(OTHERS)
+    first, *rest = letters(5)
+    assert len(written(first, over_second, *rest, *OTHERS)) == 3 + len(OTHERS), "of five all that can join do"
     orders = ((first, apart, *rest), (first, *rest, apart))
     drawn = [rerender(svg_of(*order).encode(), 800, 400, renderer="resvg").pixels for order in orders]
     assert np.array_equal(*drawn)
