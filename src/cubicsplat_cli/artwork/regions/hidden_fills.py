@@ -94,8 +94,8 @@ def lies_beyond(fill: np.ndarray, palette: np.ndarray, steps: np.ndarray, times:
 
 def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """Return (P,) bool: True for false fills of a palette (P, 4) in levels: blends of another fill's lines with the
-    ground of the lines. They show only beside both, in fewer pixels than the lines have; those that are hardly narrower
-    than their pixels, beside the ground.
+    ground of the lines. They show only beside both, in fewer pixels than show more of the lines; where these are hardly
+    narrower than their pixels, beside the ground.
 
     levels: (H, W, 4) the picture; pure: (H, W) int, the fill of every pixel that shows one, -1 of others; flat: (H, W)
     bool, pixels amid a square of one colour.
@@ -103,14 +103,16 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
     fills = np.arange(len(palette))
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
     counts = np.bincount(pure[pure >= 0], minlength=len(palette))
-    thin = ~ndimage.binary_dilation(flat, ndimage.SQUARE) & (pure >= 0)
-    lines = np.bincount(pure[thin], minlength=len(palette))
     out = np.zeros(len(palette), dtype=bool)
-    beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in fills] if doubtful.any() else []
+    near = 2 * NEAR + 1
+    beside, areas = (
+        [ndimage.maximum_filter((pure == k) & where, near) for k in fills] if doubtful.any() else []
+        for where in (True, flat)
+    )
     for k in fills[doubtful & (counts > 0)]:
         shown = pure == k
         for line, ground in permutations(fills[fills != k], 2):
-            if out[k] or lines[line] <= counts[k]:
+            if out[k]:
                 continue
             share, rest = blend_of(palette[k], palette[ground], palette[line])
             if share < LEAST_SHARE or np.abs(rest).max() > ROUNDED:
@@ -119,6 +121,9 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
             if by_ground.mean() < BESIDE_GROUND:
                 continue
             shares, rest = blend_of(levels, palette[ground], palette[line], most=None)
-            more = ndimage.maximum_filter((shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE), 2 * NEAR + 1)
-            out[k] = share > 1.0 - MORE or (by_ground & more[shown]).mean() >= BESIDE_BOTH
+            more = (shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE) & ~areas[line]
+            if share > 1.0 - MORE:
+                out[k] = counts[line] > counts[k]
+            elif more.sum() > counts[k]:
+                out[k] = (by_ground & ndimage.maximum_filter(more, near)[shown]).mean() >= BESIDE_BOTH
     return out
