@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb, srgb_of_light
 from cubicsplat_cli.artwork.input.condition import CONTRAST
-from cubicsplat_cli.artwork.regions.fills import EVEN, ROUNDED, in_squares
+from cubicsplat_cli.artwork.regions.fills import EVEN, ROUNDED, SAME, in_squares
 from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
 from cubicsplat_cli.artwork.regions.sampling import FEWEST, MOST
 from cubicsplat_cli.raster.shades import blends, nearest_paints
@@ -42,7 +42,9 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
     values, ends = levels[blended], levels.reshape(-1, 4)[places]
     again, off = blends(_light(values), near, _light(ends), ends, three=True)
     out = levels.copy()
-    out[blended] = np.where((off <= BLEND)[:, None], np.rint(again), values)
+    # Of near colours, as within a gradient, blends are alike in both, and rounding again would only add noise.
+    moved = (off <= BLEND) & (largest(np.abs(again - values)) > SAME)
+    out[blended] = np.where(moved[:, None], np.rint(again), values)
     return out
 
 
