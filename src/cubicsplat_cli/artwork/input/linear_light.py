@@ -56,8 +56,8 @@ def _light(values: np.ndarray) -> np.ndarray:
 def _blended_in_light(colours: np.ndarray) -> bool:
     """Return True if the edges of a picture (H, W, 3) are straighter, and their colours nearer to blends, in linear
     light: by 1.4 times in squares. It is 2.2 times and more in pictures blended there, even with 4 x 4 samples a pixel,
-    and else at most 1.2. Deviations count up to 0.2 px, as those of corners. Slanted edges are looked at first; of level
-    ones only the colours tell, where a picture has hardly any others.
+    and else at most 1.2. Deviations count up to 0.2 px, as those of corners. Of level edges, which are
+    looked at last, only the colours tell.
     """
     parts = [_edges(lines) for lines in (colours, colours.swapaxes(0, 1))]
     edges = np.concatenate([part[:: 1 + len(part) // MOST] for part in parts]).astype(np.float64)
