@@ -113,7 +113,7 @@ def letters(count: int, fill=RED, x: float = 0.0) -> list[Shape]:
     ]
 
 
-OTHERS = [shape(Circle(5 + 12 * i, 90, 4), fill=(0, 80 + 40 * i, 0, 255)) for i in range(4)]
+OTHERS = [shape(Circle(5 + 12 * i, 90, 4), fill=(0, 80 + 40 * i, 0, 255)) for i in range(5)]
 
 
 def test_five_paths_of_one_fill_are_a_compound_path():
@@ -137,8 +137,8 @@ def test_a_hole_that_rounding_turned_round_is_still_a_hole():
 def test_in_a_drawing_of_few_fills_each_is_one_path_unless_it_is_primitives_alone():
     dot, bar = shape(Circle(45, 5, 3)), shape(Rectangle(60, 0, 4, 10))
     assert len(written(*letters(1), dot, bar)) == 1
-    assert len(written(dot, *letters(2), *OTHERS[:3])) == 1 + 3, "of four fills"
-    assert len(written(dot, *letters(2), *OTHERS)) == 3 + 4, "five are too many"
+    assert len(written(dot, *letters(2), *OTHERS[:4])) == 1 + 4, "of five fills"
+    assert len(written(dot, *letters(2), *OTHERS)) == 3 + 5, "six are too many"
     assert [element.tag.rpartition("}")[2] for element in written(dot, bar)] == ["circle", "rect"]
     drawn = [
         rerender(svg.encode(), 800, 400, renderer="resvg").pixels for svg in (svg_of(dot, *letters(1)), svg_of(dot))

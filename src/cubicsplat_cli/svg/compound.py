@@ -14,8 +14,9 @@ from cubicsplat_cli.raster.outlines import coverage
 
 # Four shapes of one colour may be hands and feet; this many are lettering or a pattern.
 LEAST_SHAPES = 5
-# A drawing of so few colours is a sign, a logo or lettering, in which all shapes of a colour are one path.
-FEW_PAINTS = 4
+# A drawing of so few colours, with that of a page, is a sign, a logo or lettering, in which all shapes of a colour are
+# one path.
+FEW_PAINTS = 5
 _LOOP = 1.0  # px^2, the least area of a visible loop
 _COPY = 512  # px, the longer side of the copy of a ring in which loops are searched
 
