@@ -12,11 +12,10 @@ from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.structure import boxes_of, near_box
 from cubicsplat_cli.raster.outlines import coverage
 
-# Four shapes of one colour may be hands and feet; this many are lettering or a pattern.
-LEAST_SHAPES = 5
-# A drawing of so few colours, with that of a page, is a sign, a logo or lettering, in which all shapes of a colour are
-# one path.
-FEW_PAINTS = 5
+# Three shapes of one colour may be a head and two hands; this many are lettering or a pattern.
+LEAST_SHAPES = 4
+# A drawing of so few colours is a sign, a logo or lettering, in which all shapes of a colour are one path.
+FEW_PAINTS = 4
 _LOOP = 1.0  # px^2, the least area of a visible loop
 _COPY = 512  # px, the longer side of the copy of a ring in which loops are searched
 
