@@ -116,6 +116,27 @@ def test_edges_blended_in_linear_light_are_blended_again_as_viewers_do(ink, grou
     assert np.abs(found - as_values).mean() < 0.1 * np.abs(in_light - as_values).mean()
 
 
+def test_a_gradient_stays_as_it_is_where_linear_light_is_undone():
+    _, in_light = disc_in_two_spaces((0, 0, 0), (255, 255, 255))
+    y, x = np.mgrid[:40, :64]
+    values = 20.0 + np.hypot(x - 30, y - 20)
+    gradient = np.stack([values, 0.9 * values, 0.8 * values, np.full_like(values, 255.0)], axis=2)
+    picture = np.concatenate([in_light, np.rint(gradient).astype(np.float32)])
+    found = without_linear_light(picture)
+    assert not np.array_equal(found[:64], picture[:64])
+    assert np.array_equal(found[68:], picture[68:])
+
+
+def test_level_edges_tell_linear_light_by_their_colours():
+    rows = np.zeros((60, 64, 4), np.float32)
+    rows[:20], rows[20], rows[21:40], rows[40], rows[41:] = (
+        (*colour, 255) for colour in ((0, 205, 0), (177, 229, 177), (255, 255, 255), (137, 137, 219), (0, 0, 205))
+    )
+    assert np.abs(without_linear_light(rows)[20] - (112, 205 + 50 * 112 / 255, 112, 255)).max() < 2.0
+    rows[20], rows[40] = (112, 227, 112, 255), (60, 60, 217, 255)
+    assert without_linear_light(rows) is rows
+
+
 def test_a_drawing_is_that_of_the_picture_blended_as_viewers_do():
     as_values, in_light = disc_in_two_spaces((255, 170, 0), (40, 40, 60))
     plain, found = (draw((each / 255.0)[..., :3]) for each in (as_values, in_light))

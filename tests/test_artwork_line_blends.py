@@ -53,3 +53,12 @@ def test_lines_too_thin_to_be_pure_anywhere_leave_no_fill() -> None:
     for x in (4, 9, 14):
         levels[7:45:5, x] = 0.8 * np.array(FILL)
     assert fills_of(levels) == [[0.0, 0.0, 0.0, 0.0], FILL]
+
+
+def test_lines_hardly_narrower_than_their_pixels_leave_no_fill() -> None:
+    share = lines(0, 12)[..., 3:] / 255.0
+    for x in (4, 9, 14):
+        share[5:45, x : x + 2] = 0.94
+    ground, ink = np.array([75.0, 146.0, 219.0, 255.0]), np.full(4, 255.0)
+    levels = np.rint(ground + share * (ink - ground)).astype(np.float32)
+    assert fills_of(levels) == [ground.tolist(), ink.tolist()]

@@ -116,8 +116,8 @@ def letters(count: int, fill=RED, x: float = 0.0) -> list[Shape]:
 OTHERS = [shape(Circle(5 + 12 * i, 90, 4), fill=(0, 80 + 40 * i, 0, 255)) for i in range(4)]
 
 
-def test_three_paths_of_one_fill_are_a_compound_path():
-    assert len(written(*OTHERS, *letters(2))) == len(OTHERS) + 2
+def test_four_paths_of_one_fill_are_a_compound_path():
+    assert len(written(*OTHERS, *letters(3))) == len(OTHERS) + 3
     found = written(*letters(4), *OTHERS)
     assert [element.get("id") for element in found[: -len(OTHERS)]] == ["letter-0"]
     assert len(written(*letters(4, fill=GLASS))) == 4, "translucent shapes are not one where they overlap"
@@ -150,6 +150,7 @@ def test_a_ring_that_crosses_itself_cuts_no_hole_into_another_of_its_fill():
     bow = shape(polygon(np.array([[10.0, 10.0], [60.0, 50.0], [60.0, 30.0], [10.0, 60.0]])))
     box = shape(polygon(np.array([[50.0, 28.0], [70.0, 28.0], [70.0, 52.0], [49.0, 52.0]])))
     assert len(written(bow, box, *letters(2))) == 2
+    assert len(written(bow, *letters(2))) == 1, "there it lies on none"
     drawn = rerender(svg_of(bow, box).encode(), 200, 100, renderer="resvg").pixels
     assert (drawn[40, 55:60] == [255, 0, 0, 255]).all()
 
@@ -161,6 +162,8 @@ def test_what_lies_between_shapes_keeps_them_apart():
     over_second = shape(Ellipse(15, 8, 5, 3), fill=BLACK)
     assert len(written(first, over_second, *rest)) == 3
     assert len(written(first, over_second, *rest, *OTHERS)) == 4 + len(OTHERS)
+    first, *rest = letters(4)
+    assert len(written(first, over_second, *rest, *OTHERS)) == 3 + len(OTHERS), "of four all that can join do"
     orders = ((first, apart, *rest), (first, *rest, apart))
     drawn = [rerender(svg_of(*order).encode(), 800, 400, renderer="resvg").pixels for order in orders]
     assert np.array_equal(*drawn)

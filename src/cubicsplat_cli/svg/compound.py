@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.structure import boxes_of, near_box
 from cubicsplat_cli.raster.outlines import coverage
 
-# Two shapes of one colour may be a pair of eyes; this many are lettering or a pattern.
-LEAST_SHAPES = 3
+# Three shapes of one colour may be a head and two hands; this many are lettering or a pattern.
+LEAST_SHAPES = 4
 # A drawing of so few colours is a sign, a logo or lettering, in which all shapes of a colour are one path.
 FEW_PAINTS = 4
 _LOOP = 1.0  # px^2, the least area of a visible loop
@@ -23,8 +23,9 @@ _COPY = 512  # px, the longer side of the copy of a ring in which loops are sear
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     """Return the shapes back to front, grouped into compound paths.
 
-    Three or more paths in one opaque fill or gradient, or strokes by one pen, become a group. In a drawing of at most
-    FEW_PAINTS fills and gradients, one path and anything else that can join it is enough.
+    Where LEAST_SHAPES paths or more have one opaque fill or gradient, or are strokes by one pen, all that can join
+    become groups: how many each group has depends on the order of layers, which little may change. In a drawing of at
+    most FEW_PAINTS fills and gradients, one path and anything else that can join it is enough.
 
     The rings of a group cover what its shapes cover, since every outer ring runs clockwise as seen and every hole the
     other way. A shape joins an earlier one only if no shape of another fill that touches it is drawn between them, so
@@ -37,12 +38,15 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
     joins = paths | np.array([sign and shape.stroke is None for shape in shapes], dtype=bool)
-    free = joins & np.array([_opaque(shape) and not _crosses(shape) for shape in shapes], dtype=bool)
+    free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
+    for k in [k for k in np.flatnonzero(free).tolist() if _crosses(shapes[k])]:
+        beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
+        free[k] = not _cuts(shapes[k], [shapes[n] for n in np.flatnonzero(beside).tolist() if n != k])
+    free &= sign | (np.bincount(numbers, free)[numbers] >= LEAST_SHAPES)
     while True:
         leaders = _leaders(boxes, numbers, free)
-        # Groups of too few paths are dissolved.
-        few = np.bincount(leaders, paths, len(shapes)) < (1 if sign else LEAST_SHAPES)
-        loose = few[leaders] & (leaders != np.arange(len(shapes)))
+        # Groups of primitives alone are dissolved.
+        loose = (np.bincount(leaders, paths, len(shapes)) == 0)[leaders] & (leaders != np.arange(len(shapes)))
         if not loose.any():
             return [[shapes[k] for k in np.flatnonzero(leaders == leader).tolist()] for leader in np.unique(leaders)]
         free &= ~loose
@@ -86,9 +90,18 @@ def _opaque(shape: Shape) -> bool:
 
 
 def _crosses(shape: Shape) -> bool:
-    """Return whether a loop of a ring runs the other way round; it would cut a hole into other shapes."""
+    """Return whether a loop of a ring runs the other way round; it would cut a hole into shapes that it lies on."""
     rings = [outline for outline in shape.outlines if isinstance(outline, Ring)]
     return shape.stroke is None and any(_reversed_area(ring) >= _LOOP for ring in rings)
+
+
+def _cuts(shape: Shape, others: Sequence[Shape]) -> bool:
+    """Return whether less is covered where a shape and others are one path."""
+    own, rest = shape.oriented(), tuple(ring for other in others for ring in other.oriented())
+    x0, y0, x1, y1 = np.rint(boxes_of([shape])[0]).astype(int).tolist()
+    window = y0 - 1, x0 - 1, y1 - y0 + 2, x1 - x0 + 2
+    one, many, both = (coverage(*pieces_of_rings(rings), *window) for rings in (own, rest or own, own + rest))
+    return bool((np.maximum(one, many) - both).sum() >= _LOOP)
 
 
 def _reversed_area(ring: Ring) -> float:

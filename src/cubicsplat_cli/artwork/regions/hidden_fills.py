@@ -22,7 +22,7 @@ ONE_OF_THREE = 0.6  # ratio of a fill's least distances from blends of three and
 BLEND = 12.0  # levels by which a blend may be off the line between two fills
 LEAST_OPACITY = 64.0  # levels below which a colour says nothing of a fill
 BEYOND = np.linspace(0.02, 0.25, 12)  # shares of the step between two fills by which sharpening goes beyond either
-SHARES = (0.1, 0.95)  # of a line's fill in the blends that look like a fill
+LEAST_SHARE = 0.1  # of a line's fill in the blends that look like a fill
 FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is no blend
 NEAR = 2  # px within which the ground and more of the line show beside a false fill
 # Shares of the pixels of a false fill with both beside them, and with the ground alone; share of the line that is more.
@@ -94,7 +94,8 @@ def lies_beyond(fill: np.ndarray, palette: np.ndarray, steps: np.ndarray, times:
 
 def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """Return (P,) bool: True for false fills of a palette (P, 4) in levels: blends of another fill's lines with the
-    ground of the lines. They show only beside both, in fewer pixels than the lines have.
+    ground of the lines. They show only beside both, in fewer pixels than show more of the lines; where these are hardly
+    narrower than their pixels, beside the ground.
 
     levels: (H, W, 4) the picture; pure: (H, W) int, the fill of every pixel that shows one, -1 of others; flat: (H, W)
     bool, pixels amid a square of one colour.
@@ -102,22 +103,27 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
     fills = np.arange(len(palette))
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
     counts = np.bincount(pure[pure >= 0], minlength=len(palette))
-    thin = ~ndimage.binary_dilation(flat, ndimage.SQUARE) & (pure >= 0)
-    lines = np.bincount(pure[thin], minlength=len(palette))
     out = np.zeros(len(palette), dtype=bool)
-    beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in fills] if doubtful.any() else []
+    near = 2 * NEAR + 1
+    beside, areas = (
+        [ndimage.maximum_filter((pure == k) & where, near) for k in fills] if doubtful.any() else []
+        for where in (True, flat)
+    )
     for k in fills[doubtful & (counts > 0)]:
         shown = pure == k
         for line, ground in permutations(fills[fills != k], 2):
-            if out[k] or lines[line] <= counts[k]:
+            if out[k]:
                 continue
             share, rest = blend_of(palette[k], palette[ground], palette[line])
-            if not SHARES[0] <= share <= SHARES[1] or np.abs(rest).max() > ROUNDED:
+            if share < LEAST_SHARE or np.abs(rest).max() > ROUNDED:
                 continue
             by_ground = beside[ground][shown]
             if by_ground.mean() < BESIDE_GROUND:
                 continue
             shares, rest = blend_of(levels, palette[ground], palette[line], most=None)
-            more = ndimage.maximum_filter((shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE), 2 * NEAR + 1)
-            out[k] = (by_ground & more[shown]).mean() >= BESIDE_BOTH
+            more = (shares > share + MORE) & (largest(np.abs(rest)) <= STRANGE) & ~areas[line]
+            if share > 1.0 - MORE:
+                out[k] = counts[line] > counts[k]
+            elif more.sum() > counts[k]:
+                out[k] = (by_ground & ndimage.maximum_filter(more, near)[shown]).mean() >= BESIDE_BOTH
     return out
