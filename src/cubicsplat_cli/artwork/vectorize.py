@@ -141,12 +141,13 @@ def _with_its_shadow(prepared: PreparedInput, settings: ArtworkSettings) -> Iter
         return _versions(prepared, settings, nothing)
 
     # Compressed again, a drawing without its shadow gives another file.
-    drawings = drawn(replace(prepared, levels=without.levels, compression=None))
+    bare = replace(prepared, levels=without.levels, shaded=without.sides, compression=None)
+    drawings = drawn(bare)
     drawing = next(drawings)
     first = with_shadow(drawing, without)
-    if first is None and (kept := placed(drawing, without.areas)):
+    if first is None and (kept := placed(drawing, without)):
         without = lift(prepared.levels, areas=kept)
-        drawings = drawn(replace(prepared, levels=without.levels, compression=None))
+        drawings = drawn(replace(bare, levels=without.levels, shaded=without.sides))
         first = with_shadow(next(drawings), without)
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None
@@ -176,11 +177,11 @@ def _versions(
     flat, picture, target, error = flat_fills(prepared, settings)
     placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
     off, share_off = condition.restored_error, condition.share_error
-    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off)
+    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, prepared.shaded)
     finer = _finer(plan, condition)
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
-        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None))
+        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, prepared.shaded))
         if settings.curves is None or len(opaque.parts) <= settings.curves:
             without = traced(opaque, settings, flat, finer)
             if length(without) < length(shapes):
