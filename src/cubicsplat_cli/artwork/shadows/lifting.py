@@ -93,7 +93,8 @@ def without_areas(
     """
     if not areas:
         return Lifted(levels)
-    above = np.logical_or.reduce([(area.scale * area.share > FAINT) & ~area.mask for area in areas])
+    dark, shown = ([area.scale * area.share > FAINT for area in areas], [area.mask for area in areas])
+    above = np.logical_or.reduce(dark) & ~np.logical_or.reduce(shown)
     out, meant = _without_grounds(levels, parts, areas, above, rough, line)
     return Lifted(out, None, areas, None, meant)
 

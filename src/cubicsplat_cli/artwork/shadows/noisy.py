@@ -31,7 +31,6 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.raster.unmix import STRANGE
 
-MOST_GROUNDS = 3  # the commonest
 BLUR = 1.0  # px by which noise is smoothed
 SOFT_BEND = 4.0  # levels of a second difference after that, which no edge of 20 levels or more falls short of
 RIM = 2  # px by which edges are wider after that, on either side
@@ -76,14 +75,13 @@ def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
 
 def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarray]:
     """Yield the commonest colours (4,) of even pixels (n, 4), each of at least so many."""
-    for _ in range(MOST_GROUNDS):
-        if len(values) < least:
-            return
+    while len(values) >= least:
         colours, counts = np.unique(packed(np.rint(values)), return_counts=True)
         commonest = (colours[counts.argmax()] >> (8 * np.arange(4))) & 255
         near = largest(np.abs(values - commonest)) <= rough
-        if near.sum() >= least:
-            yield np.rint(np.median(values[near], axis=0)).astype(float)
+        if near.sum() < least:
+            return
+        yield np.rint(np.median(values[near], axis=0)).astype(float)
         values = values[~near]
 
 
@@ -121,8 +119,8 @@ def _area(
     clear = ndimage.binary_erosion(ground, ndimage.SQUARE, iterations=RIM, border_value=1)
     # Dark shadows end in edges of their own beside a shape, and glows have its colour.
     beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
-    for shown in (ground, _connected(ground, beside)):
-        field = _fitted(shares, shown, scale)
+    for shown in (ground, _connected(ground, beside), _connected(ground, on_line)):
+        field = _fitted(shares, shown, scale, error)
         if field is None:
             continue
         dark = clear & (scale * np.maximum(shares, field) > error)
@@ -139,9 +137,9 @@ def _connected(mask: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(ndimage.binary_propagation(mask, None, mask | others))
 
 
-def _fitted(seen: np.ndarray, ground: np.ndarray, scale: float) -> np.ndarray | None:
+def _fitted(seen: np.ndarray, ground: np.ndarray, scale: float, error: float) -> np.ndarray | None:
     """Return (H, W) the shares, 0 to 1, of a shadow of all that stands on a ground (H, W) bool, fitted to those seen
-    there (H, W); None if nothing stands there, or too few pixels show it. scale: levels of a share of 1.
+    there (H, W); None if nothing stands there, or too few pixels show it. scale: levels of a share of 1; error: in levels.
     """
     from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
 
@@ -175,7 +173,9 @@ def _fitted(seen: np.ndarray, ground: np.ndarray, scale: float) -> np.ndarray | 
     least = np.append(-ends[:2], -math.log(step))
     fit = least_squares(off, begin, bounds=(least, ends), diff_step=0.02, loss="soft_l1", f_scale=CLOSE, max_nfev=12)
     dx, dy, blur = fit.x
-    strong = masks @ opacities(fit.x)[0].astype(np.float32)
+    found = opacities(fit.x)[0]
+    # At the edge of what casts it a shadow has half of its opacity.
+    strong = masks @ np.where(0.5 * scale * found > error, found, 0.0).astype(np.float32)
     return np.clip(_blurred(strong[..., None], dx * step, dy * step, blur + math.log(step))[..., 0], 0.0, 1.0)
 
 
