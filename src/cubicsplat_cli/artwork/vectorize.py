@@ -206,7 +206,9 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     finer = _finer(plan, condition)
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
-        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, prepared.shaded))
+        opaque = replace(
+            plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, prepared.shaded)
+        )
         if settings.curves is None or len(opaque.parts) <= settings.curves:
             without = traced(opaque, settings, flat, finer)
             if length(without) < length(shapes):

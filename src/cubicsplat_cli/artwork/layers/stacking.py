@@ -63,9 +63,7 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: S
 class _Facts:
     """Measurements of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
 
-    def __init__(
-        self, regions: Regions, found: EdgePositions, clear: np.ndarray, shaded: Sequence[Sides] = ()
-    ) -> None:
+    def __init__(self, regions: Regions, found: EdgePositions, clear: np.ndarray, shaded: Sequence[Sides] = ()) -> None:
         self.regions, self.clear = regions, clear
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
