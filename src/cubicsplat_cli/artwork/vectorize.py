@@ -202,13 +202,12 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     flat, picture, target, error = flat_fills(prepared, settings)
     placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
     off, share_off = condition.restored_error, condition.share_error
-    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, prepared.shaded)
+    shaded = prepared.shaded
+    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, shaded)
     finer = _finer(plan, condition)
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
-        opaque = replace(
-            plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, prepared.shaded)
-        )
+        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, shaded))
         if settings.curves is None or len(opaque.parts) <= settings.curves:
             without = traced(opaque, settings, flat, finer)
             if length(without) < length(shapes):

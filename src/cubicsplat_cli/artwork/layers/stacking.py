@@ -1,8 +1,8 @@
 """The regions that make one shape, and the order of shapes.
 
 Evidence that a region lies above another: it is enclosed by it; its outline runs straight on where three regions
-meet; it is a whole circle or ellipse; little of it lies in the other's convex hull. Regions of one fill with only
-higher regions between them are pieces of one shape that continues beneath.
+meet; it is a whole circle or ellipse; it hides a shadow that falls on the other; little of it lies in the other's
+convex hull. Regions of one fill with only higher regions between them are pieces of one shape that continues beneath.
 """
 
 from __future__ import annotations
@@ -47,8 +47,9 @@ class Stack:
 
 def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: Sequence[Sides] = ()) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one fill may
-    be one beneath what hides it. shaded: the sides of shadows that were removed from the picture. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
-    beneath these, and all others lie in the order of their sizes."""
+    be one beneath what hides it. shaded: the sides of shadows that were removed from the picture. Of more than
+    MOST_COMPLETED regions only those that enclose others are known to lie beneath these, and all others lie in the
+    order of their sizes."""
     clear = regions.fills[:, 3] <= CLEAR
     facts = _Facts(regions, found, clear, shaded)
     group = _merged(facts, MOST_HULL_PIXELS if joined else 0)

@@ -16,7 +16,6 @@ from operator import itemgetter
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
-from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.noisy import roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA as LEAST_EVEN
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, smooth_parts
@@ -37,10 +36,8 @@ from cubicsplat_cli.record import record
 BLUR = 1.0  # px by which noise is smoothed
 SOFT_BEND = 4.0  # levels of a second difference after that, which no edge of 20 levels or more falls short of
 RIM = 2  # px by which edges are wider after that, on either side
-FOOT, ROUNDS = (
-    3.0,
-    3,
-)  # times the error up to which shade is a shadow's foot; rounds in which all of it is found from that
+# Times the error up to which shade is a shadow's foot, and the rounds in which all of it is found from that.
+FOOT, ROUNDS = 3.0, 3
 AT_EDGES = 2.0  # times the error by which pixels beside edges may be off
 MOST_CASTERS = 6  # with an opacity of their own; the smaller ones share one
 FITTED, SAMPLES = 256, 2000  # px of the longer side of what shadows are fitted to; shaded pixels of it, and others

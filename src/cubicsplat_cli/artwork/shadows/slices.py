@@ -8,7 +8,7 @@ within the one before and a step darker.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -28,7 +28,6 @@ from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Cast
 from cubicsplat_cli.artwork.shadows.soft import SoftArea
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.record import record
