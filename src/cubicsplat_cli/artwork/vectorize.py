@@ -153,8 +153,9 @@ def _with_its_shadow(
     if without.areas:
         plain = replace(prepared, condition=prepared.with_shadow or prepared.condition)
         of_plain = _outlined(plain, settings)
-        shaded = np.logical_or.reduce([inner for inner, _ in without.sides])
-        if _description(of_plain.drawing, plain.levels, shaded) < _description(first, plain.levels, shaded):
+        # Outlines are not fitted yet, which costs both most inside of what hides the shadow.
+        shown = ~np.logical_or.reduce([outer for _, outer in without.sides])
+        if _description(of_plain.drawing, plain.levels, shown) < _description(first, plain.levels, shown):
             return _fitted(of_plain, plain, settings, on_sketch)
     # Without a sketch: it lacks the shadow, and would not be like the picture.
     drawings = (with_shadow(drawing, without) for drawing in _fitted(outlined, bare, settings, nothing))

@@ -45,8 +45,8 @@ def parts_of(
 ) -> list[TranslucentPart]:
     """The parts of regions, back to front.
 
-    found: where the outlines of the regions run. joined, shaded: as of `stack`. fixed: (R,) bool, regions that lie beneath
-    no translucent overlay and show none; None for no overlays at all.
+    found: where the outlines of the regions run. joined, shaded: as of `stack`. fixed: (R,) bool, regions that lie
+    beneath no translucent overlay and show none; None for no overlays at all.
     """
     overlays: tuple[Overlay, ...] = ()
     if fixed is not None:
