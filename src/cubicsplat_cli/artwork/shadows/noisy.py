@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator
 from functools import cached_property
 from itertools import product
-from operator import itemgetter
 
 import numpy as np
 
@@ -149,8 +148,10 @@ def _area(
             # Dark shadows end in edges of their own beside a shape, and glows have its colour.
             beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
             wider = (_connected(ground, others) for others in (beside, on_line))
-            shown, field, explained = max((_tried(line, shown) for shown in (ground, *wider)), key=itemgetter(2))
-            if explained > SHOWN:
+            tried = [each for each in (_tried(line, shown) for shown in (ground, *wider)) if each[2] > SHOWN]
+            if tried:
+                # A rim alone may also show where a much darker shadow ends.
+                shown, field, _ = max(tried, key=lambda each: (each[1].max() < 1.0, each[2]))
                 # Beside edges luma rings, and chroma is blurred.
                 rim = ndimage.binary_dilation(shown, ndimage.SQUARE, iterations=RING)
                 rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= AT_EDGES * error
@@ -191,14 +192,14 @@ def _fitted(line: _Line, ground: np.ndarray) -> np.ndarray:
     if not masks.shape[2] or not (usable & dark).any():
         return np.zeros(seen.shape)
 
-    def opacities(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the opacities (K,) with which a shadow is nearest, and the levels (n,) by which it is off."""
+    def parts(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the opacities (K,) with which a shadow is nearest, and the levels (n, K) that these give it."""
         blurred = scale * _blurred(small, *place).reshape(-1, small.shape[2])[at].astype(float)
         found, _ = nnls(blurred, wanted[at].astype(float))
-        return found, blurred @ found - wanted[at]
+        return found, blurred * found
 
     def off(place: np.ndarray) -> np.ndarray:
-        return opacities(place)[1]
+        return parts(place)[1].sum(axis=1) - wanted[at]
 
     sides = (-MOVED / step, 0.0, MOVED / step)
     begins = [np.array(place) for place in product(sides, sides, [math.log(blur / step) for blur in BLURS])]
@@ -209,9 +210,9 @@ def _fitted(line: _Line, ground: np.ndarray) -> np.ndarray:
     least = np.append(-ends[:2], -math.log(step))
     fit = least_squares(off, begin, bounds=(least, ends), diff_step=0.02, loss="soft_l1", f_scale=CLOSE, max_nfev=12)
     dx, dy, blur = fit.x
-    found = opacities(fit.x)[0]
-    # At the edge of what casts it a shadow has half of its opacity.
-    strong = masks @ np.where(0.5 * scale * found > line.error, found, 0.0).astype(np.float32)
+    found, seen_parts = parts(fit.x)
+    # What shades no pixel plainly casts no shadow.
+    strong = masks @ np.where(seen_parts.max(axis=0) > CLOSE, found, 0.0).astype(np.float32)
     return np.clip(_blurred(strong[..., None], dx * step, dy * step, blur + math.log(step))[..., 0], 0.0, 1.0)
 
 
