@@ -454,6 +454,29 @@ def test_a_shadow_in_a_jpeg_is_drawn_without_bands():
     assert np.percentile(gap, 97) <= 10.0 and gap[66:76, 92:98].max() <= 3.0, "the spot has not the ground's shade"
 
 
+@pytest.mark.parametrize("quality", rest_slow(0, 90))
+def test_shadows_tell_the_order_of_layered_papers(quality):
+    """Their edges tell nothing, and in a JPEG a shade of one paper may go over into the next."""
+    papers = [(208, 232, 243), (143, 185, 204), (79, 143, 168), (200, 90, 60)]
+    picture = np.zeros((HEIGHT, WIDTH, 3)) + papers[0]
+    y, x = (np.mgrid[: HEIGHT * FINE, : WIDTH * FINE] + 0.5) / FINE
+    for k, fill in enumerate(papers[1:]):
+        below = y > 30.0 + 36.0 * k + 8.0 * np.sin(x / 25.0 + k)
+        paper = below.reshape(HEIGHT, FINE, WIDTH, FINE).mean(axis=(1, 3))
+        dark = shadow(np.pad(paper, ((0, 40), (40, 40)), mode="edge"), 0.0, 0.0, 4.0, 0.35)[:HEIGHT, 40:-40]
+        picture = over(over(picture, dark, (0, 0, 0)), paper, fill)
+    picture = stored(picture)
+    read = jpeg_of(picture, quality) if quality else None
+    target = read.target() if read else picture
+    drawing = draw(target, prepared=prepare(target, read.compression if read else None))
+    plain = [one for one in drawing.shapes if one.name != "shadow"]
+    assert len(plain) == len(papers) and len(shadows(drawing)) >= 9
+    for one, fill in zip(plain, papers, strict=True):
+        assert np.abs(np.subtract(one.fill[:3], fill)).max() <= (3 if quality else 0)
+    gap = np.abs(drawn(drawing) - 255 * picture).max(axis=2)
+    assert np.percentile(gap, 97) <= 10.0
+
+
 def test_a_jpeg_without_a_shadow_is_left_as_it_is():
     for picture in (
         card(shade=(0.0, 0.0, 1.0, 0.0)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from cubicsplat_cli.artwork.input.prepare import PreparedInput
 from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, before_compression
 from cubicsplat_cli.artwork.input.restore import MISFIT, restored
 from cubicsplat_cli.artwork.layers.seams import without_seams
+from cubicsplat_cli.artwork.layers.stacking import Sides
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
@@ -116,12 +118,13 @@ def planned(
     error: float,
     placeholders: np.ndarray | None,
     share_error: float = FEW_SAMPLES,
+    shaded: Sequence[Sides] = (),
 ) -> Plan:
     """Return the plan of a picture's drawing, with at most settings.curves parts.
 
     factor: the enlargement of the finished drawing. error: in levels, of pixels on edges beyond that of a clean
     picture. placeholders: (G, 4) fills of gradients, which no translucent shape changes; None for opaque shapes only.
-    share_error: of the shares of pixels that shapes cover.
+    share_error: of the shares of pixels that shapes cover. shaded: as of `stack`.
     """
     min_area = settings.min_area / factor**2
     while True:
@@ -138,7 +141,7 @@ def planned(
             log.warning(
                 "%d regions are many: what lies above what, hidden parts and translucency are not sought", regions.count
             )
-        parts = parts_of(regions, edges, settings.completion == ON and whole, fixed if whole else None)
+        parts = parts_of(regions, edges, settings.completion == ON and whole, fixed if whole else None, shaded)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
             return Plan(soft, fills, regions, edges, parts)
         # The smallest regions join their neighbours until the rest is few enough.

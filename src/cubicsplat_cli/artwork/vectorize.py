@@ -56,6 +56,7 @@ from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import mean_fill
 
 MANY = 150  # parts; the finish of more takes longer than a check that they are worth it
@@ -100,7 +101,7 @@ def versions(
     settings, prepared = settings or ArtworkSettings(), prepared or prepare(target)
     none_yet = True
     with work().stoppable():
-        for drawing in _with_its_shadow(prepared, settings) or _versions(prepared, settings, on_sketch):
+        for drawing in _with_its_shadow(prepared, settings, on_sketch) or _versions(prepared, settings, on_sketch):
             none_yet = False
             yield _enlarged(drawing, prepared)
     if none_yet:
@@ -124,7 +125,9 @@ def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
     return enlarged(drawing, prepared.scale, prepared.width, prepared.height)
 
 
-def _with_its_shadow(prepared: PreparedInput, settings: ArtworkSettings) -> Iterator[Drawing] | None:
+def _with_its_shadow(
+    prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
+) -> Iterator[Drawing] | None:
     """Return the versions of a picture with a soft shadow, drawn as gradients; None if it has none, or the settings
     allow no gradients or fewer shapes.
     """
@@ -136,60 +139,92 @@ def _with_its_shadow(prepared: PreparedInput, settings: ArtworkSettings) -> Iter
     if not without:
         return None
 
-    def drawn(prepared: PreparedInput) -> Iterator[Drawing]:
-        # Without a sketch: it lacks the shadow, and would not be like the picture.
-        return _versions(prepared, settings, nothing)
-
     # Compressed again, a drawing without its shadow gives another file.
-    drawings = drawn(replace(prepared, levels=without.levels, compression=None))
-    drawing = next(drawings)
-    first = with_shadow(drawing, without)
-    if first is None and (kept := placed(drawing, without.areas)):
+    bare = replace(prepared, levels=without.levels, shaded=without.sides, compression=None)
+    outlined = _outlined(bare, settings)
+    first = with_shadow(outlined.drawing, without)
+    if first is None and (kept := placed(outlined.drawing, without)):
         without = lift(prepared.levels, areas=kept)
-        drawings = drawn(replace(prepared, levels=without.levels, compression=None))
-        first = with_shadow(next(drawings), without)
-    if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
+        bare = replace(bare, levels=without.levels, shaded=without.sides)
+        outlined = _outlined(bare, settings)
+        first = with_shadow(outlined.drawing, without)
+    if first is None:
         return None
     if without.areas:
-        others, plain = drawn(replace(prepared, condition=prepared.with_shadow or prepared.condition)), None
-        with work().stoppable():
-            plain = next(others)
-        if plain is not None and _description(plain, prepared.levels) < _description(first, prepared.levels):
-            return chain([plain], others)
-    return chain([first], filter(None, (with_shadow(drawing, without) for drawing in drawings)))
+        plain = replace(prepared, condition=prepared.with_shadow or prepared.condition)
+        of_plain = _outlined(plain, settings)
+        # Outlines are not fitted yet, which costs both most inside of what hides the shadow.
+        shown = ~np.logical_or.reduce([outer for _, outer in without.sides])
+        if _description(of_plain.drawing, plain.levels, shown) < _description(first, plain.levels, shown):
+            return _fitted(of_plain, plain, settings, on_sketch)
+    # Without a sketch: it lacks the shadow, and would not be like the picture.
+    drawings = (with_shadow(drawing, without) for drawing in _fitted(outlined, bare, settings, nothing))
+    first = next(drawings)
+    if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
+        return None
+    return chain([first], filter(None, drawings))
 
 
-def _description(drawing: Drawing, levels: np.ndarray) -> float:
-    """Return the description length, in nats, of a drawing and of its errors, which are taken as normal, against a
-    picture (H, W, 4) in levels.
+def _description(drawing: Drawing, levels: np.ndarray, shown: np.ndarray) -> float:
+    """Return the description length, in nats, of a drawing and of its errors, which are taken as normal, against some
+    pixels (H, W) bool of a picture (H, W, 4) in levels.
     """
-    off = 255.0 * render_scene(scene_of(drawing)) - levels
-    error = float(np.mean(off * off)) + ROUNDED
-    return 0.5 * levels[..., 0].size * math.log(error) + PRICE * length(drawing.shapes)
+    off = (255.0 * render_scene(scene_of(drawing)) - levels)[shown]
+    return 0.5 * len(off) * math.log(float(np.mean(off * off)) + ROUNDED) + PRICE * length(drawing.shapes)
 
 
 def _versions(
     prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
 ) -> Iterator[Drawing]:
     """Yield the versions in px of the prepared levels; see `versions`."""
+    return _fitted(_outlined(prepared, settings), prepared, settings, on_sketch)
+
+
+@record
+class Outlined:
+    """A picture's outlines, not yet fitted to its pixels. flat, target, error: as of `plan.flat_fills`."""
+
+    flat: Flattened
+    target: np.ndarray
+    error: float
+    plan: Plan
+    shapes: tuple[Shape, ...]
+
+    @property
+    def drawing(self) -> Drawing:
+        """The shapes, in the mean colours of their gradients."""
+        height, width = self.plan.levels.shape[:2]
+        return _painted(Drawing(width, height, self.shapes))
+
+
+def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
+    """Return the outlines of a prepared picture."""
     condition = prepared.condition
     flat, picture, target, error = flat_fills(prepared, settings)
     placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
     off, share_off = condition.restored_error, condition.share_error
-    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off)
+    shaded = prepared.shaded
+    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, shaded)
     finer = _finer(plan, condition)
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
-        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None))
+        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, shaded))
         if settings.curves is None or len(opaque.parts) <= settings.curves:
             without = traced(opaque, settings, flat, finer)
             if length(without) < length(shapes):
                 plan, shapes = opaque, without
-    drawing, goal = _finished(shapes, plan, (flat, target, error), prepared, settings, on_sketch)
+    return Outlined(flat, target, error, plan, shapes)
+
+
+def _fitted(
+    outlined: Outlined, prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
+) -> Iterator[Drawing]:
+    """Yield the versions, in px of the prepared levels, of a picture's outlines."""
+    drawing, goal = _finished(outlined, prepared, settings, on_sketch)
     simpler_ones = iter(()) if goal is None else simpler(drawing, goal, settings.detail)
     for version in chain([drawing], simpler_ones):
-        painted = _painted(_with_strokes(version, goal, settings, error))
-        leaks = None if condition.clean else flat
+        painted = _painted(_with_strokes(version, goal, settings, outlined.error))
+        leaks = None if prepared.condition.clean else outlined.flat
         yield recoloured(painted, prepared.levels, leaks) if settings.free_fills else painted
 
 
@@ -199,20 +234,15 @@ def _finer(plan: Plan, condition: Condition) -> float:
 
 
 def _finished(
-    shapes: tuple[Shape, ...],
-    plan: Plan,
-    fills: tuple[Flattened, np.ndarray, float],
+    outlined: Outlined,
     prepared: PreparedInput,
     settings: ArtworkSettings,
     on_sketch: Callable[[Drawing], None],
 ) -> tuple[Drawing, Goal | None]:
-    """Return the drawing of traced shapes after its finish, and the goal of that; None if the work stops before.
-
-    fills: the picture in flat fills, its levels and their error, see `plan.flat_fills`.
-    """
-    condition, (flat, target, error) = prepared.condition, fills
+    """Return the drawing of outlines after its finish, and the goal of that; None if the work stops before."""
+    condition, plan, flat, target = prepared.condition, outlined.plan, outlined.flat, outlined.target
     height, width = plan.levels.shape[:2]
-    drawing, goal, state = Drawing(width, height, shapes), None, None
+    drawing, goal, state = Drawing(width, height, outlined.shapes), None, None
     scaled = replace(settings, min_area=settings.min_area / prepared.mean_scale**2)
 
     def show(fitted: Drawing) -> None:
@@ -224,7 +254,7 @@ def _finished(
         # Restored edges are less certain than those of the picture as it was read.
         levels = plan.levels if condition.clean else target
         space = seen_as(condition, sharp=target is not flat.levels)
-        goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, condition.share_error, error)
+        goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, condition.share_error, outlined.error)
         if not (condition.aliased or condition.blur or prepared.pens):
             placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
             picture = replace(plan, levels=levels) if settings.free_fills else plan

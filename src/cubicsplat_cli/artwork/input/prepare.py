@@ -7,6 +7,7 @@ blended, the border, paper and pens, noise and compression, the scale, and the b
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.input.sharpening import without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
+from cubicsplat_cli.artwork.layers.stacking import Sides
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
@@ -38,8 +40,8 @@ class PreparedInput:
     factor by which the picture had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made
     white and evenly lit; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated
     from these. lifted: levels without their soft shadow, if the condition was estimated from these; with_shadow: the
-    condition estimated with it. compression: that of the levels' file, if it is a JPEG. edge_notes: notes on how edges
-    had been blended.
+    condition estimated with it. compression: that of the levels' file, if it is a JPEG. shaded: the sides of the
+    shadows that levels lack. edge_notes: notes on how edges had been blended.
     """
 
     levels: np.ndarray
@@ -54,6 +56,7 @@ class PreparedInput:
     lifted: Lifted | None = None
     with_shadow: Condition | None = None
     compression: Compression | None = None
+    shaded: Sequence[Sides] = ()
     edge_notes: tuple[str, ...] = ()
 
     @property

@@ -1,20 +1,21 @@
 """The regions that make one shape, and the order of shapes.
 
 Evidence that a region lies above another: it is enclosed by it; its outline runs straight on where three regions
-meet; it is a whole circle or ellipse; little of it lies in the other's convex hull. Regions of one fill with only
-higher regions between them are pieces of one shape that continues beneath.
+meet; it is a whole circle or ellipse; it hides a shadow that falls on the other; little of it lies in the other's
+convex hull. Regions of one fill with only higher regions between them are pieces of one shape that continues beneath.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
+from cubicsplat_cli.artwork.gradients.areas import CONTACT
+from cubicsplat_cli.artwork.layers.junctions import VOTE, junction_votes, round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -32,6 +33,8 @@ MOST_HULL_PIXELS = 1_050_000_000
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 MOST_WAITING = 8  # how many groups may wait for each other in a row
 
+Sides = tuple[np.ndarray, np.ndarray]  # (H, W) bool, what a shadow shades, and what it would shade but for lying above
+
 
 @record
 class Stack:
@@ -42,12 +45,13 @@ class Stack:
     rank: np.ndarray
 
 
-def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
+def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: Sequence[Sides] = ()) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one fill may
-    be one beneath what hides it. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
-    beneath these, and all others lie in the order of their sizes."""
+    be one beneath what hides it. shaded: the sides of shadows that were removed from the picture. Of more than
+    MOST_COMPLETED regions only those that enclose others are known to lie beneath these, and all others lie in the
+    order of their sizes."""
     clear = regions.fills[:, 3] <= CLEAR
-    facts = _Facts(regions, found, clear)
+    facts = _Facts(regions, found, clear, shaded)
     group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
     order = _ordered(facts, group)
     rank = np.full(regions.count, -1)
@@ -60,7 +64,7 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
 class _Facts:
     """Measurements of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
 
-    def __init__(self, regions: Regions, found: EdgePositions, clear: np.ndarray) -> None:
+    def __init__(self, regions: Regions, found: EdgePositions, clear: np.ndarray, shaded: Sequence[Sides] = ()) -> None:
         self.regions, self.clear = regions, clear
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
@@ -70,7 +74,8 @@ class _Facts:
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
-            for pair, vote in round_votes(regions, found, clear).items():
+            votes = [*round_votes(regions, found, clear).items(), *((pair, VOTE) for pair in _shading(regions, shaded))]
+            for pair, vote in votes:
                 self.votes[pair] = self.votes.get(pair, 0.0) + vote
         for pair in self.held():
             self.votes[pair] = self.votes.get(pair, 0.0) + ENCLOSED
@@ -103,6 +108,15 @@ class _Facts:
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
         return self.votes.get((above, below), 0.0) - self.votes.get((below, above), 0.0)
+
+
+def _shading(regions: Regions, shaded: Sequence[Sides]) -> Iterator[tuple[int, int]]:
+    """Yield each region that hides a shadow, with each that is shaded by it."""
+    for sides in shaded:
+        below, above = (np.bincount(regions.labels[side], minlength=regions.count) for side in sides)
+        hiding = np.flatnonzero((above >= CONTACT) & (above > below)).tolist()
+        for lower in np.flatnonzero((below >= CONTACT) & (below > above)).tolist():
+            yield from ((upper, lower) for upper in hiding)
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:

@@ -10,13 +10,14 @@ Opaque shapes hardly ever meet so, as the upper one hides the lower one's edge.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
-from cubicsplat_cli.artwork.layers.stacking import Stack, stack
+from cubicsplat_cli.artwork.layers.stacking import Sides, Stack, stack
 from cubicsplat_cli.artwork.layers.ways import SLACK, Heading, heading
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -39,16 +40,18 @@ class TranslucentPart:
     extent: Extent
 
 
-def parts_of(regions: Regions, found: EdgePositions, joined: bool, fixed: np.ndarray | None) -> list[TranslucentPart]:
+def parts_of(
+    regions: Regions, found: EdgePositions, joined: bool, fixed: np.ndarray | None, shaded: Sequence[Sides] = ()
+) -> list[TranslucentPart]:
     """The parts of regions, back to front.
 
-    found: where the outlines of the regions run. joined: as of `stack`. fixed: (R,) bool, regions that lie beneath no
-    translucent overlay and show none; None for no overlays at all.
+    found: where the outlines of the regions run. joined, shaded: as of `stack`. fixed: (R,) bool, regions that lie
+    beneath no translucent overlay and show none; None for no overlays at all.
     """
     overlays: tuple[Overlay, ...] = ()
     if fixed is not None:
         regions, overlays = without_overlays(regions, found, fixed)
-    layers = stack(regions, found, joined)
+    layers = stack(regions, found, joined, shaded)
     parts = [
         TranslucentPart(regions.fills[layers.layers[each.layer][0]], each) for each in extents(regions, layers, found)
     ]

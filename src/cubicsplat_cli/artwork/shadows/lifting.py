@@ -43,6 +43,13 @@ class Lifted:
         """Return True if the picture had shadows."""
         return self.shadow is not None or bool(self.areas)
 
+    @property
+    def sides(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each soft area, the pixels (H, W) bool that it shades and those that it would shade if they did not lie
+        above it, all of them inside shapes.
+        """
+        return [sides(area.share > FAINT / 255.0, area.mask) for area in self.areas]
+
     def meant(self, drawing: Drawing) -> Drawing:
         """Return the drawing with the true fills in place of placeholders, which are rounded as other fills may be."""
 
@@ -54,6 +61,12 @@ class Lifted:
             return shape
 
         return replace(drawing, shapes=tuple(map(meant, drawing.shapes)))
+
+
+def sides(dark: np.ndarray, shaded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pixels (H, W) bool inside of shaded ones, and of others, in which a shadow would be dark."""
+    inner, outer = ndimage.binary_erosion(shaded, ndimage.SQUARE), ndimage.binary_dilation(shaded, ndimage.SQUARE)
+    return inner & dark, ~outer & dark
 
 
 def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lifted:
@@ -80,7 +93,8 @@ def without_areas(
     """
     if not areas:
         return Lifted(levels)
-    above = np.logical_or.reduce([(area.scale * area.share > FAINT) & ~area.mask for area in areas])
+    dark, shown = ([area.scale * area.share > FAINT for area in areas], [area.mask for area in areas])
+    above = np.logical_or.reduce(dark) & ~np.logical_or.reduce(shown)
     out, meant = _without_grounds(levels, parts, areas, above, rough, line)
     return Lifted(out, None, areas, None, meant)
 

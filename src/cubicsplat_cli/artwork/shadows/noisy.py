@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
-from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.noisy import roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA as LEAST_EVEN
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, smooth_parts
@@ -30,11 +30,13 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.raster.unmix import STRANGE
+from cubicsplat_cli.record import record
 
-MOST_GROUNDS = 3  # the commonest
 BLUR = 1.0  # px by which noise is smoothed
 SOFT_BEND = 4.0  # levels of a second difference after that, which no edge of 20 levels or more falls short of
 RIM = 2  # px by which edges are wider after that, on either side
+# Times the error up to which shade is a shadow's foot, and the rounds in which all of it is found from that.
+FOOT, ROUNDS = 3.0, 3
 AT_EDGES = 2.0  # times the error by which pixels beside edges may be off
 MOST_CASTERS = 6  # with an opacity of their own; the smaller ones share one
 FITTED, SAMPLES = 256, 2000  # px of the longer side of what shadows are fitted to; shaded pixels of it, and others
@@ -76,15 +78,42 @@ def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
 
 def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarray]:
     """Yield the commonest colours (4,) of even pixels (n, 4), each of at least so many."""
-    for _ in range(MOST_GROUNDS):
-        if len(values) < least:
-            return
+    while len(values) >= least:
         colours, counts = np.unique(packed(np.rint(values)), return_counts=True)
         commonest = (colours[counts.argmax()] >> (8 * np.arange(4))) & 255
         near = largest(np.abs(values - commonest)) <= rough
-        if near.sum() >= least:
-            yield np.rint(np.median(values[near], axis=0)).astype(float)
+        if near.sum() < least:
+            return
+        yield np.rint(np.median(values[near], axis=0)).astype(float)
         values = values[~near]
+
+
+@record
+class _Line:
+    """Colours from a ground to its shade. off: (H, W, 4) levels of pixels from the ground; way: (4,) levels from there
+    to the shade; error: in levels."""
+
+    off: np.ndarray
+    way: np.ndarray
+    error: float
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """(H, W) how far pixels are on the way, 0 to 1."""
+        return np.asarray(self.off @ self.way / max(float(self.way @ self.way), 1e-9))
+
+    @property
+    def scale(self) -> float:
+        """Levels of a share of 1."""
+        return float(np.abs(self.way).max())
+
+    def apart(self, shares: np.ndarray) -> np.ndarray:
+        """Return (H, W, 4) levels by which pixels differ from shares (H, W)."""
+        return np.asarray(self.off - shares[..., None] * self.way)
+
+    def near(self, shares: np.ndarray) -> np.ndarray:
+        """Return (H, W) bool, true for pixels that have these shares."""
+        return np.asarray(largest(np.abs(self.apart(shares))) <= self.error)
 
 
 def _area(
@@ -102,36 +131,42 @@ def _area(
     told: (4, 4) as of `seen_as`.
     """
     far = largest(np.abs(off))
-    ground = (uneven & (np.bincount(parts[far <= error], minlength=len(sizes)) > 0))[parts]
-    shaded = ground & (far > error)
-    if min(shaded.sum(), (ground & ~shaded).sum()) < LEAST_AREA:
-        return None  # no shadow, or none that ends on the ground
-    colour = end_of(fill, off[shaded].sum(axis=0, dtype=float))
-    line = colour - fill
-    scale, shares = float(np.abs(line).max()), off @ line / max(float(line @ line), 1e-9)
+    smooth = (uneven & (np.bincount(parts[far <= error], minlength=len(sizes)) > 0))[parts]
+    even = smooth & (far <= error)
+    # All pixels tell the colour of a shade best; where it meets others as dark, only its foot tells it.
+    for most in (np.inf, FOOT * error):
+        ground = even | (smooth & (far <= most))
+        for _ in range(ROUNDS):
+            shaded = ground & ~even
+            if min(shaded.sum(), even.sum()) < LEAST_AREA:
+                break  # no shadow, or none that ends on the ground
+            colour = end_of(fill, off[shaded].sum(axis=0, dtype=float))
+            line = _Line(off, colour - fill, error)
+            on_line = line.near(line.shares) & (line.scale * line.shares >= -error)
+            ground = _connected(even, smooth & on_line)
+        else:
+            # Dark shadows end in edges of their own beside a shape, and glows have its colour.
+            beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
+            wider = (_connected(ground, others) for others in (beside, on_line))
+            tried = [each for each in (_tried(line, shown) for shown in (ground, *wider)) if each[2] > SHOWN]
+            if tried:
+                # A rim alone may also show where a much darker shadow ends.
+                shown, field, _ = max(tried, key=lambda each: (each[1].max() < 1.0, each[2]))
+                # Beside edges luma rings, and chroma is blurred.
+                rim = ndimage.binary_dilation(shown, ndimage.SQUARE, iterations=RING)
+                rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= AT_EDGES * error
+                return SoftArea(Ground(fill, _connected(shown, rim)), colour, field, error / CLOSE)
+    return None
 
-    def near(shares: np.ndarray) -> np.ndarray:
-        return np.asarray(largest(np.abs(off - shares[..., None] * line)) <= error)
 
-    on_line = near(shares) & (scale * shares >= -error)
-    ground &= (np.bincount(parts[on_line], minlength=len(sizes)) >= EXPLAINED * sizes)[parts]
-    if (ground & shaded).sum() < LEAST_AREA:
-        return None
-    best, most = None, SHOWN
-    clear = ndimage.binary_erosion(ground, ndimage.SQUARE, iterations=RIM, border_value=1)
-    # Dark shadows end in edges of their own beside a shape, and glows have its colour.
-    beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
-    for shown in (ground, _connected(ground, beside)):
-        field = _fitted(shares, shown, scale)
-        if field is None:
-            continue
-        dark = clear & (scale * np.maximum(shares, field) > error)
-        explained = float((near(field) & (scale * field > 0.5 * error))[dark].mean()) if dark.any() else 0.0
-        if explained > most:
-            # Beside edges luma rings, and chroma is blurred.
-            alike = np.linalg.norm((off - field[..., None] * line) @ told, axis=2) <= AT_EDGES * error
-            most, best = explained, SoftArea(Ground(fill, _connected(shown, alike)), colour, field, error / CLOSE)
-    return best
+def _tried(line: _Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return (H, W) bool the pixels of a ground, (H, W) the shares of the shadow fitted to them, and the share of the
+    dark ones that it explains."""
+    field = _fitted(line, shown)
+    clear = ndimage.binary_erosion(shown, ndimage.SQUARE, iterations=RIM, border_value=1)
+    dark = clear & (line.scale * np.maximum(line.shares, field) > line.error)
+    explained = line.near(field) & (line.scale * field > 0.5 * line.error)
+    return shown, field, float(explained[dark].mean()) if dark.any() else 0.0
 
 
 def _connected(mask: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -139,13 +174,13 @@ def _connected(mask: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(ndimage.binary_propagation(mask, None, mask | others))
 
 
-def _fitted(seen: np.ndarray, ground: np.ndarray, scale: float) -> np.ndarray | None:
+def _fitted(line: _Line, ground: np.ndarray) -> np.ndarray:
     """Return (H, W) the shares, 0 to 1, of a shadow of all that stands on a ground (H, W) bool, fitted to those seen
-    there (H, W); None if nothing stands there, or too few pixels show it. scale: levels of a share of 1.
+    there; zeros if nothing stands there, or too few pixels show it.
     """
     from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
 
-    masks = _silhouettes(ground)
+    seen, scale, masks = line.shares, line.scale, _silhouettes(ground)
     step = -(-max(seen.shape) // FITTED)
     clear = ndimage.binary_erosion(ground, ndimage.SQUARE, iterations=RIM, border_value=1)
     small, whole, wanted = (
@@ -155,27 +190,29 @@ def _fitted(seen: np.ndarray, ground: np.ndarray, scale: float) -> np.ndarray | 
     usable = whole.ravel() == 1.0
     at = np.concatenate([order.permutation(np.flatnonzero(usable & some))[:SAMPLES] for some in (dark, ~dark)])
     if not masks.shape[2] or not (usable & dark).any():
-        return None
+        return np.zeros(seen.shape)
 
-    def opacities(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the opacities (K,) with which a shadow is nearest, and the levels (n,) by which it is off."""
+    def parts(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the opacities (K,) with which a shadow is nearest, and the levels (n, K) that these give it."""
         blurred = scale * _blurred(small, *place).reshape(-1, small.shape[2])[at].astype(float)
         found, _ = nnls(blurred, wanted[at].astype(float))
-        return found, blurred @ found - wanted[at]
+        return found, blurred * found
 
     def off(place: np.ndarray) -> np.ndarray:
-        return opacities(place)[1]
+        return parts(place)[1].sum(axis=1) - wanted[at]
 
     sides = (-MOVED / step, 0.0, MOVED / step)
     begins = [np.array(place) for place in product(sides, sides, [math.log(blur / step) for blur in BLURS])]
     unlike, begin = min(((float(np.abs(off(place)).sum()), place) for place in begins), key=lambda trial: trial[0])
     if unlike > MISFIT * float(np.abs(wanted[at]).sum()):
-        return None
+        return np.zeros(seen.shape)
     ends = np.array([MOST_MOVED / step, MOST_MOVED / step, math.log(MOST_MOVED / step)])
     least = np.append(-ends[:2], -math.log(step))
     fit = least_squares(off, begin, bounds=(least, ends), diff_step=0.02, loss="soft_l1", f_scale=CLOSE, max_nfev=12)
     dx, dy, blur = fit.x
-    strong = masks @ opacities(fit.x)[0].astype(np.float32)
+    found, seen_parts = parts(fit.x)
+    # What shades no pixel plainly casts no shadow.
+    strong = masks @ np.where(seen_parts.max(axis=0) > CLOSE, found, 0.0).astype(np.float32)
     return np.clip(_blurred(strong[..., None], dx * step, dy * step, blur + math.log(step))[..., 0], 0.0, 1.0)
 
 

@@ -8,7 +8,7 @@ within the one before and a step darker.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -24,11 +24,10 @@ from cubicsplat_cli.artwork.layers.extents import extents_of
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
 from cubicsplat_cli.artwork.regions.sampling import share_positions
 from cubicsplat_cli.artwork.shadows.boxes import Box
-from cubicsplat_cli.artwork.shadows.lifting import Lifted
+from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Cast
 from cubicsplat_cli.artwork.shadows.soft import SoftArea
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.record import record
@@ -174,10 +173,11 @@ def _outlines(part: np.ndarray, error: float) -> Iterator[tuple[Outline, ...]]:
             yield outlines_of(extent, cover.shape, 1.0)
 
 
-def placed(drawing: Drawing, areas: Sequence[SoftArea]) -> tuple[SoftArea, ...]:
+def placed(drawing: Drawing, lifted: Lifted) -> tuple[SoftArea, ...]:
     """Return the soft areas that shade nothing but their grounds in the drawing of a picture without them."""
     owners, count = _owners(drawing), len(drawing.shapes)
-    return tuple(area for area in areas if _place(owners, count, area.share > FAINT / 255.0, area.mask) is not None)
+    both = zip(lifted.areas, lifted.sides, strict=True)
+    return tuple(area for area, sides in both if _place(owners, count, *sides) is not None)
 
 
 def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
@@ -185,8 +185,8 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
     would shade other shapes than in the picture."""
     owners, count = _owners(drawing), len(drawing.shapes)
     layers: list[tuple[int, list[Shape]]] = []
-    for area in lifted.areas:
-        place = _place(owners, count, area.share > FAINT / 255.0, area.mask)
+    for area, of_area in zip(lifted.areas, lifted.sides, strict=True):
+        place = _place(owners, count, *of_area)
         if place is None:
             return None
         layers.append((place, list(_contoured(area))))
@@ -198,7 +198,7 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
                 continue
             window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
             dark[window] = share > FAINT / 255.0
-            place = _place(owners, count, dark & ~cast.mask, shown)
+            place = _place(owners, count, *sides(dark & ~cast.mask, shown))
             shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
             if place is None or shapes is None:
                 return None
@@ -210,13 +210,11 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
     return replace(drawing, shapes=tuple(out))
 
 
-def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) -> int | None:
+def _place(owner: np.ndarray, count: int, inner: np.ndarray, outer: np.ndarray) -> int | None:
     """Return the number of shapes below a shadow; None if one of these is not shaded.
 
-    owner: (H, W) as of `_owners`. dark, shaded: (H, W) bool, pixels in which the shadow would show, and does.
+    owner: (H, W) as of `_owners`. inner, outer: as of `sides`.
     """
-    inner = ndimage.binary_erosion(shaded, ndimage.SQUARE) & dark
-    outer = ndimage.binary_erosion(~shaded, ndimage.SQUARE, border_value=1) & dark
     below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
     above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
     lies_below = (below >= CONTACT) & (below > above)
