@@ -151,6 +151,6 @@ def _like_ground(
     # Ringing makes the rims of shapes uneven.
     near = [above & (largest(np.abs(levels - card.fill)) <= SAME * rough) for card in cards]
     return [
-        replace(card, mask=ndimage.binary_propagation(card.mask, None, card.mask | rim))
+        replace(card, mask=ndimage.binary_propagation(card.mask, None, rim))
         for card, rim in zip(cards, near, strict=True)
     ]
