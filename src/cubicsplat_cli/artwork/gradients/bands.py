@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.areas import CONTACT
+from cubicsplat_cli.artwork.gradients.areas import CONTACT, RIM
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.noisy import is_step, roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Patch, patches_of
@@ -24,7 +24,6 @@ from cubicsplat_cli.raster.sparse import linked_groups
 
 BESIDE = 3  # px on either side of a border that show a step
 STEP = 0.5  # share of the step between fills that bands have at most, and of their squared error that a gradient leaves
-RIM = 2  # px beside other fills, which blend with the bands
 
 
 def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, condition: Condition) -> list[ShadedArea]:

@@ -14,8 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.state import PRICE
 from cubicsplat_cli.artwork.gradients.parts import TIP
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, PRICE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
 from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, reach, scatter, slopes
 
 BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5  # blocks that each show a direction, side of one in px, and pixels that it needs
@@ -52,7 +53,9 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
         return None
     best, least = None, np.inf
     for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2):
-        shade = _fitted(_stopped(*frames[k], few), few)
+        frame, radial, parameters = frames[k]
+        stops = best_stops(frame, radial, few, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * SIGMA**2 / SHARE)
+        shade = _fitted(Shade(frame, radial, Ramp(*stops).trimmed(), parameters), few)
         cost = _cost(shade, few, count)
         if cost < least:
             best, least = shade, cost
@@ -69,12 +72,6 @@ def refitted(shade: Shade, pixels: Pixels) -> Shade:
     count = len(pixels.x)
     some = pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
     return reaching(_level(_pruned(_fitted(shade.extended(), some), some, count), some, count), pixels)
-
-
-def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -> Shade:
-    """Return the shade along a frame with as many stops as the pixels support."""
-    ramp = Ramp(*best_stops(frame, radial, pixels, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * SIGMA**2 / SHARE))
-    return Shade(frame, radial, ramp.trimmed(), parameters)
 
 
 def _fitted(shade: Shade, pixels: Pixels) -> Shade:

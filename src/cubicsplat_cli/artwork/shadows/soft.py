@@ -167,8 +167,7 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
 
 def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
     """Return (H, W) levels as they were before rounding, continued, up to `most`, into pixels that are not known."""
-    rows, columns = (np.flatnonzero((known & (levels > ROUNDED)).any(axis=axis)) for axis in (1, 0))
-    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    (box,) = ndimage.find_objects(known & (levels > ROUNDED))
     window, whole = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
     levels, known = levels[window], known[window]
     height, width = levels.shape

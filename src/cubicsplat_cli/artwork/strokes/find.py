@@ -30,10 +30,10 @@ from cubicsplat_cli.artwork.geometry.stroke import (
 )
 from cubicsplat_cli.artwork.regularities.alike import MEAN
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.strokes import evenly_wide
 
-MOST_OFF = 0.75  # of a pixel's coverage
 # px by which an outline is off for each of the error, of full scale, of its pixels, up to a most; and widths squared
 # that ends and corners of each stroke may then be off, in place of MOST_OFF.
 SLACK, MOST_SLACK, ENDS_OFF = 1.2, 0.15, 1.0
