@@ -249,7 +249,7 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
             explained = near.within(shade.explains(near.pixels) & (t >= first) & (t <= last)).mask
             # Along an edge of little contrast the rim is explained as well, which tells where the edge lies.
             beyond = explained & ~ndimage.binary_dilation(patch.mask, ndimage.SQUARE, iterations=RIM)
-            tips = patch.mask | (explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM))
+            tips = explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM)
             wider = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
             if wider.size <= (1.0 + MOST_TIPS) * patch.size:
                 patch = wider

@@ -27,7 +27,6 @@ STEADY = 0.1  # share of the steepest slope, below which a block lies beyond the
 MOST_LEAN = 0.9  # ratio of the focus' distance from the middle to the radius, to begin with
 SLIGHT = 0.05  # that ratio, or the tangent of a linear gradient's angle to an axis, which may be zero as well
 UNLIKELY = 4.0  # a geometry is tried if its scatter is at most so many times the least
-SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean square of pixels that are twice as far off as explained ones
 
 
 def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
@@ -40,9 +39,9 @@ def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
     return shade
 
 
-def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED) -> Shade | None:
+def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = (2.0 * CLOSE) ** 2) -> Shade | None:
     """Return the same; None if in every geometry the pixels of one t differ by more than `most` levels^2 in the mean,
-    so that no gradient comes near them all."""
+    as pixels twice as far off as explained ones do, so that no gradient comes near them all."""
     # The pixels are sampled at random, in the same way each time.
     count = len(pixels.x)
     order = np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False)
