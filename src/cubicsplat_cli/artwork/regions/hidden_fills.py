@@ -112,7 +112,7 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
         shown = pure == k
         for line, ground in permutations(fills[fills != k], 2):
             if out[k]:
-                continue
+                break
             share, rest = blend_of(palette[k], palette[ground], palette[line])
             if share < LEAST_SHARE or np.abs(rest).max() > ROUNDED:
                 continue

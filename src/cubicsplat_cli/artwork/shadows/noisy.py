@@ -64,12 +64,12 @@ def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
     if not count:
         return
     sizes, _, spreads = part_spreads(seen, parts, count)
-    sizes, uneven = np.append(1, sizes), np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
+    uneven = np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
     if not uneven.any():
         return
     for fill in _grounds(seen[calm_pixels(levels, condition.noise)[0]], int(LEAST_PLATEAU * parts.size), rough):
         work().at()
-        area = _area(seen - fill, fill, parts, sizes, uneven, CLOSE * rough, seen_as(condition))
+        area = _area(seen - fill, fill, parts, uneven, CLOSE * rough, seen_as(condition))
         if area is not None:
             yield area
 
@@ -87,21 +87,15 @@ def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarra
 
 
 def _area(
-    off: np.ndarray,
-    fill: np.ndarray,
-    parts: np.ndarray,
-    sizes: np.ndarray,
-    uneven: np.ndarray,
-    error: float,
-    told: np.ndarray,
+    off: np.ndarray, fill: np.ndarray, parts: np.ndarray, uneven: np.ndarray, error: float, told: np.ndarray
 ) -> SoftArea | None:
     """Return the soft area on a ground of a fill, to an error in levels; None if no blur of what stands there is one.
 
-    off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`, of these sizes (n,), some of them uneven.
-    told: (4, 4) as of `seen_as`.
+    off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`; uneven: (n,) bool, which of them are. told:
+    (4, 4) as of `seen_as`.
     """
     far = largest(np.abs(off))
-    smooth = (uneven & (np.bincount(parts[far <= error], minlength=len(sizes)) > 0))[parts]
+    smooth = (uneven & (np.bincount(parts[far <= error], minlength=len(uneven)) > 0))[parts]
     even = smooth & (far <= error)
     # All pixels tell the colour of a shade best; where it meets others as dark, only its foot tells it.
     for most in (np.inf, FOOT * error):
@@ -133,27 +127,25 @@ def _area(
 def _tried(line: Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Return (H, W) bool the pixels of a ground, (H, W) the shares of the shadow fitted to them, and the share of the
     dark ones that it explains."""
-    field = _fitted(line, shown)
     clear = ndimage.binary_erosion(shown, ndimage.SQUARE, iterations=RIM, border_value=1)
+    field = _fitted(line, _silhouettes(shown), clear)
     dark = clear & (line.scale * np.maximum(line.shares, field) > line.error)
     explained = line.near(field) & (line.scale * field > 0.5 * line.error)
     return shown, field, float(explained[dark].mean()) if dark.any() else 0.0
 
 
-def _fitted(line: Line, ground: np.ndarray) -> np.ndarray:
-    """Return (H, W) the shares, 0 to 1, of a shadow of all that stands on a ground (H, W) bool, fitted to those seen
-    there; zeros if nothing stands there, or too few pixels show it.
+def _fitted(line: Line, masks: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """Return (H, W) the shares, 0 to 1, of a shadow of silhouettes (H, W, K), fitted to those seen in clear pixels
+    (H, W) bool; zeros if there are no silhouettes, or too few pixels show it.
     """
     from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
 
-    seen, scale, masks = line.shares, line.scale, _silhouettes(ground)
-    step = -(-max(seen.shape) // FITTED)
-    clear = ndimage.binary_erosion(ground, ndimage.SQUARE, iterations=RIM, border_value=1)
+    seen, scale, step = line.shares, line.scale, -(-max(clear.shape) // FITTED)
     small, whole, wanted = (
         in_blocks(values.astype(np.float32), step).mean((2, 3)) for values in (masks, clear[..., None], seen[..., None])
     )
-    wanted, dark, order = scale * wanted.ravel(), scale * wanted.ravel() > LEAST_RANGE, np.random.default_rng(0)
-    usable = whole.ravel() == 1.0
+    wanted, order = scale * wanted.ravel(), np.random.default_rng(0)
+    dark, usable = wanted > LEAST_RANGE, whole.ravel() == 1.0
     at = np.concatenate([order.permutation(np.flatnonzero(usable & some))[:SAMPLES] for some in (dark, ~dark)])
     if not masks.shape[2] or not (usable & dark).any():
         return np.zeros(seen.shape)

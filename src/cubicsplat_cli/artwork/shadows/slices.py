@@ -212,12 +212,10 @@ def _place(owner: np.ndarray, count: int, inner: np.ndarray, outer: np.ndarray) 
 
     owner: (H, W) as of `_owners`. inner, outer: as of `sides`.
     """
-    below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
-    above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
+    below, above = (np.bincount(owner[side & (owner >= 0)], minlength=count) for side in (inner, outer))
     lies_below = (below >= CONTACT) & (below > above)
     place = int(np.flatnonzero(lies_below).max()) + 1 if lies_below.any() else 0
-    wrong = above[:place] >= CONTACT
-    return None if (wrong & ~lies_below[:place]).any() else place
+    return None if ((above >= CONTACT) & ~lies_below)[:place].any() else place
 
 
 def _owners(drawing: Drawing) -> np.ndarray:
