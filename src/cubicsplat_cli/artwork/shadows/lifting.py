@@ -147,10 +147,9 @@ def _like_ground(
         if not even or min(np.abs(g.ground.fill - fill).max() for g in grounds) > SAME * rough:
             continue
         out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= inside
-    cards = [Ground(np.array(fill), mask) for fill, mask in out.items()]
-    # Ringing makes the rims of shapes uneven.
-    near = [above & (largest(np.abs(levels - card.fill)) <= SAME * rough) for card in cards]
-    return [
-        replace(card, mask=ndimage.binary_propagation(card.mask, None, rim))
-        for card, rim in zip(cards, near, strict=True)
-    ]
+    cards = []
+    for fill, mask in out.items():
+        # Ringing makes the rims of shapes uneven.
+        rim = above & (largest(np.abs(levels - np.array(fill))) <= SAME * rough)
+        cards.append(Ground(np.array(fill), ndimage.binary_propagation(mask, None, rim)))
+    return cards

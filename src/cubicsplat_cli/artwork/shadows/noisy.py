@@ -179,9 +179,8 @@ def _silhouettes(ground: np.ndarray) -> np.ndarray:
     inner = ndimage.binary_erosion(~ground, ndimage.SQUARE, iterations=RIM, border_value=1)
     labels, count = ndimage.label(inner, ndimage.SQUARE)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-    number = np.full(count + 1, min(count, MOST_CASTERS))
-    number[1 + np.argsort(-sizes, kind="stable")[:MOST_CASTERS]] = np.arange(min(count, MOST_CASTERS))
-    number[0] = -1
+    rank = np.argsort(np.argsort(-sizes, kind="stable"))
+    number = np.append(-1, np.minimum(rank, MOST_CASTERS))
     return (number[labels][..., None] == np.arange(number.max() + 1)).astype(np.float32)
 
 
