@@ -151,9 +151,11 @@ def _with_its_shadow(
         first = with_shadow(outlined.drawing, without)
     if first is None:
         return None
+    plain, of_plain = replace(prepared, condition=prepared.with_shadow or prepared.condition), None
     if without.areas:
-        plain = replace(prepared, condition=prepared.with_shadow or prepared.condition)
-        of_plain = _outlined(plain, settings)
+        with work().stoppable():
+            of_plain = _outlined(plain, settings)
+    if of_plain is not None:
         # Outlines are not fitted yet, which costs both most inside of what hides the shadow.
         shown = ~np.logical_or.reduce([outer for _, outer in without.sides])
         if _description(of_plain.drawing, plain.levels, shown) < _description(first, plain.levels, shown):

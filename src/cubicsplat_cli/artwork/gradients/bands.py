@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.areas import CONTACT, RIM
+from cubicsplat_cli.artwork.gradients.areas import RIM
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.noisy import is_step, roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Patch, patches_of
@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import SAME
 from cubicsplat_cli.artwork.input.restore import seen_as
-from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.regions.regions import CONTACT, FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, misfits
 from cubicsplat_cli.raster.sparse import linked_groups

@@ -17,10 +17,10 @@ import numpy as np
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
-from cubicsplat_cli.artwork.layers.stacking import Sides, Stack, stack
+from cubicsplat_cli.artwork.layers.stacking import Stack, stack
 from cubicsplat_cli.artwork.layers.ways import SLACK, Heading, heading
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
-from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
@@ -40,7 +40,7 @@ class TranslucentPart:
 
 
 def parts_of(
-    regions: Regions, found: EdgePositions, joined: bool, fixed: np.ndarray | None, shaded: Sequence[Sides] = ()
+    regions: Regions, found: EdgePositions, joined: bool, fixed: np.ndarray | None, shaded: Sequence[ShadowSides] = ()
 ) -> list[TranslucentPart]:
     """The parts of regions, back to front.
 

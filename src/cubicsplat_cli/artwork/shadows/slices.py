@@ -15,13 +15,13 @@ from itertools import pairwise
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
-from cubicsplat_cli.artwork.gradients.areas import CONTACT
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents_of
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
+from cubicsplat_cli.artwork.regions.regions import CONTACT
 from cubicsplat_cli.artwork.regions.sampling import share_positions
 from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides
