@@ -16,12 +16,11 @@ from cubicsplat_cli.artwork.input.prepare import PreparedInput
 from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, before_compression
 from cubicsplat_cli.artwork.input.restore import MISFIT, restored
 from cubicsplat_cli.artwork.layers.seams import without_seams
-from cubicsplat_cli.artwork.layers.stacking import Sides
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
-from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions, find_regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions, ShadowSides, find_regions
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ROUNDING, edge_positions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.progress import log, work
@@ -118,7 +117,7 @@ def planned(
     error: float,
     placeholders: np.ndarray | None,
     share_error: float = FEW_SAMPLES,
-    shaded: Sequence[Sides] = (),
+    shaded: Sequence[ShadowSides] = (),
 ) -> Plan:
     """Return the plan of a picture's drawing, with at most settings.curves parts.
 

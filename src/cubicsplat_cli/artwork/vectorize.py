@@ -101,7 +101,8 @@ def versions(
     settings, prepared = settings or ArtworkSettings(), prepared or prepare(target)
     none_yet = True
     with work().stoppable():
-        for drawing in _with_its_shadow(prepared, settings, on_sketch) or _versions(prepared, settings, on_sketch):
+        drawings = _with_its_shadow(prepared, settings, on_sketch)
+        for drawing in drawings or _fitted(_outlined(prepared, settings), prepared, settings, on_sketch):
             none_yet = False
             yield _enlarged(drawing, prepared)
     if none_yet:
@@ -150,9 +151,11 @@ def _with_its_shadow(
         first = with_shadow(outlined.drawing, without)
     if first is None:
         return None
+    plain, of_plain = replace(prepared, condition=prepared.with_shadow or prepared.condition), None
     if without.areas:
-        plain = replace(prepared, condition=prepared.with_shadow or prepared.condition)
-        of_plain = _outlined(plain, settings)
+        with work().stoppable():
+            of_plain = _outlined(plain, settings)
+    if of_plain is not None:
         # Outlines are not fitted yet, which costs both most inside of what hides the shadow.
         shown = ~np.logical_or.reduce([outer for _, outer in without.sides])
         if _description(of_plain.drawing, plain.levels, shown) < _description(first, plain.levels, shown):
@@ -173,21 +176,17 @@ def _description(drawing: Drawing, levels: np.ndarray, shown: np.ndarray) -> flo
     return 0.5 * len(off) * math.log(float(np.mean(off * off)) + ROUNDED) + PRICE * length(drawing.shapes)
 
 
-def _versions(
-    prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
-) -> Iterator[Drawing]:
-    """Yield the versions in px of the prepared levels; see `versions`."""
-    return _fitted(_outlined(prepared, settings), prepared, settings, on_sketch)
-
-
 @record
 class Outlined:
-    """A picture's outlines, not yet fitted to its pixels. flat, target, error: as of `plan.flat_fills`."""
+    """A picture's outlines, not yet fitted to its pixels. flat, target, error: as of `plan.flat_fills`. placeholders:
+    as of `planned`. finer: the factor of the detail in which it is traced."""
 
     flat: Flattened
     target: np.ndarray
     error: float
+    placeholders: np.ndarray | None
     plan: Plan
+    finer: float
     shapes: tuple[Shape, ...]
 
     @property
@@ -201,11 +200,12 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     """Return the outlines of a prepared picture."""
     condition = prepared.condition
     flat, picture, target, error = flat_fills(prepared, settings)
-    placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
+    # An unclean picture does not show blends well enough.
+    placeholders = flat.fills if condition.clean and _may_overlap(settings) else None
     off, share_off = condition.restored_error, condition.share_error
     shaded = prepared.shaded
     plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, shaded)
-    finer = _finer(plan, condition)
+    finer = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED) if condition.clean else 1.0
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
         opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, shaded))
@@ -213,7 +213,7 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
             without = traced(opaque, settings, flat, finer)
             if length(without) < length(shapes):
                 plan, shapes = opaque, without
-    return Outlined(flat, target, error, plan, shapes)
+    return Outlined(flat, target, error, placeholders, plan, finer, shapes)
 
 
 def _fitted(
@@ -226,11 +226,6 @@ def _fitted(
         painted = _painted(_with_strokes(version, goal, settings, outlined.error))
         leaks = None if prepared.condition.clean else outlined.flat
         yield recoloured(painted, prepared.levels, leaks) if settings.free_fills else painted
-
-
-def _finer(plan: Plan, condition: Condition) -> float:
-    """Return the factor of the detail in which a picture is traced."""
-    return TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED) if condition.clean else 1.0
 
 
 def _finished(
@@ -256,10 +251,9 @@ def _finished(
         space = seen_as(condition, sharp=target is not flat.levels)
         goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, condition.share_error, outlined.error)
         if not (condition.aliased or condition.blur or prepared.pens):
-            placeholders = flat.fills if _may_be_translucent(prepared, settings) else None
             picture = replace(plan, levels=levels) if settings.free_fills else plan
-            errors = condition.restored_error, _finer(plan, condition)
-            drawing, state = or_finer(drawing, goal, picture, scaled, flat, placeholders, *errors)
+            errors = condition.restored_error, outlined.finer
+            drawing, state = or_finer(drawing, goal, picture, scaled, flat, outlined.placeholders, *errors)
         drawing = polish(drawing, goal, settings.detail, state, show)
         drawing = regularised(drawing, goal, settings.detail, grid)
         if condition.aliased:
@@ -307,11 +301,6 @@ def draw_flat(picture: FlatPicture) -> Drawing:
         drawing = polish(drawing, goal)
         drawing = regularised(drawing, goal, settings.detail)
     return drawing  # noqa: RET504 (a stop leaves an earlier one)
-
-
-def _may_be_translucent(prepared: PreparedInput, settings: ArtworkSettings) -> bool:
-    """True if shapes may be translucent: not in an unclean picture, which does not show blends well enough."""
-    return prepared.condition.clean and _may_overlap(settings)
 
 
 def _may_overlap(settings: ArtworkSettings) -> bool:

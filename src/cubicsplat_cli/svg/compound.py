@@ -39,9 +39,10 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
     joins = paths | np.array([sign and shape.stroke is None for shape in shapes], dtype=bool)
     free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
-    for k in [k for k in np.flatnonzero(free).tolist() if _crosses(shapes[k])]:
-        beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
-        free[k] = not _cuts(shapes[k], [shapes[n] for n in np.flatnonzero(beside).tolist() if n != k])
+    for k in np.flatnonzero(free).tolist():
+        if _crosses(shapes[k]):
+            beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
+            free[k] = not _cuts(shapes[k], [shapes[n] for n in np.flatnonzero(beside).tolist() if n != k])
     free &= sign | (np.bincount(numbers, free)[numbers] >= LEAST_SHAPES)
     while True:
         leaders = _leaders(boxes, numbers, free)
@@ -91,8 +92,8 @@ def _opaque(shape: Shape) -> bool:
 
 def _crosses(shape: Shape) -> bool:
     """Return whether a loop of a ring runs the other way round; it would cut a hole into shapes that it lies on."""
-    rings = [outline for outline in shape.outlines if isinstance(outline, Ring)]
-    return shape.stroke is None and any(_reversed_area(ring) >= _LOOP for ring in rings)
+    rings = [ring for ring in shape.outlines if shape.stroke is None and isinstance(ring, Ring)]
+    return any(_reversed_area(ring) >= _LOOP for ring in rings)
 
 
 def _cuts(shape: Shape, others: Sequence[Shape]) -> bool:

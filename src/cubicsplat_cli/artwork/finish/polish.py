@@ -37,7 +37,6 @@ CROWDED, FULL, CHANGED, MOST = 400, 4000, 16_000, 100_000
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
 WORTH, MOST_CHI = 3.0 * PRICE, 60.0
 NEAR = 2.5  # px: misfit within this of a joint is the joint's
-CONCENTRATED = 0.5  # share of a piece's misfit that is a joint's, which then is what moves
 ROUNDED = 2.0  # px before and after a corner between which it is rounded
 LEAST_LENGTH = 3.0  # px of a piece that may be cut
 # Half of the excess of chi^2 that a primitive's pixels must have on average: twice as much as by chance. Over the many
@@ -167,7 +166,7 @@ def _moved(ring: Ring, i: int, complaints: Complaints, number: int, joints: set[
     not moved."""
     start, end = float(complaints.start[number]), float(complaints.end[number])
     length = float(polygon_lengths(ring.cubics[[i]])[0])
-    if max(start, end) > CONCENTRATED and length > 2.0 * NEAR:
+    if max(start, end) > 0.5 and length > 2.0 * NEAR:  # a joint has most of the misfit
         anchor = i if start >= end else (i + 1) % ring.pieces
         if anchor in joints or anchor == 0:
             return ring

@@ -34,10 +34,9 @@ SIDE = 5  # px, of the lines along which residuals are averaged
 OWN = 0.5  # of the mean around it that a pixel is off itself
 NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
 MARGIN = 5  # px around an area that are looked at with it
-# Px times levels of an area that people see, and px of a shape, in a clean picture: a dot of a px; and in one with
-# noise: 60 px of what is just unlike, or a short line.
-LEAST_CLEAN, SMALLEST_CLEAN = 160.0, 1
-LEAST, SMALLEST = 60.0 * UNLIKE, 6
+# Px times levels of an area that people see, in a clean picture; and with noise, with px of a shape: 60 px of what is
+# just unlike, or a short line.
+LEAST_CLEAN, LEAST, SMALLEST = 160.0, 60.0 * UNLIKE, 6
 LINE = 3  # px of a shape from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
 LESS = 0.2  # share from which a pixel on the middle of a line is the new shape's, as others are by half of them
@@ -73,7 +72,7 @@ class TargetPicture:
         """The picture in a condition. min_area: px^2 that a shape has at least."""
         seen, rings = levels @ LUMA_CHROMA, condition.jpeg or condition.sharpened
         sharp = condition.clean and not (condition.aliased or rings)
-        least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if sharp else (LEAST, SMALLEST)
+        least, smallest = (LEAST_CLEAN, 1) if sharp else (LEAST, SMALLEST)
         off = ringing(seen) if rings else np.zeros(seen.shape, np.float32)
         return cls(levels, condition, least, max(smallest, min_area), off)
 

@@ -24,6 +24,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, covered
 from cubicsplat_cli.artwork.gradients.shades import common_shade, reaching, shade_of
 from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, FLAT_RANGE, SEEN
+from cubicsplat_cli.artwork.regions.regions import CONTACT
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels
@@ -34,7 +35,6 @@ MOST_HINTS = 3  # radial gradients found before, whose geometry is tried
 DEEPEST = 2  # divisions of a part into pieces
 SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and the share of the part it must explain
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
-CONTACT = 8  # px in which two areas must touch, for their relation to count
 MOST_UNIONS = 6  # gradients with which a common one is sought for an area, the likeliest first
 MOST_TIPS = 0.25  # of an area's pixels: more is no tip, but something whose colours are near by chance
 RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that a tip goes on
@@ -249,7 +249,7 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
             explained = near.within(shade.explains(near.pixels) & (t >= first) & (t <= last)).mask
             # Along an edge of little contrast the rim is explained as well, which tells where the edge lies.
             beyond = explained & ~ndimage.binary_dilation(patch.mask, ndimage.SQUARE, iterations=RIM)
-            tips = patch.mask | (explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM))
+            tips = explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM)
             wider = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
             if wider.size <= (1.0 + MOST_TIPS) * patch.size:
                 patch = wider

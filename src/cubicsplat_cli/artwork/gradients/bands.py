@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.areas import CONTACT
+from cubicsplat_cli.artwork.gradients.areas import RIM
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.noisy import is_step, roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Patch, patches_of
@@ -17,14 +17,13 @@ from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import SAME
 from cubicsplat_cli.artwork.input.restore import seen_as
-from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.regions.regions import CONTACT, FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, misfits
 from cubicsplat_cli.raster.sparse import linked_groups
 
 BESIDE = 3  # px on either side of a border that show a step
 STEP = 0.5  # share of the step between fills that bands have at most, and of their squared error that a gradient leaves
-RIM = 2  # px beside other fills, which blend with the bands
 
 
 def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, condition: Condition) -> list[ShadedArea]:

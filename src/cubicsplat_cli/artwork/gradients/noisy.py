@@ -180,5 +180,5 @@ def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int)
     belongs = np.bincount(rests.ravel(), explained.ravel(), count + 1) >= EXPLAINED * sizes
     belongs[0] = False
     rimmed = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=rim)
-    mask = wide.mask | (explained & (rimmed | belongs[rests]))
-    return replace(area, patch=replace(wide, mask=ndimage.binary_propagation(wide.mask, None, mask)))
+    more = explained & (rimmed | belongs[rests])
+    return replace(area, patch=replace(wide, mask=ndimage.binary_propagation(wide.mask, None, more)))

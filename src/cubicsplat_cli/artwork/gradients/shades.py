@@ -26,7 +26,6 @@ STEADY = 0.1  # share of the steepest slope, below which a block lies beyond the
 MOST_LEAN = 0.9  # ratio of the focus' distance from the middle to the radius, to begin with
 SLIGHT = 0.05  # that ratio, or the tangent of a linear gradient's angle to an axis, which may be zero as well
 UNLIKELY = 4.0  # a geometry is tried if its scatter is at most so many times the least
-SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean square of pixels that are twice as far off as explained ones
 
 
 def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
@@ -39,9 +38,9 @@ def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
     return shade
 
 
-def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED) -> Shade | None:
+def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = (2.0 * CLOSE) ** 2) -> Shade | None:
     """Return the same; None if in every geometry the pixels of one t differ by more than `most` levels^2 in the mean,
-    so that no gradient comes near them all."""
+    as pixels twice as far off as explained ones do, so that no gradient comes near them all."""
     # The pixels are sampled at random, in the same way each time.
     count = len(pixels.x)
     order = np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False)
@@ -52,7 +51,9 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
         return None
     best, least = None, np.inf
     for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2):
-        shade = _fitted(_stopped(*frames[k], few), few)
+        frame, radial, parameters = frames[k]
+        stops = best_stops(frame, radial, few, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * SIGMA**2 / SHARE)
+        shade = _fitted(Shade(frame, radial, Ramp(*stops).trimmed(), parameters), few)
         cost = _cost(shade, few, count)
         if cost < least:
             best, least = shade, cost
@@ -69,12 +70,6 @@ def refitted(shade: Shade, pixels: Pixels) -> Shade:
     count = len(pixels.x)
     some = pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
     return reaching(_level(_pruned(_fitted(shade.extended(), some), some, count), some, count), pixels)
-
-
-def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -> Shade:
-    """Return the shade along a frame with as many stops as the pixels support."""
-    ramp = Ramp(*best_stops(frame, radial, pixels, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * SIGMA**2 / SHARE))
-    return Shade(frame, radial, ramp.trimmed(), parameters)
 
 
 def _fitted(shade: Shade, pixels: Pixels) -> Shade:

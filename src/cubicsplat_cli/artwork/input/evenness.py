@@ -73,18 +73,16 @@ def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
         pairs[at] += 1
         alike[at] += step <= even
         little[at] += (step > even) & (step <= EDGE)
-    pairs, alike, little = (_tiled(counts, tile) for counts in (pairs, alike, little))
+    # The tiles at the right and at the bottom may be narrower.
+    rows, columns = (np.arange(0, length, tile) for length in levels.shape[:2])
+    pairs, alike, little = (
+        np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1) for counts in (pairs, alike, little)
+    )
     busy = alike < pairs
     if not busy.any():
         return Evenness(1.0, 0.0)
     total = float(pairs[busy].sum())
     return Evenness(float(alike[busy].sum()) / total, float(little[busy].sum()) / total)
-
-
-def _tiled(counts: np.ndarray, tile: int) -> np.ndarray:
-    """Return the sums of all tiles of numbers (H, W); those at the right and at the bottom may be narrower."""
-    rows, columns = (np.arange(0, length, tile) for length in counts.shape)
-    return np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
 
 
 @record

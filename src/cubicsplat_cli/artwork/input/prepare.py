@@ -22,8 +22,8 @@ from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.input.sharpening import without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
-from cubicsplat_cli.artwork.layers.stacking import Sides
 from cubicsplat_cli.artwork.limits import reduced, reduction
+from cubicsplat_cli.artwork.regions.regions import ShadowSides
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.files.decode import Compression
@@ -56,7 +56,7 @@ class PreparedInput:
     lifted: Lifted | None = None
     with_shadow: Condition | None = None
     compression: Compression | None = None
-    shaded: Sequence[Sides] = ()
+    shaded: Sequence[ShadowSides] = ()
     edge_notes: tuple[str, ...] = ()
 
     @property

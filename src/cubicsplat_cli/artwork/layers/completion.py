@@ -29,7 +29,6 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.outlines import fewer_points
 
 SEVERAL = 8  # hidden runs of a contour, beyond which only straight lines are tried, lest the trials are too many
-TRIALS = 24
 HIDDEN_SIGMA = 0.5  # px, standard error of points along the edge of a shape that hides an outline
 LEVEL = 1e-6  # px by which the ends of a level line may differ
 SIDE_SEEN = 1.5  # px within which points show a side of a rounded rectangle, and of points that show one of a box
@@ -132,7 +131,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     ways = [next(each) for each in left]
     open_runs = np.ones(len(runs), dtype=bool)
     best, least = None, np.inf
-    for _ in range(TRIALS):
+    for _ in range(24):  # trials
         outline = yield guided(contour, runs, ways)
         bad = window.wrong(outline)
         count = len(bad) + (0 if _every_side_shows(contour, outline) else contour.points.size)

@@ -69,7 +69,7 @@ def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> It
     """The parts of a translucent overlay, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
     what hides it.
     """
-    rows, columns = _with_room(ndimage.find_objects(cover.astype(np.uint8))[0], cover.shape)
+    rows, columns = _with_room(ndimage.find_objects(cover)[0], cover.shape)
     view = cover[rows, columns]
     yield from _parts(OVERLAY, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
 

@@ -23,7 +23,6 @@ from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, EdgePositions, indep
 REACHES = (REACH, 0.5 * REACH)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
 LEAST_TURN = math.radians(2.5)  # standard error beyond that of the points
-LEAST_VOTE = 0.3
 MEETING = 3  # px within which the outlines of three regions meet at one place
 VOTE = 3.0  # more than the two places count where the outlines of two regions usually meet a third
 LEAST = 100  # px^2 of the box around a region, below which anything is round
@@ -33,7 +32,7 @@ FULLNESS = 0.02
 
 def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:
     """Votes that a region lies above another: for (above, below) the sum over their meeting points with a
-    third, each from LEAST_VOTE to 1.
+    third, each from 0.3 to 1.
     """
     # Of the outlines that pass between three regions: own region, the others, the vertex, and the likelihood.
     places: dict[tuple[int, ...], list[tuple[int, tuple[int, int], int, int, float]]] = {}
@@ -48,7 +47,7 @@ def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, in
         for region, others, x, y, own in same:
             rivals = [p for r, _, u, v, p in same if r != region and max(abs(u - x), abs(v - y)) <= MEETING]
             sure = own / (1.0 + own + sum(rivals))
-            if len(rivals) == 2 and sure >= LEAST_VOTE:
+            if len(rivals) == 2 and sure >= 0.3:
                 for other in others:
                     votes[region, other] = votes.get((region, other), 0.0) + sure
     return votes

@@ -72,7 +72,7 @@ def with_covered(
 
 def _over(regions: Regions, overlays: list[Overlay], region: int, ground: int) -> tuple[Overlay, ...]:
     """The overlays beside a region that make its colour of another one's, uppermost first; () where none do."""
-    window = widened(ndimage.find_objects((regions.labels == region).astype(np.uint8))[0], 1, regions.labels.shape)
+    window = widened(ndimage.find_objects(regions.labels == region)[0], 1, regions.labels.shape)
     mask = regions.labels[window] == region
     rim = ndimage.binary_dilation(mask) & ~mask
     beside = [s for s in overlays if s.cover[window][rim].any() and not s.cover[window][mask].any()]

@@ -14,11 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.areas import CONTACT
 from cubicsplat_cli.artwork.layers.junctions import VOTE, junction_votes, round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
-from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.regions import CONTACT, Regions, ShadowSides
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
 from cubicsplat_cli.raster.sparse import linked_groups
@@ -33,8 +32,6 @@ MOST_HULL_PIXELS = 1_050_000_000
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 MOST_WAITING = 8  # how many groups may wait for each other in a row
 
-Sides = tuple[np.ndarray, np.ndarray]  # (H, W) bool, what a shadow shades, and what it would shade but for lying above
-
 
 @record
 class Stack:
@@ -45,7 +42,7 @@ class Stack:
     rank: np.ndarray
 
 
-def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: Sequence[Sides] = ()) -> Stack:
+def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: Sequence[ShadowSides] = ()) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one fill may
     be one beneath what hides it. shaded: the sides of shadows that were removed from the picture. Of more than
     MOST_COMPLETED regions only those that enclose others are known to lie beneath these, and all others lie in the
@@ -64,7 +61,9 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: S
 class _Facts:
     """Measurements of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
 
-    def __init__(self, regions: Regions, found: EdgePositions, clear: np.ndarray, shaded: Sequence[Sides] = ()) -> None:
+    def __init__(
+        self, regions: Regions, found: EdgePositions, clear: np.ndarray, shaded: Sequence[ShadowSides]
+    ) -> None:
         self.regions, self.clear = regions, clear
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
@@ -110,7 +109,7 @@ class _Facts:
         return self.votes.get((above, below), 0.0) - self.votes.get((below, above), 0.0)
 
 
-def _shading(regions: Regions, shaded: Sequence[Sides]) -> Iterator[tuple[int, int]]:
+def _shading(regions: Regions, shaded: Sequence[ShadowSides]) -> Iterator[tuple[int, int]]:
     """Yield each region that hides a shadow, with each that is shaded by it."""
     for sides in shaded:
         below, above = (np.bincount(regions.labels[side], minlength=regions.count) for side in sides)

@@ -17,17 +17,16 @@ import numpy as np
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
-from cubicsplat_cli.artwork.layers.stacking import Sides, Stack, stack
+from cubicsplat_cli.artwork.layers.stacking import Stack, stack
 from cubicsplat_cli.artwork.layers.ways import SLACK, Heading, heading
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
-from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
 
 MOST_OVERLAYS = 64
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
-STEPS = 96
 MOST_TURN = 3.0  # standard errors by which an edge that goes straight on turns at most
 MOST_GAP = 2.5  # px between neighbouring points of an edge
 
@@ -41,7 +40,7 @@ class TranslucentPart:
 
 
 def parts_of(
-    regions: Regions, found: EdgePositions, joined: bool, fixed: np.ndarray | None, shaded: Sequence[Sides] = ()
+    regions: Regions, found: EdgePositions, joined: bool, fixed: np.ndarray | None, shaded: Sequence[ShadowSides] = ()
 ) -> list[TranslucentPart]:
     """The parts of regions, back to front.
 
@@ -177,7 +176,7 @@ def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
 
 def _around(labels: np.ndarray, at: np.ndarray) -> list[int]:
     """The four regions around a place in their order; none where others meet there."""
-    turn = np.linspace(0.0, 2.0 * math.pi, STEPS, endpoint=False)
+    turn = np.linspace(0.0, 2.0 * math.pi, 96, endpoint=False)
     for radius in RADII:
         x, y = np.floor(at[0] + radius * np.cos(turn)).astype(int), np.floor(at[1] + radius * np.sin(turn)).astype(int)
         if x.min() < 0 or y.min() < 0 or x.max() >= labels.shape[1] or y.max() >= labels.shape[0]:

@@ -19,7 +19,6 @@ from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
 from cubicsplat_cli.raster.cubics import newton_steps
 from cubicsplat_cli.record import record
 
-_JUMP = 0.5  # of the parameter: where a ring of one piece begins again
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter
 ASTRAY = 0.25  # px that a node may lie off the vertex of the map
@@ -102,7 +101,7 @@ def _along_pieces(chain: list[Link], faces: Faces, sources: Sources, closed: boo
 
 def _goes_on(before: tuple[float, float], after: tuple[float, float]) -> bool:
     same_way = (before[1] > before[0]) == (after[1] > after[0])
-    return same_way and abs(after[0] - before[1]) < _JUMP
+    return same_way and abs(after[0] - before[1]) < 0.5  # else a ring of one piece begins again
 
 
 def _cycles(

@@ -15,7 +15,6 @@ from cubicsplat_cli.record import record
 NOTHING = -1
 # A region of less area or mean width is a gap between outlines that were meant to meet.
 LEAST_AREA, LEAST_WIDTH = 0.02, 0.05  # px^2, px
-PASSES = 4
 
 
 @record
@@ -184,7 +183,7 @@ def visible_regions(faces: Faces, fills: np.ndarray) -> tuple[np.ndarray, np.nda
     steps = faces.vertices[faces.head] - faces.vertices[faces.tail]
     lengths = np.hypot(*steps.T) / GRID
     areas = faces.areas / GRID**2
-    for _ in range(PASSES):
+    for _ in range(4):  # passes
         region = connected(_classes(shown, fills), left, right)
         size = np.bincount(region, areas)
         apart = region[left] != region[right]

@@ -31,7 +31,6 @@ EIGHTHS = 8  # cubics of a whole turn, which are true to 5e-6 of its radius
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
 MOST_CHORDS = 4096  # of a piece
-MOST_ROUNDS = 200
 # A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
 _NEAR = (9, 16)
 
@@ -115,7 +114,7 @@ def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segmen
     """
     segments = _chords(sources, np.ones(len(sources.lines), dtype=bool) if live is None else live)
     fresh = np.ones(len(segments.piece), dtype=bool)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(200):  # rounds
         which, points, at = _cuts(segments, fresh)
         if not len(which):
             return segments

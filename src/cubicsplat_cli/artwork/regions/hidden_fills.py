@@ -24,7 +24,7 @@ LEAST_OPACITY = 64.0  # levels below which a colour says nothing of a fill
 BEYOND = np.linspace(0.02, 0.25, 12)  # shares of the step between two fills by which sharpening goes beyond either
 LEAST_SHARE = 0.1  # of a line's fill in the blends that look like a fill
 FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is no blend
-NEAR = 2  # px within which the ground and more of the line show beside a false fill
+NEAR = 5  # px of the window in which the ground and more of the line show beside a false fill
 # Shares of the pixels of a false fill with both beside them, and with the ground alone; share of the line that is more.
 BESIDE_BOTH, BESIDE_GROUND, MORE = 0.25, 0.7, 0.15
 
@@ -104,16 +104,15 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
     counts = np.bincount(pure[pure >= 0], minlength=len(palette))
     out = np.zeros(len(palette), dtype=bool)
-    near = 2 * NEAR + 1
     beside, areas = (
-        [ndimage.maximum_filter((pure == k) & where, near) for k in fills] if doubtful.any() else []
+        [ndimage.maximum_filter((pure == k) & where, NEAR) for k in fills] if doubtful.any() else []
         for where in (True, flat)
     )
     for k in fills[doubtful & (counts > 0)]:
         shown = pure == k
         for line, ground in permutations(fills[fills != k], 2):
             if out[k]:
-                continue
+                break
             share, rest = blend_of(palette[k], palette[ground], palette[line])
             if share < LEAST_SHARE or np.abs(rest).max() > ROUNDED:
                 continue
@@ -125,5 +124,5 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
             if share > 1.0 - MORE:
                 out[k] = counts[line] > counts[k]
             elif more.sum() > counts[k]:
-                out[k] = (by_ground & ndimage.maximum_filter(more, near)[shown]).mean() >= BESIDE_BOTH
+                out[k] = (by_ground & ndimage.maximum_filter(more, NEAR)[shown]).mean() >= BESIDE_BOTH
     return out

@@ -27,7 +27,6 @@ MOST_GROUNDS = 4  # of one fill's pixel lines
 LEAST_SHARE = 0.15
 WHOLE = 0.98  # share from which a pixel is the line's alone
 REACH = 3  # px to each side of a pixel within which a thin line has fewer pixels than the fill that it cuts
-PASSES = 3
 
 
 @record
@@ -167,7 +166,7 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
     alone, not of what may be a seam between shapes.
     """
     fills = fills.copy()
-    for _ in range(PASSES):
+    for _ in range(3):  # passes
         y, x, own = _touching(fills)
         ends = palette[fills[y, x]], palette[own][:, None]
         share, _ = blend_of(levels[y, x], *ends, most=None)

@@ -47,8 +47,6 @@ from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
-MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
-
 
 def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0) -> Drawing:
     """The drawing with its regularities, fitted to its goal, unless it is too large; detail as in ArtworkSettings.
@@ -97,10 +95,10 @@ def with_symmetries(state: State, constraints: Constraints, detail: float) -> St
 
 def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameters | None:
     """Return the parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot
-    be one, or only with clearly more coordinates.
+    be one, or only with more than two further coordinates.
     """
     sides = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis) if _fits(one, constraints)]
-    sides = [one for one in sides if one.outline().coordinates <= ring.coordinates + MORE_NUMBERS]
+    sides = [one for one in sides if one.outline().coordinates <= ring.coordinates + 2]
     return min(sides, key=_variables, default=None)
 
 

@@ -37,7 +37,7 @@ STEPS = 128  # round an outline
 # Px by which lengths of outlines that are alike differ, and their steps in the mean and extents.
 LENGTH_OFF, NEAR = 0.8, 0.4
 ALIKE = 0.1  # px by which turns that fit as well differ in that
-FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
+MOST_PARTS = 36  # of a turn
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
 # other, and px^2 for every px of the length by which areas differ, beyond the least.
 ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
@@ -171,7 +171,7 @@ def evenly(turns: Sequence[Turn], step: float) -> list[RigidTransform]:
     """
     transforms = [_level(turn, step) for turn in turns]
     plain = [i for i, turn in enumerate(turns) if turn.signs[0] == turn.signs[1]]
-    if len(plain) >= FEWEST_AROUND and (around := _around([turns[i] for i in plain], step)) is not None:
+    if len(plain) > 1 and (around := _around([turns[i] for i in plain], step)) is not None:
         for i, transform in zip(plain, around, strict=True):
             transforms[i] = transform
     return transforms

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.gradients.flattening import placeholders, with_place
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import ALIKE, EVEN, ROUNDED, SAME, SEEN, eight_bit
+from cubicsplat_cli.artwork.regions.regions import ShadowSides
 from cubicsplat_cli.artwork.shadows.casters import LEAST_CASTER, Ground
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Shadow, falls_on, shadow_of
 from cubicsplat_cli.artwork.shadows.soft import REACH, SoftArea, soft_areas
@@ -44,7 +45,7 @@ class Lifted:
         return self.shadow is not None or bool(self.areas)
 
     @property
-    def sides(self) -> list[tuple[np.ndarray, np.ndarray]]:
+    def sides(self) -> list[ShadowSides]:
         """For each soft area, the pixels (H, W) bool that it shades and those that it would shade if they did not lie
         above it, all of them inside shapes.
         """
@@ -63,7 +64,7 @@ class Lifted:
         return replace(drawing, shapes=tuple(map(meant, drawing.shapes)))
 
 
-def sides(dark: np.ndarray, shaded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sides(dark: np.ndarray, shaded: np.ndarray) -> ShadowSides:
     """Return the pixels (H, W) bool inside of shaded ones, and of others, in which a shadow would be dark."""
     inner, outer = ndimage.binary_erosion(shaded, ndimage.SQUARE), ndimage.binary_dilation(shaded, ndimage.SQUARE)
     return inner & dark, ~outer & dark
@@ -147,10 +148,9 @@ def _like_ground(
         if not even or min(np.abs(g.ground.fill - fill).max() for g in grounds) > SAME * rough:
             continue
         out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= inside
-    cards = [Ground(np.array(fill), mask) for fill, mask in out.items()]
-    # Ringing makes the rims of shapes uneven.
-    near = [above & (largest(np.abs(levels - card.fill)) <= SAME * rough) for card in cards]
-    return [
-        replace(card, mask=ndimage.binary_propagation(card.mask, None, card.mask | rim))
-        for card, rim in zip(cards, near, strict=True)
-    ]
+    cards = []
+    for fill, mask in out.items():
+        # Ringing makes the rims of shapes uneven.
+        rim = above & (largest(np.abs(levels - np.array(fill))) <= SAME * rough)
+        cards.append(Ground(np.array(fill), ndimage.binary_propagation(mask, None, rim)))
+    return cards

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -25,12 +24,11 @@ from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Ground, end_of
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, without_areas
 from cubicsplat_cli.artwork.shadows.shadow import BLURS, MOST_MOVED
-from cubicsplat_cli.artwork.shadows.soft import LEAST_AREA, SoftArea
+from cubicsplat_cli.artwork.shadows.soft import LEAST_AREA, Line, SoftArea
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.raster.unmix import STRANGE
-from cubicsplat_cli.record import record
 
 BLUR = 1.0  # px by which noise is smoothed
 SOFT_BEND = 4.0  # levels of a second difference after that, which no edge of 20 levels or more falls short of
@@ -66,12 +64,12 @@ def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
     if not count:
         return
     sizes, _, spreads = part_spreads(seen, parts, count)
-    sizes, uneven = np.append(1, sizes), np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
+    uneven = np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
     if not uneven.any():
         return
     for fill in _grounds(seen[calm_pixels(levels, condition.noise)[0]], int(LEAST_PLATEAU * parts.size), rough):
         work().at()
-        area = _area(seen - fill, fill, parts, sizes, uneven, CLOSE * rough, seen_as(condition))
+        area = _area(seen - fill, fill, parts, uneven, CLOSE * rough, seen_as(condition))
         if area is not None:
             yield area
 
@@ -88,50 +86,16 @@ def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarra
         values = values[~near]
 
 
-@record
-class _Line:
-    """Colours from a ground to its shade. off: (H, W, 4) levels of pixels from the ground; way: (4,) levels from there
-    to the shade; error: in levels."""
-
-    off: np.ndarray
-    way: np.ndarray
-    error: float
-
-    @cached_property
-    def shares(self) -> np.ndarray:
-        """(H, W) how far pixels are on the way, 0 to 1."""
-        return np.asarray(self.off @ self.way / max(float(self.way @ self.way), 1e-9))
-
-    @property
-    def scale(self) -> float:
-        """Levels of a share of 1."""
-        return float(np.abs(self.way).max())
-
-    def apart(self, shares: np.ndarray) -> np.ndarray:
-        """Return (H, W, 4) levels by which pixels differ from shares (H, W)."""
-        return np.asarray(self.off - shares[..., None] * self.way)
-
-    def near(self, shares: np.ndarray) -> np.ndarray:
-        """Return (H, W) bool, true for pixels that have these shares."""
-        return np.asarray(largest(np.abs(self.apart(shares))) <= self.error)
-
-
 def _area(
-    off: np.ndarray,
-    fill: np.ndarray,
-    parts: np.ndarray,
-    sizes: np.ndarray,
-    uneven: np.ndarray,
-    error: float,
-    told: np.ndarray,
+    off: np.ndarray, fill: np.ndarray, parts: np.ndarray, uneven: np.ndarray, error: float, told: np.ndarray
 ) -> SoftArea | None:
     """Return the soft area on a ground of a fill, to an error in levels; None if no blur of what stands there is one.
 
-    off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`, of these sizes (n,), some of them uneven.
-    told: (4, 4) as of `seen_as`.
+    off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`; uneven: (n,) bool, which of them are. told:
+    (4, 4) as of `seen_as`.
     """
     far = largest(np.abs(off))
-    smooth = (uneven & (np.bincount(parts[far <= error], minlength=len(sizes)) > 0))[parts]
+    smooth = (uneven & (np.bincount(parts[far <= error], minlength=len(uneven)) > 0))[parts]
     even = smooth & (far <= error)
     # All pixels tell the colour of a shade best; where it meets others as dark, only its foot tells it.
     for most in (np.inf, FOOT * error):
@@ -141,13 +105,13 @@ def _area(
             if min(shaded.sum(), even.sum()) < LEAST_AREA:
                 break  # no shadow, or none that ends on the ground
             colour = end_of(fill, off[shaded].sum(axis=0, dtype=float))
-            line = _Line(off, colour - fill, error)
+            line = Line(off, colour - fill, error)
             on_line = line.near(line.shares) & (line.scale * line.shares >= -error)
-            ground = _connected(even, smooth & on_line)
+            ground = ndimage.binary_propagation(even, None, smooth & on_line)
         else:
             # Dark shadows end in edges of their own beside a shape, and glows have its colour.
             beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
-            wider = (_connected(ground, others) for others in (beside, on_line))
+            wider = (ndimage.binary_propagation(ground, None, others) for others in (beside, on_line))
             tried = [each for each in (_tried(line, shown) for shown in (ground, *wider)) if each[2] > SHOWN]
             if tried:
                 # A rim alone may also show where a much darker shadow ends.
@@ -155,39 +119,33 @@ def _area(
                 # Beside edges luma rings, and chroma is blurred.
                 rim = ndimage.binary_dilation(shown, ndimage.SQUARE, iterations=RING)
                 rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= AT_EDGES * error
-                return SoftArea(Ground(fill, _connected(shown, rim)), colour, field, error / CLOSE)
+                shown = ndimage.binary_propagation(shown, None, rim)
+                return SoftArea(Ground(fill, shown), colour, field, error / CLOSE)
     return None
 
 
-def _tried(line: _Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def _tried(line: Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Return (H, W) bool the pixels of a ground, (H, W) the shares of the shadow fitted to them, and the share of the
     dark ones that it explains."""
-    field = _fitted(line, shown)
     clear = ndimage.binary_erosion(shown, ndimage.SQUARE, iterations=RIM, border_value=1)
+    field = _fitted(line, _silhouettes(shown), clear)
     dark = clear & (line.scale * np.maximum(line.shares, field) > line.error)
     explained = line.near(field) & (line.scale * field > 0.5 * line.error)
     return shown, field, float(explained[dark].mean()) if dark.any() else 0.0
 
 
-def _connected(mask: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool a mask with those of the other pixels that are connected to it."""
-    return np.asarray(ndimage.binary_propagation(mask, None, mask | others))
-
-
-def _fitted(line: _Line, ground: np.ndarray) -> np.ndarray:
-    """Return (H, W) the shares, 0 to 1, of a shadow of all that stands on a ground (H, W) bool, fitted to those seen
-    there; zeros if nothing stands there, or too few pixels show it.
+def _fitted(line: Line, masks: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """Return (H, W) the shares, 0 to 1, of a shadow of silhouettes (H, W, K), fitted to those seen in clear pixels
+    (H, W) bool; zeros if there are no silhouettes, or too few pixels show it.
     """
     from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
 
-    seen, scale, masks = line.shares, line.scale, _silhouettes(ground)
-    step = -(-max(seen.shape) // FITTED)
-    clear = ndimage.binary_erosion(ground, ndimage.SQUARE, iterations=RIM, border_value=1)
+    seen, scale, step = line.shares, line.scale, -(-max(clear.shape) // FITTED)
     small, whole, wanted = (
         in_blocks(values.astype(np.float32), step).mean((2, 3)) for values in (masks, clear[..., None], seen[..., None])
     )
-    wanted, dark, order = scale * wanted.ravel(), scale * wanted.ravel() > LEAST_RANGE, np.random.default_rng(0)
-    usable = whole.ravel() == 1.0
+    wanted, order = scale * wanted.ravel(), np.random.default_rng(0)
+    dark, usable = wanted > LEAST_RANGE, whole.ravel() == 1.0
     at = np.concatenate([order.permutation(np.flatnonzero(usable & some))[:SAMPLES] for some in (dark, ~dark)])
     if not masks.shape[2] or not (usable & dark).any():
         return np.zeros(seen.shape)
@@ -221,9 +179,8 @@ def _silhouettes(ground: np.ndarray) -> np.ndarray:
     inner = ndimage.binary_erosion(~ground, ndimage.SQUARE, iterations=RIM, border_value=1)
     labels, count = ndimage.label(inner, ndimage.SQUARE)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-    number = np.full(count + 1, min(count, MOST_CASTERS))
-    number[1 + np.argsort(-sizes, kind="stable")[:MOST_CASTERS]] = np.arange(min(count, MOST_CASTERS))
-    number[0] = -1
+    rank = np.argsort(np.argsort(-sizes, kind="stable"))
+    number = np.append(-1, np.minimum(rank, MOST_CASTERS))
     return (number[labels][..., None] == np.arange(number.max() + 1)).astype(np.float32)
 
 

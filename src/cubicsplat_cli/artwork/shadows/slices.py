@@ -15,13 +15,13 @@ from itertools import pairwise
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
-from cubicsplat_cli.artwork.gradients.areas import CONTACT
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents_of
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
+from cubicsplat_cli.artwork.regions.regions import CONTACT
 from cubicsplat_cli.artwork.regions.sampling import share_positions
 from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides
@@ -184,12 +184,12 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
     """Return the drawing of a picture without its shadows with these; None if gradients cannot draw them, or if they
     would shade other shapes than in the picture."""
     owners, count = _owners(drawing), len(drawing.shapes)
-    layers: list[tuple[int, list[Shape]]] = []
+    below: list[tuple[int, Shape]] = []  # with the number of the shape that each lies right below
     for area, of_area in zip(lifted.areas, lifted.sides, strict=True):
         place = _place(owners, count, *of_area)
         if place is None:
             return None
-        layers.append((place, list(_contoured(area))))
+        below += [(place, shape) for shape in _contoured(area)]
     if lifted.shadow is not None and lifted.shaded is not None:
         for cast in lifted.shadow.casts:
             shown = lifted.shaded & ~cast.mask
@@ -202,12 +202,9 @@ def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
             shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
             if place is None or shapes is None:
                 return None
-            layers.append((place, shapes))
-    out: list[Shape] = []
-    for k, shape in enumerate([*lifted.meant(drawing).shapes, None]):
-        out += [one for place, shapes in layers if place == k for one in shapes]
-        out += [shape] if shape is not None else []
-    return replace(drawing, shapes=tuple(out))
+            below += [(place, shape) for shape in shapes]
+    every = sorted([*below, *enumerate(lifted.meant(drawing).shapes)], key=lambda pair: pair[0])
+    return replace(drawing, shapes=tuple(shape for _, shape in every))
 
 
 def _place(owner: np.ndarray, count: int, inner: np.ndarray, outer: np.ndarray) -> int | None:
@@ -215,12 +212,10 @@ def _place(owner: np.ndarray, count: int, inner: np.ndarray, outer: np.ndarray) 
 
     owner: (H, W) as of `_owners`. inner, outer: as of `sides`.
     """
-    below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
-    above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
+    below, above = (np.bincount(owner[side & (owner >= 0)], minlength=count) for side in (inner, outer))
     lies_below = (below >= CONTACT) & (below > above)
     place = int(np.flatnonzero(lies_below).max()) + 1 if lies_below.any() else 0
-    wrong = above[:place] >= CONTACT
-    return None if (wrong & ~lies_below[:place]).any() else place
+    return None if ((above >= CONTACT) & ~lies_below)[:place].any() else place
 
 
 def _owners(drawing: Drawing) -> np.ndarray:

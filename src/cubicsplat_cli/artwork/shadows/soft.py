@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, widened
-from cubicsplat_cli.artwork.gradients.areas import CONTACT, EXPLAINED
+from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.parts import Part, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, OPAQUE, ROUNDED, SAME
+from cubicsplat_cli.artwork.regions.regions import CONTACT
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, ON_LINE, Ground, direction_from, end_of, even_grounds
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
@@ -55,6 +56,34 @@ class SoftArea:
     def scale(self) -> float:
         """Levels of a share of 1."""
         return float(np.abs(self.colour - self.ground.fill).max())
+
+
+@record
+class Line:
+    """Colours from a ground to its shade. off: (H, W, 4) levels of pixels from the ground; way: (4,) levels from there
+    to the shade; error: in levels."""
+
+    off: np.ndarray
+    way: np.ndarray
+    error: float
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """(H, W) how far pixels are on the way, 0 to 1."""
+        return np.asarray(self.off @ self.way / max(float(self.way @ self.way), 1e-9))
+
+    @property
+    def scale(self) -> float:
+        """Levels of a share of 1."""
+        return float(np.abs(self.way).max())
+
+    def apart(self, shares: np.ndarray) -> np.ndarray:
+        """Return (H, W, 4) levels by which pixels differ from shares (H, W)."""
+        return np.asarray(self.off - shares[..., None] * self.way)
+
+    def near(self, shares: np.ndarray) -> np.ndarray:
+        """Return (H, W) bool, true for pixels that have these shares."""
+        return np.asarray(largest(np.abs(self.apart(shares))) <= self.error)
 
 
 def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftArea]:
@@ -110,13 +139,9 @@ def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
 
 def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea:
     """Return the soft area on a ground, with the pixels that show it there and between the shapes that cover it."""
-    line = colour - ground.fill
-    scale = float(np.abs(line).max())
-    off = levels - ground.fill
-    seen = off @ line / float(line @ line)
-    on_line = largest(np.abs(off - seen[..., None] * line)) <= ROUNDED
-    nothing = levels[..., 3] <= CLEAR
-    seen = np.where(nothing, 0.0, scale * seen)
+    line = Line(levels - ground.fill, colour - ground.fill, ROUNDED)
+    on_line, scale, nothing = line.near(line.shares), line.scale, levels[..., 3] <= CLEAR
+    seen = np.where(nothing, 0.0, scale * line.shares)
     shown = ground.mask & on_line
     if not (shown & (seen > ROUNDED)).any():
         return SoftArea(replace(ground, mask=np.zeros_like(shown)), colour, np.zeros(shown.shape))
@@ -143,8 +168,7 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
 
 def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
     """Return (H, W) levels as they were before rounding, continued, up to `most`, into pixels that are not known."""
-    rows, columns = (np.flatnonzero((known & (levels > ROUNDED)).any(axis=axis)) for axis in (1, 0))
-    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    (box,) = ndimage.find_objects(known & (levels > ROUNDED))
     window, whole = widened(box, BESIDE, levels.shape), np.zeros(levels.shape)
     levels, known = levels[window], known[window]
     height, width = levels.shape

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fitting import fit_outline
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION, fit_outline
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.rows import Link, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
-from cubicsplat_cli.artwork.strokes.centre_line import SIGMA, end_of, open_line, with_corners
+from cubicsplat_cli.artwork.strokes.centre_line import end_of, open_line, with_corners
 from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
 from cubicsplat_cli.record import record
 
@@ -114,7 +114,7 @@ def _stroke(
     line, corners = with_corners(line, gaps, closed)
     if closed and len(np.unique(line, axis=0)) < 8:
         return None
-    sigma = np.full(len(line), math.hypot(SIGMA, slack))
+    sigma = np.full(len(line), math.hypot(PRECISION, slack))
     path = fit_outline(line, sigma, detail) if closed else open_line(line, corners, detail, slack)
     return Stroke(path, width, cap, _join(line, corners, width, sides))
 

@@ -15,7 +15,6 @@ from cubicsplat_cli.artwork.geometry.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
-SIGMA = PRECISION  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
 FLANK = 8  # points on either side of a gap that tell its direction
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
@@ -25,7 +24,7 @@ HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
 
 def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: float = 0.0) -> Chain:
     """The centre line through points (n, 2), its ends included; corners: indices of those where it bends sharply;
-    slack: px by which points may be off beyond SIGMA.
+    slack: px by which points may be off beyond PRECISION.
     """
     stops = np.unique(np.concatenate([[0], corners, [len(points) - 1]]))
     price = parameter_price(points, detail)
@@ -44,11 +43,11 @@ def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: flo
 
 
 def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
-    weights = np.full(len(points), 1.0 / (SIGMA**2 + slack**2))
+    weights = np.full(len(points), 1.0 / (PRECISION**2 + slack**2))
     local = _local_fits(points, weights)
     ends, tangents = points[[0, -1]], local[1][[0, -1]]
     # The ends are off by as many px as a point is, and by as many radians.
-    division, _ = divided_run(local, weights, (ends, tangents, np.full((2, 2), SIGMA)), price)
+    division, _ = divided_run(local, weights, (ends, tangents, np.full((2, 2), PRECISION)), price)
     pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division.sizes))
     return pieces.chain()
 
@@ -135,7 +134,7 @@ def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     chord = points[-1] - points[0]
     off = (points - points[0]) @ np.array([-chord[1], chord[0]]) / max(float(np.hypot(*chord)), 1e-9)
     # It bends where points are off their chord by more than chance.
-    degree = 2 if len(points) >= 6 and np.abs(off).max() > 2.0 * SIGMA else 1
+    degree = 2 if len(points) >= 6 and np.abs(off).max() > 2.0 * PRECISION else 1
     x, y = (np.polyfit(s - s[-1], points[:, c], degree)[::-1] for c in (0, 1))
     way = np.array([x[1], y[1]])
     way = way / max(float(np.hypot(*way)), 1e-9)

@@ -30,13 +30,12 @@ from cubicsplat_cli.artwork.geometry.stroke import (
 )
 from cubicsplat_cli.artwork.regularities.alike import MEAN
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.strokes import evenly_wide
 
-MOST_OFF = 0.75  # of a pixel's coverage
-# px by which an outline is off for each of the error, of full scale, of its pixels, up to a most; and widths squared
-# that ends and corners of each stroke may then be off, in place of MOST_OFF.
-SLACK, MOST_SLACK, ENDS_OFF = 1.2, 0.15, 1.0
+# px by which an outline is off for each of the error, of full scale, of its pixels, up to a most.
+SLACK, MOST_SLACK = 1.2, 0.15
 BESIDE = 2.0  # widths, of an outline, that are uneven at the ends of a stroke and where it meets others
 # Where the px by which widths may differ are a larger part of the width, any thin shape would be even.
 LEAST_TOLD = 8.0
@@ -137,7 +136,7 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     most = (MEAN + slack) * length
     if not slack:
         return bool(off.sum() <= most and off.max() <= MOST_OFF)
-    ends = sum(ENDS_OFF * stroke.width**2 for stroke in strokes)
+    ends = sum(stroke.width**2 for stroke in strokes)  # that these may be off, in place of MOST_OFF
     far = float(off[off > MOST_OFF].sum())
     return bool(off.sum() - far <= most and far <= ends)
 

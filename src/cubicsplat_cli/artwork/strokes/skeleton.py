@@ -21,7 +21,6 @@ SPUR, BRIDGE = 0.75, 0.9  # of the width: shorter branches to an end, and betwee
 STEPS_ACROSS = 256.0  # points of an outline over its width, at most, unless they are PRECISION px apart
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
 MOST_MOVED = 0.3  # widths, that such a point lies off the skeleton at the most
-_ROUNDS = 3
 
 
 @dataclass(eq=False)
@@ -187,7 +186,7 @@ def centres_of(places: np.ndarray, sides: Sides, slack: float = 0.0) -> Centres:
     slack: px by which the outline may be off.
     """
     middle = places
-    for _ in range(_ROUNDS):
+    for _ in range(3):  # rounds
         near = sides.nearest(middle)
         far = sides.nearest(2.0 * middle - near)
         middle = 0.5 * (near + far)
