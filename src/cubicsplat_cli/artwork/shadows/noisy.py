@@ -111,8 +111,9 @@ def _area(
         else:
             # Dark shadows end in edges of their own beside a shape, and glows have its colour.
             beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
-            wider = (ndimage.binary_propagation(ground, None, others) for others in (beside, on_line))
-            tried = [each for each in (_tried(line, shown) for shown in (ground, *wider)) if each[2] > SHOWN]
+            near, wide = (ndimage.binary_propagation(ground, None, others) for others in (beside, on_line))
+            masks = [ground, near] if np.array_equal(near, wide) else [ground, near, wide]
+            tried = [each for each in (_tried(line, shown) for shown in masks) if each[2] > SHOWN]
             if tried:
                 # A rim alone may also show where a much darker shadow ends.
                 shown, field, _ = max(tried, key=lambda each: (each[1].max() < 1.0, each[2]))
@@ -129,6 +130,8 @@ def _tried(line: Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float
     dark ones that it explains."""
     clear = ndimage.binary_erosion(shown, ndimage.SQUARE, iterations=RIM, border_value=1)
     field = _fitted(line, _silhouettes(shown), clear)
+    if not field.any():
+        return shown, field, 0.0
     dark = clear & (line.scale * np.maximum(line.shares, field) > line.error)
     explained = line.near(field) & (line.scale * field > 0.5 * line.error)
     return shown, field, float(explained[dark].mean()) if dark.any() else 0.0
@@ -159,10 +162,14 @@ def _fitted(line: Line, masks: np.ndarray, clear: np.ndarray) -> np.ndarray:
     def off(place: np.ndarray) -> np.ndarray:
         return parts(place)[1].sum(axis=1) - wanted[at]
 
-    sides = (-MOVED / step, 0.0, MOVED / step)
-    begins = [np.array(place) for place in product(sides, sides, [math.log(blur / step) for blur in BLURS])]
-    unlike, begin = min(((float(np.abs(off(place)).sum()), place) for place in begins), key=lambda trial: trial[0])
-    if unlike > MISFIT * float(np.abs(wanted[at]).sum()):
+    def unlike(place: tuple[float, float, float]) -> float:
+        return float(np.abs(off(np.array(place))).sum())
+
+    # The best blur right below the casters, then the best offset with it.
+    moved = (-MOVED / step, 0.0, MOVED / step)
+    log_blur = min((math.log(blur / step) for blur in BLURS), key=lambda blur: unlike((0.0, 0.0, blur)))
+    begin = min(product(moved, moved, [log_blur]), key=unlike)
+    if unlike(begin) > MISFIT * float(np.abs(wanted[at]).sum()):
         return np.zeros(seen.shape)
     ends = np.array([MOST_MOVED / step, MOST_MOVED / step, math.log(MOST_MOVED / step)])
     least = np.append(-ends[:2], -math.log(step))
