@@ -49,7 +49,7 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
-from cubicsplat_cli.artwork.shadows.slices import placed, with_shadow
+from cubicsplat_cli.artwork.shadows.slices import Shadows
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced, with_pixels
 from cubicsplat_cli.files.decode import Compression
@@ -142,13 +142,13 @@ def _with_its_shadow(
 
     # Compressed again, a drawing without its shadow gives another file.
     bare = replace(prepared, levels=without.levels, shaded=without.sides, compression=None)
-    outlined = _outlined(bare, settings)
-    first = with_shadow(outlined.drawing, without)
-    if first is None and (kept := placed(outlined.drawing, without)):
+    outlined, shadows = _outlined(bare, settings), Shadows(without)
+    first = shadows.over(outlined.drawing)
+    if first is None and (kept := shadows.placed(outlined.drawing)):
         without = lift(prepared.levels, areas=kept)
         bare = replace(bare, levels=without.levels, shaded=without.sides)
-        outlined = _outlined(bare, settings)
-        first = with_shadow(outlined.drawing, without)
+        outlined, shadows = _outlined(bare, settings), Shadows(without)
+        first = shadows.over(outlined.drawing)
     if first is None:
         return None
     plain, of_plain = replace(prepared, condition=prepared.with_shadow or prepared.condition), None
@@ -161,7 +161,7 @@ def _with_its_shadow(
         if _description(of_plain.drawing, plain.levels, shown) < _description(first, plain.levels, shown):
             return _fitted(of_plain, plain, settings, on_sketch)
     # Without a sketch: it lacks the shadow, and would not be like the picture.
-    drawings = (with_shadow(drawing, without) for drawing in _fitted(outlined, bare, settings, nothing))
+    drawings = map(shadows.over, _fitted(outlined, bare, settings, nothing))
     first = next(drawings)
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None

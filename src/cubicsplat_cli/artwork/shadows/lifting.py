@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -44,12 +45,12 @@ class Lifted:
         """Return True if the picture had shadows."""
         return self.shadow is not None or bool(self.areas)
 
-    @property
+    @cached_property
     def sides(self) -> list[ShadowSides]:
         """For each soft area, the pixels (H, W) bool that it shades and those that it would shade if they did not lie
         above it, all of them inside shapes.
         """
-        return [sides(area.share > FAINT / 255.0, area.mask) for area in self.areas]
+        return [sides_of(area.share > FAINT / 255.0, area.mask) for area in self.areas]
 
     def meant(self, drawing: Drawing) -> Drawing:
         """Return the drawing with the true fills in place of placeholders, which are rounded as other fills may be."""
@@ -64,7 +65,7 @@ class Lifted:
         return replace(drawing, shapes=tuple(map(meant, drawing.shapes)))
 
 
-def sides(dark: np.ndarray, shaded: np.ndarray) -> ShadowSides:
+def sides_of(dark: np.ndarray, shaded: np.ndarray) -> ShadowSides:
     """Return the pixels (H, W) bool inside of shaded ones, and of others, in which a shadow would be dark."""
     inner, outer = ndimage.binary_erosion(shaded, ndimage.SQUARE), ndimage.binary_dilation(shaded, ndimage.SQUARE)
     return inner & dark, ~outer & dark

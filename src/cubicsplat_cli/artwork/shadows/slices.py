@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -21,10 +22,10 @@ from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents_of
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
-from cubicsplat_cli.artwork.regions.regions import CONTACT
+from cubicsplat_cli.artwork.regions.regions import CONTACT, ShadowSides
 from cubicsplat_cli.artwork.regions.sampling import share_positions
 from cubicsplat_cli.artwork.shadows.boxes import Box
-from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides
+from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides_of
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Cast
 from cubicsplat_cli.artwork.shadows.soft import SoftArea
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -173,44 +174,62 @@ def _outlines(part: np.ndarray, error: float) -> Iterator[tuple[Outline, ...]]:
             yield outlines_of(extent, cover.shape, 1.0)
 
 
-def placed(drawing: Drawing, lifted: Lifted) -> tuple[SoftArea, ...]:
-    """Return the soft areas that shade nothing but their grounds in the drawing of a picture without them."""
-    owners, count = _owners(drawing), len(drawing.shapes)
-    both = zip(lifted.areas, lifted.sides, strict=True)
-    return tuple(area for area, sides in both if _place(owners, count, *sides) is not None)
+class Shadows:
+    """What was lifted off a picture, as shapes, which are made once for all drawings of the picture without it."""
 
+    def __init__(self, lifted: Lifted) -> None:
+        self.lifted = lifted
 
-def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
-    """Return the drawing of a picture without its shadows with these; None if gradients cannot draw them, or if they
-    would shade other shapes than in the picture."""
-    owners, count = _owners(drawing), len(drawing.shapes)
-    below: list[tuple[int, Shape]] = []  # with the number of the shape that each lies right below
-    for area, of_area in zip(lifted.areas, lifted.sides, strict=True):
-        place = _place(owners, count, *of_area)
-        if place is None:
-            return None
-        below += [(place, shape) for shape in _contoured(area)]
-    if lifted.shadow is not None and lifted.shaded is not None:
-        for cast in lifted.shadow.casts:
-            shown = lifted.shaded & ~cast.mask
+    @cached_property
+    def _casts(self) -> list[tuple[ShadowSides, Cut]]:
+        """The shadows of boxes."""
+        shadow, shaded = self.lifted.shadow, self.lifted.shaded
+        found = list[tuple[ShadowSides, Cut]]()
+        if shadow is None or shaded is None:
+            return found
+        for cast in shadow.casts:
+            shown = shaded & ~cast.mask
             rows, columns, share = cast.darkening(shown.shape)
-            if share.size == 0:
-                continue
-            window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
-            dark[window] = share > FAINT / 255.0
-            place = _place(owners, count, *sides(dark & ~cast.mask, shown))
-            shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
-            if place is None or shapes is None:
-                return None
-            below += [(place, shape) for shape in shapes]
-    every = sorted([*below, *enumerate(lifted.meant(drawing).shapes)], key=lambda pair: pair[0])
-    return replace(drawing, shapes=tuple(shape for _, shape in every))
+            if share.size:
+                window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
+                dark[window] = share > FAINT / 255.0
+                cut = Cut(cast, share, shown[window], shadow.shaded.colour[:3], window)
+                found.append((sides_of(dark & ~cast.mask, shown), cut))
+        return found
+
+    @cached_property
+    def _shapes(self) -> list[list[Shape] | None]:
+        """The shapes of each soft area, and of the shadow of each box, None if gradients cannot draw it."""
+        return [*(list(_contoured(area)) for area in self.lifted.areas), *(sliced(cut) for _, cut in self._casts)]
+
+    def _places(self, drawing: Drawing) -> list[int | None]:
+        """Return the number of shapes below each; see `_place`."""
+        owners, count = _owners(drawing), len(drawing.shapes)
+        return [_place(owners, count, *sides) for sides in [*self.lifted.sides, *(sides for sides, _ in self._casts)]]
+
+    def placed(self, drawing: Drawing) -> tuple[SoftArea, ...]:
+        """Return the soft areas that shade nothing but their grounds in the drawing of a picture without them."""
+        both = zip(self.lifted.areas, self._places(drawing), strict=False)
+        return tuple(area for area, place in both if place is not None)
+
+    def over(self, drawing: Drawing) -> Drawing | None:
+        """Return the drawing of a picture without its shadows with these; None if gradients cannot draw them, or if
+        they would shade other shapes than in the picture.
+        """
+        places = self._places(drawing)
+        if None in places or None in self._shapes:
+            return None
+        both = zip(places, self._shapes, strict=True)
+        # With the number of the shape that each lies right below.
+        below = [(place or 0, shape) for place, shapes in both for shape in shapes or ()]
+        every = sorted([*below, *enumerate(self.lifted.meant(drawing).shapes)], key=lambda pair: pair[0])
+        return replace(drawing, shapes=tuple(shape for _, shape in every))
 
 
 def _place(owner: np.ndarray, count: int, inner: np.ndarray, outer: np.ndarray) -> int | None:
     """Return the number of shapes below a shadow; None if one of these is not shaded.
 
-    owner: (H, W) as of `_owners`. inner, outer: as of `sides`.
+    owner: (H, W) as of `_owners`. inner, outer: as of `sides_of`.
     """
     below, above = (np.bincount(owner[side & (owner >= 0)], minlength=count) for side in (inner, outer))
     lies_below = (below >= CONTACT) & (below > above)
