@@ -99,30 +99,49 @@ def _area(
     even = smooth & (far <= error)
     # All pixels tell the colour of a shade best; where it meets others as dark, only its foot tells it.
     for most in (np.inf, FOOT * error):
-        ground = even | (smooth & (far <= most))
-        for _ in range(ROUNDS):
-            shaded = ground & ~even
-            if min(shaded.sum(), even.sum()) < LEAST_AREA:
-                break  # no shadow, or none that ends on the ground
-            colour = end_of(fill, off[shaded].sum(axis=0, dtype=float))
-            line = Line(off, colour - fill, error)
-            on_line = line.near(line.shares) & (line.scale * line.shares >= -error)
-            ground = ndimage.binary_propagation(even, None, smooth & on_line)
-        else:
-            # Dark shadows end in edges of their own beside a shape, and glows have its colour.
-            beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
-            near, wide = (ndimage.binary_propagation(ground, None, others) for others in (beside, on_line))
-            masks = [ground, near] if np.array_equal(near, wide) else [ground, near, wide]
-            tried = [each for each in (_tried(line, shown) for shown in masks) if each[2] > SHOWN]
-            if tried:
-                # A rim alone may also show where a much darker shadow ends.
-                shown, field, _ = max(tried, key=lambda each: (each[1].max() < 1.0, each[2]))
-                # Beside edges luma rings, and chroma is blurred.
-                rim = ndimage.binary_dilation(shown, ndimage.SQUARE, iterations=RING)
-                rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= AT_EDGES * error
-                shown = ndimage.binary_propagation(shown, None, rim)
-                return SoftArea(Ground(fill, shown), colour, field, error / CLOSE)
+        on_ground = _on_ground(off, fill, even, smooth, even | (smooth & (far <= most)), error)
+        best = None if on_ground is None else _best(*on_ground)
+        if on_ground is None or best is None:
+            continue
+        line, (shown, field, _) = on_ground[0], best
+        # Beside edges luma rings, and chroma is blurred.
+        rim = ndimage.binary_dilation(shown, ndimage.SQUARE, iterations=RING)
+        rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= AT_EDGES * error
+        shown = ndimage.binary_propagation(shown, None, rim)
+        return SoftArea(Ground(fill, shown), fill + line.way, field, error / CLOSE)
     return None
+
+
+def _on_ground(
+    off: np.ndarray, fill: np.ndarray, even: np.ndarray, smooth: np.ndarray, ground: np.ndarray, error: float
+) -> tuple[Line, np.ndarray, np.ndarray] | None:
+    """Return the line of colours from a ground to its shade, and (H, W) bool the pixels of the ground, and all, on it;
+    None without a shadow that ends on the ground.
+
+    off, fill, error: as of `_area`. even: (H, W) bool, pixels of the fill; smooth: what hangs together with them;
+    ground: those of them that may show the ground.
+    """
+    for _ in range(ROUNDS):
+        shaded = ground & ~even
+        if min(shaded.sum(), even.sum()) < LEAST_AREA:
+            return None
+        line = Line(off, end_of(fill, off[shaded].sum(axis=0, dtype=float)) - fill, error)
+        on_line = line.near(line.shares) & (line.scale * line.shares >= -error)
+        ground = ndimage.binary_propagation(even, None, smooth & on_line)
+    return line, ground, on_line
+
+
+def _best(line: Line, ground: np.ndarray, on_line: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Return the best of what is `_tried` for pixels that may show a ground, (H, W) bool; None if none is good enough.
+    on_line: (H, W) bool, pixels that have colours of the line.
+    """
+    # Dark shadows end in edges of their own beside a shape, and glows have its colour.
+    beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
+    near, wide = (ndimage.binary_propagation(ground, None, others) for others in (beside, on_line))
+    masks = [ground, near] if np.array_equal(near, wide) else [ground, near, wide]
+    tried = [each for each in (_tried(line, shown) for shown in masks) if each[2] > SHOWN]
+    # A rim alone may also show where a much darker shadow ends.
+    return max(tried, key=lambda each: (each[1].max() < 1.0, each[2]), default=None)
 
 
 def _tried(line: Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
