@@ -152,7 +152,7 @@ def artwork(
     size: Size = 512,
     kind: Annotated[
         str,
-        option("--input KIND", "clean, jpeg, webp, blurred, enlarged, reduced, noisy or palette."),
+        option("--input KIND", "clean, jpeg, webp, blurred, enlarged, reduced, noisy, palette or dithered."),
     ] = "clean",
     only: Only = None,
     skip: Skip = None,

@@ -19,7 +19,7 @@ NOISE_LEVELS = 4.0  # standard deviation
 PALETTE_COLOURS = 64
 CLEAN = "clean"
 # Files of these kinds have no opacity: the drawing lies over white.
-OPAQUE = ("jpeg", "webp", "noisy", "palette")
+OPAQUE = ("jpeg", "webp", "noisy", "palette", "dithered")
 
 
 def check_kind(kind: str) -> None:
@@ -99,6 +99,11 @@ def _palette(document: Document) -> np.ndarray:
     return np.array(Image.fromarray(document.draw()[..., :3].copy()).quantize(PALETTE_COLOURS).convert("RGBA"))
 
 
+def _dithered(document: Document) -> np.ndarray:
+    """In the 216 colours of old browsers, by error diffusion, as old GIF files are."""
+    return np.array(Image.fromarray(document.draw()[..., :3].copy()).convert("P").convert("RGBA"))
+
+
 def _premultiplied(pixels: np.ndarray) -> np.ndarray:
     levels = pixels.astype(np.float64)
     levels[..., :3] *= levels[..., 3:] / 255.0
@@ -121,4 +126,5 @@ DEGRADATIONS: dict[str, Callable[[Document], Given]] = {
     "reduced": _reduced,
     "noisy": _noisy,
     "palette": _palette,
+    "dithered": _dithered,
 }

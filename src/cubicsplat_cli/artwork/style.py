@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import ROWS, in_blocks, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
+from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
@@ -55,6 +56,7 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
         return Style(PIXEL, f"cells of {len(cells.colours)} colours", cells)
     target = without_repeats(target)
     levels = np.rint(255.0 * _sampled(target)).astype(np.float32)
+    levels = levels if lossy else without_dither(levels)
     drawn = levels[..., 3] > 0 if levels.shape[2] == 4 else np.ones(levels.shape[:2], dtype=bool)
     if not drawn.any():
         return Style(ARTWORK, "nothing is drawn")

@@ -13,6 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import ROWS, blend_of, largest
 from cubicsplat_cli.artwork.input.condition import OUTLIER
+from cubicsplat_cli.artwork.input.dither import dithered
 from cubicsplat_cli.artwork.input.evenness import EDGE
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
@@ -26,7 +27,6 @@ from cubicsplat_cli.scene.arrays import with_channels
 # have up to 0.6 times that, aliased flags and emoji 1.1 times and more.
 FEW_COLOURS = 16
 SMALL = 32  # px a side of pictures in which hardly anybody omits anti-aliasing but on purpose
-PERIOD = 4  # px of the patterns of ordered dithering
 OFF = 6.0  # levels by which a blend is off the line between two colours at most, and away from both at least
 MOST_CELLS = 2**20  # that are drawn; of as many different ones the file has tens of megabytes
 
@@ -193,9 +193,8 @@ def _are_meant(cells: Cells) -> bool:
     # px and more; in small pictures 0.04 and more in sprites, less than 0.03 in plain symbols.
     if not larger and _alone(numbers) < (0.03 if small else 0.2):
         return False
-    # More corners are the dots that stand for a photo's greys (0.65 to 0.79 of the pixels by error diffusion), unless
-    # the borders repeat, as by ordered dithering (0.84 of them and more; by error diffusion 0.22).
-    if not larger and not small and corners > 0.62 * numbers.size and _repeated(numbers) < 0.5:
+    # Colours that dots stand for are meant, and not their pixels; but nobody dithers a small sprite by a program.
+    if not larger and not small and dithered(cells.colours[numbers]) is not None:
         return False
     levels, pixels = cells.colours[numbers], not (larger or small)
     # Photos reduced to 16 colours have 0.24 or more of soft steps.
@@ -206,28 +205,11 @@ def _are_meant(cells: Cells) -> bool:
 
 def _alone(numbers: np.ndarray) -> float:
     """Return the share of the pixels at borders of cells that have at most one like neighbour of four."""
-    like = _like(numbers, 1, 1).sum(axis=0)
+    inner = numbers[1:-1, 1:-1]
+    around = numbers[:-2, 1:-1], numbers[2:, 1:-1], numbers[1:-1, :-2], numbers[1:-1, 2:]
+    like = np.sum([each == inner for each in around], axis=0)
     borders = int((like < 4).sum())
     return float((like <= 1).sum()) / borders if borders else 0.0
-
-
-def _repeated(numbers: np.ndarray) -> float:
-    """Return the share of the cells unlike a neighbour that are like those PERIOD cells to all four sides."""
-    if min(numbers.shape) <= 2 * PERIOD:
-        return 0.0
-    border = ~_like(numbers, PERIOD, 1).all(axis=0)
-    like = np.asarray(_like(numbers, PERIOD, PERIOD).all(axis=0))
-    return float(like[border].mean()) if border.any() else 0.0
-
-
-def _like(numbers: np.ndarray, rim: int, apart: int) -> np.ndarray:
-    """Return (4, R - 2 rim, C - 2 rim) bool: True for cells, but for a rim, that are like the cell so far above, below,
-    to the left and to the right.
-    """
-    around = np.pad(numbers, apart)
-    starts = ((0, apart), (2 * apart, apart), (apart, 0), (apart, 2 * apart))
-    like = [around[y:, x:][: len(numbers), : numbers.shape[1]] == numbers for y, x in starts]
-    return np.array(like)[:, rim:-rim, rim:-rim]
 
 
 def _step(cells: np.ndarray) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
+from cubicsplat_cli.artwork.input.dither import LEFT, without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light, without_rim
 from cubicsplat_cli.artwork.input.paper import scan_of
@@ -86,8 +87,11 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     height, width = target.shape[:2]
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)
-    whole = without_subpixels(original)
-    if whole is not original:
+    even = original if compression else without_dither(original)
+    if even is not original:
+        notes.append("drawn in the colours that its dither stands for")
+    whole = without_subpixels(even)
+    if whole is not even:
         notes.append("text drawn without the colour fringes that it has for LCDs")
     unsharp = whole if compression else without_halos(whole)
     if unsharp is not whole:
@@ -97,8 +101,9 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     if in_light:
         notes.append("edges drawn where they are in linear light, in which they were blended")
     levels = without_rim(levels, in_light=in_light)
-    lossy = compression is not None and factor == 1
-    prepared = replace(_prepared(reduced(levels, factor), factor, width, height, lossy=lossy), edge_notes=tuple(notes))
+    lossy, known = compression is not None and factor == 1, None if even is original else Condition(LEFT)
+    prepared = _prepared(reduced(levels, factor), factor, width, height, lossy=lossy, known=known)
+    prepared = replace(prepared, edge_notes=tuple(notes))
     condition = replace(prepared.condition, sharpened=unsharp is not whole)
     as_drawn = levels is original and prepared.mean_scale == 1 and not prepared.scanned
     if compression is None or not condition.jpeg or not as_drawn:
@@ -108,11 +113,14 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     return replace(prepared, condition=condition, compression=compression)
 
 
-def _prepared(levels: np.ndarray, factor: int, width: int, height: int, *, lossy: bool) -> PreparedInput:
+def _prepared(
+    levels: np.ndarray, factor: int, width: int, height: int, *, lossy: bool, known: Condition | None
+) -> PreparedInput:
     """Prepare levels (H, W, 4) whose edges are blended as sRGB values. factor: that by which the picture, of (width,
-    height) px, was reduced to these; lossy: True if their file was compressed with loss.
+    height) px, was reduced to these; lossy: True if their file was compressed with loss; known: their condition, where
+    it need not be estimated.
     """
-    condition = condition_of(levels, lossy=lossy)
+    condition = known or condition_of(levels, lossy=lossy)
     if scan := scan_of(levels):
         pens = pens_of(scan.bare, scan.grain)
         blur = condition.blur if pens is None else pens.blur

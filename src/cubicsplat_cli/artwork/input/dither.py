@@ -1,0 +1,65 @@
+"""Undo the dither of GIFs and PNGs with few colours: dots of two or more colours that stand for a colour between them.
+
+Error diffusion (Floyd and Steinberg 1976) keeps the mean of every place, so a small blur shows the colours that were
+meant, though no sharp edges. Guided by it, means of the pixels on one side of an edge are sharp. Ordered dither repeats
+itself, and counts as pixel art, whose pixels are meant.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubicsplat_cli.artwork.channels import packed
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.dither import dither_dots, guided_means
+
+CONTRAST = 3.0  # levels of a dot: closer colours are hardly told apart
+MOST_COLOURS = 256  # of a GIF or a PNG with a palette
+# All dots of a picture are dither if more than MOST_STRAY have DENSE or more within a square of WINDOW px, of which a
+# dotted line has 8, and text hardly any.
+WINDOW, DENSE, MOST_STRAY = 15, 9, 24
+PERIOD = 4  # px of the patterns of ordered dither
+# Share of dots that are like the pixels a period away to all four sides: 0.1 by error diffusion, but up to 0.48 where
+# all is of a middle grey, and 0.57 and more by ordered dither.
+REPEATED = 0.5
+REACH = 4  # px around a dot that it may stand for
+BLUR, SIDE = 1.0, 1.5  # px: standard deviations of the guide's blur, and of the means on one side of an edge
+ALIKE = 20.0  # levels by which the guide differs on one side of an edge: what the blur leaves of dither in 216 colours
+LEFT = 2.0  # levels of noise that the means leave
+
+
+def without_dither(levels: np.ndarray) -> np.ndarray:
+    """Return a picture (H, W, 3 or 4) in levels with means in place of its dither; the same array if it has none."""
+    where = dithered(levels)
+    if where is None:
+        return levels
+    guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
+    return guided_means(levels, guide, where, SIDE, ALIKE)
+
+
+def dithered(levels: np.ndarray) -> np.ndarray | None:
+    """Return (H, W) bool: the places of a picture (H, W, C) in levels with dither by error diffusion; None if there are
+    none.
+    """
+    dots = dither_dots(levels, CONTRAST)
+    if dots.sum() <= MOST_STRAY:
+        return None
+    density = ndimage.uniform_filter(dots.astype(np.float32), WINDOW, mode="constant")
+    dense = dots & (density >= (DENSE - 0.5) / WINDOW**2)
+    if dense.sum() <= MOST_STRAY:
+        return None
+    colours = packed(np.rint(levels))
+    if len(np.unique(colours)) > MOST_COLOURS or _repeated(colours, dense) >= REPEATED:
+        return None
+    return ndimage.binary_dilation(dots, ndimage.SQUARE, REACH)
+
+
+def _repeated(colours: np.ndarray, dots: np.ndarray) -> float:
+    """Return the share of dots (H, W) bool whose colours (H, W) are those of the pixels a PERIOD away to all four
+    sides."""
+    inner = (slice(PERIOD, -PERIOD),) * 2
+    like = np.ones(colours[inner].shape, dtype=bool)
+    for axis in (0, 1):
+        for by in (PERIOD, -PERIOD):
+            like &= np.roll(colours, by, axis)[inner] == colours[inner]
+    return float(like[dots[inner]].mean()) if dots[inner].any() else 1.0

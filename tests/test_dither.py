@@ -1,0 +1,104 @@
+"""Dither by error diffusion, its dots and what they stand for."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+import resvg_py
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image, ImageDraw
+
+from cubicsplat_cli.api import vectorize
+from cubicsplat_cli.artwork.input.dither import dithered, without_dither
+from cubicsplat_cli.raster.dither import dither_dots, guided_means
+
+SIZE = 160
+
+
+def meant(*, opaque: bool = True) -> Image.Image:
+    """A disc on a gradient, or on nothing."""
+    ramp = np.linspace(0.0, 1.0, SIZE)[:, None, None] * [60.0, 20.0, -70.0] + [90.0, 160.0, 230.0]
+    ground = Image.fromarray(np.rint(np.broadcast_to(ramp, (SIZE, SIZE, 3))).astype(np.uint8)).convert("RGBA")
+    picture = ground if opaque else Image.new("RGBA", (SIZE, SIZE))
+    ImageDraw.Draw(picture).ellipse((40, 40, 120, 120), fill=(230, 120, 30, 255))
+    return picture
+
+
+def diffused(picture: Image.Image) -> Image.Image:
+    """The picture in the 216 colours of old browsers, with its opacity."""
+    found = picture.convert("RGB").convert("P").convert("RGBA")
+    found.putalpha(picture.getchannel("A"))
+    return found
+
+
+def levels(picture: Image.Image) -> np.ndarray:
+    return np.asarray(picture.convert("RGB"), dtype=np.float32)
+
+
+@pytest.mark.parametrize("opaque", [True, False])
+def test_dots_are_drawn_as_the_colours_that_they_stand_for(opaque):
+    picture = meant(opaque=opaque)
+    done = vectorize(diffused(picture), measure=False)
+    assert done.report.style == "artwork" and done.report.shapes <= 3
+    assert "drawn in the colours that its dither stands for" in done.report.notes
+    drawn = Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=done.svg))))
+    shown = np.asarray(picture)[..., 3] == 255
+    assert np.abs(levels(drawn) - levels(picture))[shown].mean() < 3.0
+    assert np.abs(levels(diffused(picture)) - levels(picture))[shown].mean() > 12.0
+
+
+def test_only_places_with_dither_change_and_keep_their_mean():
+    picture = meant()
+    ImageDraw.Draw(picture).rectangle((0, 120, SIZE, SIZE), fill=(51, 102, 153, 255))  # one of the 216
+    found = levels(diffused(picture))
+    where, even = dithered(found), without_dither(found)
+    assert where is not None and where[:100].mean() > 0.9 and not where[130:].any()
+    assert (even[~where] == found[~where]).all()
+    inner = np.s_[60:100, 60:100]
+    assert np.abs(even[inner] - levels(picture)[inner]).max() < 12.0
+    assert np.abs(even[inner].mean((0, 1)) - found[inner].mean((0, 1))).max() < 1.0
+
+
+def test_what_only_looks_like_dither_stays():
+    y, x = np.mgrid[:96, :96]
+    bayer = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) / 16.0
+    ordered = np.where(x / 96.0 > bayer[y % 4, x % 4], 200.0, 40.0)
+    slanting = np.where((x + y) % 7 == 0, 200.0, 40.0)
+    few = np.full((96, 96), 40.0)
+    few[4::32, 4::32] = 200.0
+    noise = np.random.default_rng(0).integers(0, 256, (96, 96, 3)).astype(np.float32)
+    for picture in (ordered, slanting, few):
+        picture = np.repeat(picture[..., None], 3, axis=2).astype(np.float32)
+        assert dithered(picture) is None and without_dither(picture) is picture
+    assert dithered(noise) is None
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 9), st.sampled_from([1, 3, 4]))
+def test_dots_differ_from_four_like_neighbours(seed, height, width, channels):
+    picture = np.random.default_rng(seed).integers(0, 3, (height, width, channels)).astype(np.float32)
+    dots = np.zeros((height, width), dtype=bool)
+    for y, x, c in np.ndindex(max(height - 2, 0), max(width - 2, 0), channels):
+        around = picture[y : y + 3, x : x + 3, c]
+        sides = {around[0, 1], around[1, 0], around[1, 2], around[2, 1]}
+        corners = tuple(around[::2, ::2].ravel() == around[1, 1])
+        line = corners in ((True, False, False, True), (False, True, True, False))
+        dots[y + 1, x + 1] |= len(sides) == 1 and abs(around[1, 1] - sides.pop()) >= 2 and not line
+    assert (dither_dots(picture, 2.0) == dots).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (9, 14, 4)])
+def test_guided_means_are_weighted_by_distance_and_guide(shape):
+    chance = np.random.default_rng(0)
+    picture, guide = (chance.uniform(0.0, 255.0, shape).astype(np.float32) for _ in range(2))
+    where = chance.random(shape[:2]) < 0.7
+    found = guided_means(picture, guide, where, 1.2, 90.0)
+    at = np.stack(np.mgrid[: shape[0], : shape[1]], axis=-1)
+    for y, x in np.ndindex(*shape[:2]):
+        off = at - [y, x]
+        weights = np.exp(-0.5 * (off**2).sum(-1) / 1.2**2 - 0.5 * ((guide - guide[y, x]) ** 2).sum(-1) / 90.0**2)
+        weights *= np.abs(off).max(-1) <= 3
+        mean = (weights[..., None] * picture).sum((0, 1)) / weights.sum()
+        np.testing.assert_allclose(found[y, x], mean if where[y, x] else picture[y, x], rtol=1e-4)
