@@ -52,6 +52,30 @@ def target(kind: str, body: str = FACE) -> np.ndarray:
     return as_picture(pixels(kind, body)).target()
 
 
+def drifting(picture: np.ndarray, px: float, levels: float) -> np.ndarray:
+    """A picture with soft edges, and noise that is alike over so many px, of so many levels."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(*picture.shape[:2], 3)), (px, px, 0.0))
+    soft = ndimage.gaussian_filter(picture[..., :3].astype(float), (0.7, 0.7, 0.0))
+    noisy = soft + levels / noise.std() * noise + np.random.default_rng(1).normal(0.0, 0.4, noise.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("px", [2.0, 6.0])
+def test_colours_that_drift_like_a_generators_are_fills_with_noise(px):
+    ground = '<rect width="160" height="160" fill="#406090"/>'
+    found = drifting(pixels("clean", ground + FACE), px, 1.5)
+    assert 1.0 < condition_of(as_levels(as_picture(found).target())).noise < 2.5
+    done = vectorize_pixels(found, measure=False)
+    assert done.report.style == "artwork" and done.report.shapes <= 6
+
+
+def test_soft_shading_is_no_noise():
+    y, x = np.mgrid[:SIDE, :SIDE] / SIDE - 0.5
+    ball = 40.0 + 200.0 * np.clip(1.0 - 2.0 * (x + 0.1) ** 2 - 2.0 * (y + 0.2) ** 2, 0.0, 1.0)
+    shaded = np.rint(ball[..., None] * [1.0, 0.8, 0.6]).astype(np.uint8)
+    assert condition_of(as_levels(as_picture(shaded).target())).noise == 0.0
+
+
 def test_clean_pictures_are_known_as_such():
     for kind in ("clean", "palette"):
         assert condition_of(as_levels(target(kind))) == CLEAN, kind
