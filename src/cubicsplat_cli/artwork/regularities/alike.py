@@ -74,11 +74,9 @@ class Nearest:
         return float(np.sqrt((self.off**2).mean()))
 
 
-def nearest(
-    numbers: np.ndarray, distances: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], mean: float = MEAN
-) -> Nearest | None:
+def nearest(numbers: np.ndarray, distances: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Nearest | None:
     """Return the numbers (k,) of a transform that lay an outline nearest to another by Gauss-Newton's method; None
-    where points lie too far off it, on the way or, at most `mean` px in the mean, at last.
+    where points lie too far off it, on the way or at last.
 
     distances: of some numbers, as in `Nearest`.
     """
@@ -88,4 +86,4 @@ def nearest(
             return None
         if left:
             numbers = numbers - np.linalg.solve(fit.gram, fit.rows.T @ fit.off)
-    return fit if fit.off.max() <= FARTHEST and fit.mean <= mean else None
+    return fit if fit.off.max() <= FARTHEST and fit.mean <= MEAN else None

@@ -1,5 +1,5 @@
 """Regularities of a finished drawing: coordinates on the artist's grid, ellipses that are circles, rings that are their
-own mirror images, lines at 45 degrees, copies, rings that are their own images by parts of a turn.
+own mirror images, lines at 45 degrees, and copies.
 
 Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
 more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
@@ -40,7 +40,6 @@ from cubicsplat_cli.artwork.regularities.mirrored import (
     mirrored_parameters,
     mirrored_rings,
 )
-from cubicsplat_cli.artwork.regularities.rotational import rotated
 from cubicsplat_cli.artwork.regularities.ties import EXACT, on_steps, tied_ring
 from cubicsplat_cli.artwork.regularities.turned import found_copies
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -66,7 +65,6 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
     state = with_symmetries(state, constraints, detail)
     state = with_directions(state, detail)
     state = with_copies(state, constraints, detail)
-    state = with_rotations(state, detail)
     return drawn(done, _on_steps(state, 10.0 ** -suggested_precision(constraints.width, constraints.height)))
 
 
@@ -133,19 +131,6 @@ def with_copies(state: State, constraints: Constraints, detail: float) -> State:
     order = sorted(tracks, key=lambda k: (numbers[k], k))
     copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
     tied = {k: CopyParameters(outlines[model], transform, model) for k, (model, transform) in copies.items()}
-    return _tied(state, tied, detail)
-
-
-def with_rotations(state: State, detail: float) -> State:
-    """The state with the rings that are their own images by parts of a turn, and their copies, made and kept such."""
-    outlines = state.outlines
-    tied: dict[int, Parameters] = {}
-    for k, parameters in enumerate(outlines):
-        ring = parameters.outline()
-        if isinstance(parameters, RingParameters) and isinstance(ring, Ring) and not level_box(ring, LEAST):
-            rotational = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
-            tied |= {k: rotational} if rotational is not None else {}
-    tied |= _followers(outlines, tied)
     return _tied(state, tied, detail)
 
 
