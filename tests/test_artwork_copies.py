@@ -15,7 +15,6 @@ from cubicsplat_cli.artwork.finish.state import begin, drawn, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, Ring, flattened
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
-from cubicsplat_cli.artwork.regularities.turned import STEPS, Walk
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg.drawing_reader import read_drawing
@@ -54,90 +53,17 @@ def test_shapes_that_differ_by_half_a_pixel_stay_different():
     assert widths[1] - widths[0] == pytest.approx(0.5, abs=0.1)
 
 
-def petals(*degrees):
-    """The rings of drops around a middle, first the one that points up."""
-    picture = pictured(*(f"translate(80.2 48.1) rotate({a}) translate(0 -24) scale(.7)" for a in degrees))
-    rings = [o for shape in draw(picture).shapes for o in shape.outlines if shape.fill == RED]
-    return sorted(rings, key=lambda ring: round(heading(ring)) % 360)
-
-
-def heading(ring):
-    """The direction, in degrees from upwards, in which the centroid of a ring lies."""
-    points = flattened(ring, 0.1) - [80.2, 48.1]
-    x, y = points.T
-    twice = x * np.roll(y, -1) - np.roll(x, -1) * y
-    x, y = twice @ (points + np.roll(points, -1, axis=0)) / (3.0 * twice.sum())
-    return np.degrees(np.arctan2(x, -y)) % 360.0
-
-
-def onto(one, other):
-    """The turn, degrees, its middle, px, and the farthest control point off it, px, from one ring to another of as many
-    pieces; by the least squares (Umeyama)."""
-    best = None
-    for first in range(other.pieces):
-        a, b = (r.reshape(-1, 2) @ [1.0, 1.0j] for r in (one.cubics, np.roll(other.cubics, -first, axis=0)))
-        away, home = b - b.mean(), a - a.mean()
-        factor = np.vdot(home, away) / abs(np.vdot(home, away))
-        off = float(np.abs(away - factor * home).max())
-        if best is None or off < best[2]:
-            middle = (b.mean() - factor * a.mean()) / (1.0 - factor)
-            best = np.degrees(np.angle(factor)) % 360.0, middle, off
-    return best
-
-
-def test_a_shape_that_is_turned_is_exactly_so_around_the_middle_that_all_share():
-    rings = petals(0, 120, 240)
-    found = [onto(rings[0], ring) for ring in rings[1:]]
-    assert [angle for angle, _, _ in found] == pytest.approx([120.0, 240.0], abs=1e-7)
-    assert max(off for _, _, off in found) < 1e-7
-    assert found[0][1] == pytest.approx(found[1][1], abs=1e-7) == pytest.approx(80.2 + 48.1j, abs=0.02)
-
-
-def test_turned_shapes_are_so_in_the_file_to_half_a_step():
-    picture = pictured("translate(46.3 50.2)", "translate(112.7 46.1) rotate(37)")
-    drawing = read_drawing(write_drawing(draw(picture), title="x", comment="y"))
-    left, right = (shape.outlines[0] for shape in drawing.shapes if shape.fill == RED)
-    assert onto(left, right)[0] == pytest.approx(37.0, abs=0.1) or onto(right, left)[0] == pytest.approx(37.0, abs=0.1)
-    # Handles at smooth joints may move by two steps besides.
-    assert onto(left, right)[2] < 3.5 * 0.001 * 2**0.5
-
-
-def test_turned_shapes_of_which_one_is_longer_stay_different():
-    left, right = drops(pictured("translate(46.3 50.2)", "translate(112.7 46.1) rotate(37) scale(1 1.012)"))
-    lengths = [float(np.ptp(flattened(r, 0.1) @ way)) for r, way in ((left, [0.0, 1.0]), (right, [-0.602, 0.799]))]
-    assert lengths[1] - lengths[0] == pytest.approx(0.6, abs=0.15)
-
-
-def test_petals_at_uneven_angles_stay_where_they_are():
-    first, *others = petals(0, 118, 240)
-    assert [heading(ring) - heading(first) for ring in others] == pytest.approx([118.0, 240.0], abs=0.1)
-
-
 SIGN, PLACE = st.sampled_from([1.0, -1.0]), st.floats(-50.0, 50.0)
-ANGLE = st.one_of(st.floats(-3.2, 3.2), st.sampled_from([0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi]))
 SHAPES = [Circle(3.0, 4.0, 2.0), Ellipse(3.0, 4.0, 5.0, 2.0, 0.4), Rectangle(1.0, 2.0, 7.0, 3.0, 0.5, 0.3)]
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@given(signs=st.tuples(SIGN, SIGN), shift=st.tuples(PLACE, PLACE), angle=ANGLE)
-def test_a_primitive_comes_to_lie_where_its_points_do(shape, signs, shift, angle):
-    # A circle that is turned is the same.
-    way = RigidTransform(signs, shift, 0.0 if isinstance(shape, Circle) else angle)
+@given(signs=st.tuples(SIGN, SIGN), shift=st.tuples(PLACE, PLACE))
+def test_a_primitive_comes_to_lie_where_its_points_do(shape, signs, shift):
+    way = RigidTransform(signs, shift)
     points, moved = (r.cubics.reshape(-1, 2) for r in (shape.ring(FINE), way.outline(shape).ring(FINE)))
     gaps = np.hypot(*(way.points(points)[:, None] - moved).transpose(2, 0, 1))
     assert gaps.min(axis=1).max() < 1e-9
-
-
-@given(st.lists(st.tuples(SIGN, SIGN, PLACE, PLACE, ANGLE), min_size=2, max_size=2))
-def test_one_way_after_another_is_one_way(ways):
-    first, second = (RigidTransform((a, b), (x, y), angle) for a, b, x, y, angle in ways)
-    points = np.array([[3.0, 4.0], [-20.0, 7.5], [0.0, 0.0]])
-    assert second.after(first).points(points) == pytest.approx(second.points(first.points(points)), abs=1e-9)
-
-
-def test_a_quarter_turn_is_exact():
-    box = RigidTransform((1.0, 1.0), (3.0, 0.0), 0.5 * np.pi).outline(Rectangle(1.0, 2.0, 7.0, 4.0))
-    assert box == Rectangle(-3.0, 1.0, 4.0, 7.0)
 
 
 def test_copies_follow_their_model_and_fit_together():
@@ -181,7 +107,7 @@ def test_one_that_is_hardly_alike_does_not_keep_the_others_from_being_copies():
 
 def test_the_jacobian_of_a_copy_matches_finite_differences():
     ring = Circle(20.0, 19.0, 9.3).ring()
-    copy = CopyParameters(parametrised(ring, Constraints(64, 64)), RigidTransform((-1.0, 1.0), (60.0, 3.0), 0.4), 0)
+    copy = CopyParameters(parametrised(ring, Constraints(64, 64)), RigidTransform((-1.0, 1.0), (60.0, 3.0)), 0)
     assert_jacobian(copy)
     assert isinstance(copy.outline(), Ring)
 
@@ -203,7 +129,3 @@ def test_repeated_rings_are_the_same_text_but_for_the_first_point():
         assert np.array(sorted(one.anchors.tolist())) == pytest.approx(
             np.array(sorted(expected.anchors.tolist())), abs=0.006
         )
-
-
-def test_an_outline_without_extent_is_like_no_other():
-    assert not Walk(0j, np.zeros(STEPS, complex), 0.0).is_certain(8, 10.0)

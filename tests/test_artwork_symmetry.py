@@ -56,7 +56,7 @@ def test_a_shape_that_is_asymmetric_by_half_a_pixel_stays_so():
 
 def test_a_ring_that_is_exactly_symmetric_is_found_so():
     points = flattened(heart(), 0.5)
-    track = Track(points, PointTree(points), points, True)
+    track = Track(points, PointTree(points), points)
     found = symmetry_of(track, 0)
     assert found.axis.at == pytest.approx(20.0, abs=1e-9) and found.mean < 1e-6
     assert symmetry_of(track, 1) is None

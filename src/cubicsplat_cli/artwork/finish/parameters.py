@@ -271,11 +271,8 @@ class CopyParameters:
     @cached_property
     def jacobian(self) -> SparseRows:
         """The Jacobian by the variables of the model."""
-        own, matrix = self.model.jacobian, self.way.matrix
-        pairs = 2 * np.arange(4 * len(self.lines))[:, None, None]
-        places = np.broadcast_arrays(pairs + np.arange(2)[:, None], pairs + np.arange(2), matrix.T)
-        rows, columns, values = (part.ravel() for part in places)
-        return SparseRows.of(rows, columns, values, (8 * len(self.lines),) * 2).after(own)
+        own = self.model.jacobian
+        return SparseRows(own.starts, own.columns, own.values * np.array(self.way.signs)[own.rows % 2], own.count)
 
     def following(self, model: Parameters) -> CopyParameters:
         """The copy of the model after that has moved."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -23,25 +22,22 @@ FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest poi
 SYSTEMATIC = 0.02  # px, the error of an axis, a shift or the end of a line besides that by chance
 SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
-EASED = 1e-6  # of the squares of a transform's numbers, which keeps those that nothing tells where they are
 
 
 @record
 class Track:
     """A closed outline as a polyline, and its visible parts. points: (n, 2) px; tree: of them; seen: (m, 2) points that
-    show; whole: whether all of it does."""
+    show."""
 
     points: np.ndarray
     tree: PointTree
     seen: np.ndarray
-    whole: bool
 
     @classmethod
     def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
         samples, weights, _, _ = samples_along(ring, visibility, MOST)
-        shown = visibility.shows(weights)
-        return cls(points, PointTree(points), samples[shown], bool(shown.all()))
+        return cls(points, PointTree(points), samples[visibility.shows(weights)])
 
     @cached_property
     def extent(self) -> np.ndarray:
@@ -51,39 +47,3 @@ class Track:
     def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
         return self.tree.off_line(points, LEAST)
-
-
-@record
-class Nearest:
-    """Numbers (k,) of a transform that lays an outline on another. off: (n,) px by which points that show are off then;
-    rows: (n, k) its derivatives.
-    """
-
-    numbers: np.ndarray
-    off: np.ndarray
-    rows: np.ndarray
-
-    @property
-    def gram(self) -> np.ndarray:
-        """(k, k) what the points tell of the numbers, 1/px^2 if each is known to a px."""
-        return self.rows.T @ self.rows + EASED * np.eye(len(self.numbers))
-
-    @property
-    def mean(self) -> float:
-        """The root mean square of the distances, px."""
-        return float(np.sqrt((self.off**2).mean()))
-
-
-def nearest(numbers: np.ndarray, distances: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Nearest | None:
-    """Return the numbers (k,) of a transform that lay an outline nearest to another by Gauss-Newton's method; None
-    where points lie too far off it, on the way or at last.
-
-    distances: of some numbers, as in `Nearest`.
-    """
-    for left in reversed(range(TRIES + 1)):
-        fit = Nearest(numbers, *distances(numbers))
-        if fit.off.max() > LARGEST:
-            return None
-        if left:
-            numbers = numbers - np.linalg.solve(fit.gram, fit.rows.T @ fit.off)
-    return fit if fit.off.max() <= FARTHEST and fit.mean <= MEAN else None

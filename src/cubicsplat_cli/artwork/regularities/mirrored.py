@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.geometry.variables import Pieces
-from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, SYSTEMATIC, Track, nearest
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, FEWEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 from cubicsplat_cli.artwork.regularities.ties import null_basis
 from cubicsplat_cli.record import record
 
@@ -58,15 +58,19 @@ def symmetry_of(track: Track, across: int) -> Symmetry | None:
     if len(track.seen) < FEWEST:
         return None
 
-    def distances(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        off, ways = track.off(Axis(across, float(at[0])).mirrored(track.seen))
-        return off, 2.0 * ways[:, across, None]
-
-    fit = nearest(track.extent[:, across].mean(keepdims=True), distances)
-    tells = 0.0 if fit is None else float((fit.rows**2).sum()) / 4.0
-    if fit is None or tells < 1.0:
+    # By Gauss-Newton's method.
+    at = float(track.extent[:, across].mean())
+    for left in reversed(range(TRIES + 1)):
+        off, ways = track.off(Axis(across, at).mirrored(track.seen))
+        slopes = 2.0 * ways[:, across]
+        tells = float(slopes @ slopes) / 4.0
+        if off.max() > LARGEST or tells < 1.0:
+            return None
+        at -= float(slopes @ off) / (4.0 * tells) if left else 0.0
+    mean = float(np.sqrt((off**2).mean()))
+    if off.max() > FARTHEST or mean > MEAN:
         return None
-    return Symmetry(Axis(across, float(fit.numbers[0])), SEEN_SIGMA / np.sqrt(2.0 * tells), fit.mean)
+    return Symmetry(Axis(across, at), SEEN_SIGMA / np.sqrt(2.0 * tells), mean)
 
 
 def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axis]:

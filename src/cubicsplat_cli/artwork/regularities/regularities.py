@@ -32,6 +32,7 @@ from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
+from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.grid import directed, found_slopes, has_diagonal, on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import (
     Axis,
@@ -41,7 +42,6 @@ from cubicsplat_cli.artwork.regularities.mirrored import (
     mirrored_rings,
 )
 from cubicsplat_cli.artwork.regularities.ties import EXACT, on_steps, tied_ring
-from cubicsplat_cli.artwork.regularities.turned import found_copies
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
@@ -116,7 +116,7 @@ def with_directions(state: State, detail: float) -> State:
 
 
 def with_copies(state: State, constraints: Constraints, detail: float) -> State:
-    """The state with the outlines that are like another one, moved, mirrored or turned, made and kept such."""
+    """The state with the outlines that are like another one, moved or mirrored, made and kept such."""
     outlines, size = state.outlines, (constraints.width, constraints.height)
     tracks = {}
     for k, parameters in enumerate(outlines):
@@ -127,9 +127,8 @@ def with_copies(state: State, constraints: Constraints, detail: float) -> State:
         # What is held on the border would not stay there; primitives are held by their numbers alone.
         if inside or isinstance(parameters, PrimitiveParameters):
             tracks[k] = track
-    numbers = {k: outlines[k].jacobian.count for k in tracks}
-    order = sorted(tracks, key=lambda k: (numbers[k], k))
-    copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
+    order = sorted(tracks, key=lambda k: (outlines[k].jacobian.count, k))
+    copies = found_copies({k: tracks[k] for k in order}, 10.0 ** -suggested_precision(*size), size)
     tied = {k: CopyParameters(outlines[model], transform, model) for k, (model, transform) in copies.items()}
     return _tied(state, tied, detail)
 
