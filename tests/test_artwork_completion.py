@@ -13,7 +13,7 @@ from conftest import rest_slow
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import hidden_runs, outlines_of
-from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed, without_stray_holes
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed
 from cubicsplat_cli.artwork.layers.ways import End, HiddenLoop, Room, continued, min_link_path, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
@@ -274,20 +274,3 @@ def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():
     assert len(window.wrong(polygon(contours[1].points))) == 0
     # Nothing of the thin shape itself is so far from its edges that a hole surely must not have it.
     assert len(window.wrong(Circle(20.0, 4.0, 24.0)))
-
-
-@pytest.mark.parametrize(("right", "kept"), [(40.0, 2), (18.0, 1), (27.0, 2)])
-def test_a_hole_that_the_outline_does_not_go_around_is_not_filled(right, kept):
-    def square(left: float, top: float, right: float, bottom: float) -> np.ndarray:
-        return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-
-    shown, allowed = np.zeros((40, 40), dtype=bool), np.ones((40, 40), dtype=bool)
-    shown[:, :16], allowed[15:25, 22:32] = True, False
-    outer, hole = square(0, 0, 40, 40), square(22, 15, 32, 25)[::-1]
-    sigma = np.array([0.1, np.inf, np.inf, 0.1])
-    contours = (Contour(outer, sigma, False), Contour(hole, np.full(4, np.inf), True))
-    extent = Extent(0, 0, 0, shown, allowed, holes_of(allowed), contours)
-    # What the hidden part ends at: beyond the hole, before it, and within it, where the contour is followed instead.
-    found = without_stray_holes((polygon(square(0, 0, right, 40)), polygon(hole)), extent)
-    assert len(found) == kept
-    assert found[0].ring().anchors[:, 0].max() == pytest.approx(40.0 if kept == 2 else right, abs=0.5)

@@ -14,7 +14,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon, turn_matrix
-from cubicsplat_cli.artwork.layers.extents import MOST_WRONG, Contour, Extent, Window, enclosed, without_stray_holes
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed
 from cubicsplat_cli.artwork.layers.ways import (
     ALLOWED,
     DEPTHS,
@@ -34,6 +34,7 @@ LEVEL = 1e-6  # px by which the ends of a level line may differ
 SIDE_SEEN = 1.5  # px within which points show a side of a rounded rectangle, and of points that show one of a box
 ON_SIDE = 0.25  # px by which a point may differ from the side of a box
 DOT = 4  # px of a region, up to which it is a dot; visible points of a contour, below which it becomes a polygon
+MOST_WRONG = 20  # px of the picture that an outline may enclose or leave wrongly, before a plainer one replaces it
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
 
 # Finds an outline; on the way it has others fitted to points with standard errors, and corners where some are known.
@@ -66,8 +67,7 @@ def outlines_of_all(
             searches += [_outline(own, extent, window, whole, sought, MOST_WRONG * steps**2) for own in extent.contours]
         found = iter(_searched(searches, detail))
         for extent in some:
-            outlines = tuple(islice(found, len(extent.contours)))
-            yield without_stray_holes(outlines, extent, steps) if sought else outlines
+            yield tuple(islice(found, len(extent.contours)))
 
 
 def _searched(searches: Sequence[_Search], detail: float) -> list[Outline]:

@@ -1,7 +1,6 @@
 """The extent of each layer: what shows, the holes that upper layers fill, and some way under its neighbours.
 
-The pixel masks decide only the topology; where the outlines run follows from the points that are visible. Holes
-that an outline no longer goes around, once its hidden parts have been chosen, are left out.
+The pixel masks decide only the topology; where the outlines run follows from the points that are visible.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import widened
-from cubicsplat_cli.artwork.geometry.fitting import few_lines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flattened, polygon
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.layers.ways import Room
@@ -26,7 +24,6 @@ from cubicsplat_cli.record import record
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
 OVERLAY = -1  # in place of the layer of what is of none
-MOST_WRONG = 20  # px of the picture that an outline may enclose or leave wrongly, before a plainer one replaces it
 
 
 @record
@@ -167,23 +164,3 @@ class Window:
         beyond = ((points < low - 1.0) | (points > low + self.may.shape[::-1] + 1.0)).any(axis=1)
         astray = beyond & ((points > 0.0) & (points < self.canvas[::-1])).all(axis=1)
         return np.concatenate([within, points[astray]])
-
-
-def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent, steps: int = 1) -> tuple[Outline, ...]:
-    """The outlines fitted to an extent's contours, the outer one first, less the holes that it no longer goes around.
-
-    Where the outer one is hidden it may go another way than its contour; holes outside of it would be filled. Where it
-    runs across what shows through a hole it follows its contour.
-    """
-    if len(fitted) == 1 or np.isfinite(extent.contours[0].sigma).all():
-        return fitted
-    inside = np.zeros_like(extent.shown)
-    box, inside[box] = enclosed(fitted[0].ring(), extent)
-    kept, wrong = [fitted[0]], 0
-    for outline, contour in zip(fitted[1:], extent.contours[1:], strict=True):
-        box, own = enclosed(polygon(contour.points), extent)
-        around = bool(inside[box][own].mean() >= 0.5) if own.any() else True
-        wrong += int((own & ~extent.allowed[box] & (inside[box] != around)).sum())
-        if around:
-            kept.append(outline)
-    return (few_lines(extent.contours[0].points), *fitted[1:]) if wrong > MOST_WRONG * steps**2 else tuple(kept)
