@@ -12,7 +12,6 @@ from scipy import ndimage
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.finish import added
-from cubicsplat_cli.artwork.finish.proposals import Placed, TargetPicture
 from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
@@ -248,22 +247,6 @@ def test_the_seam_of_a_hidden_shape_along_the_edge_of_another_gets_no_dots() -> 
     document, seamed = (Document(text.format(each).encode(), "x", 64) for each in ("", HIDDEN))
     drawing = vectorize.draw(as_picture(document.draw()).target())
     assert explained(drawing, picture(seamed)) is drawing
-
-
-def test_only_shapes_that_can_pay_are_tried() -> None:
-    """Beside the dot that is missing one where nothing is."""
-    document = truth('<circle cx="36" cy="9" r="3" fill="#143cc8"/>')
-    goal = goal_of(picture(document))
-    target = TargetPicture.of(255.0 * goal.target.astype(np.float32), CLEAN, 0.0)
-    trials = added._Trials(plain(), goal, target, 1.0)
-    missing, needless = (Placed(Shape(BLUE, (Circle(x, 9.0, 3.0),), "dot"), 0) for x in (36.0, 52.0))
-    asked = [(0, missing), (0, needless)]
-    assert trials._affordable(asked, [[]]) == asked[:1]
-    shapes, changes, falls = trials._tried([missing], 10)
-    known = added._Explanation(shapes, changes, float(falls.sum()))
-    smaller = Placed(Shape(BLUE, (Circle(36.0, 9.0, 1.0),), "dot"), 0)
-    assert trials._affordable([(0, smaller)], [[]]) == [(0, smaller)]
-    assert trials._affordable([(0, smaller)], [[known]]) == [], "it cannot explain as much as what is known does"
 
 
 @pytest.mark.parametrize("off", [(40.0, 0.0), (0.0, 60.0), (-30.0, 5.0), (40.0, 60.0)])

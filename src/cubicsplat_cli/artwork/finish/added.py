@@ -143,7 +143,7 @@ class _Trials:
         out: list[list[_Explanation]] = [[] for _ in found]
         for number in range(max(map(len, proposed), default=0)):
             some = [(k, each) for k, ways in enumerate(proposed) if number < len(ways) for each in ways[number]]
-            some = sorted(self._affordable(some, out), key=lambda pair: pair[1].beneath)
+            some.sort(key=lambda pair: pair[1].beneath)
             if not some:
                 continue
             new, changes, falls = self._tried([each for _, each in some], ROUNDS)
@@ -151,28 +151,6 @@ class _Trials:
                 around = ndimage.binary_dilation(found[k].where, ndimage.SQUARE, MARGIN)
                 fall = float(falls[found[k].rows, found[k].columns][around].sum())
                 out[k].append(_Explanation([new[i] for i in own], [changes[i] for i in own], fall))
-        return out
-
-    def _affordable(self, some: list[tuple[int, Placed]], known: list[list[_Explanation]]) -> list[tuple[int, Placed]]:
-        """The new shapes, each with the number of its area, that may pay for themselves: where they explained all that
-        they change, and shared what several of them do. None in areas of which a way is known that shortens the
-        description more than all of them would.
-        """
-        changed = [_changed(each.shape, self.goal.reach, self.size) for _, each in some]
-        falls, sharing = 0.5 * self.before.misfit.reshape(self.size), np.zeros(self.size)
-        for window, own in changed:
-            sharing[window] += own
-        falls /= np.maximum(sharing, 1.0)
-        changes = [self._change(each.shape, falls, *where) for (_, each), where in zip(some, changed, strict=True)]
-        out = []
-        for area, those in _by_area(some).items():
-            floor = _floor_of(known[area]) if known[area] else _floor([changes[k] for k in those])
-            good = [k for k in those if self._net(changes[k], floor) > 0.0]
-            most = max((self._gain(way, floor)[0] for way in known[area]), default=0.0)
-            if sum(self._net(changes[k], floor) for k in good) > most:
-                out += [some[k] for k in good]
-            else:  # its colours still tell how much is off by chance
-                known[area].append(_Explanation([some[k][1] for k in those], [changes[k] for k in those], 0.0))
         return out
 
     def _tried(self, new: list[Placed], rounds: int) -> tuple[list[Placed], list[_Change], np.ndarray]:
@@ -202,7 +180,8 @@ class _Trials:
 
     def _shortest(self, ways: list[_Explanation]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
-        floor, most, best = _floor_of(ways), 0.0, list[Placed]()
+        floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
+        most, best = 0.0, list[Placed]()
         for way in ways:
             total, good = self._gain(way, floor)
             if total > most:
@@ -240,11 +219,6 @@ def _floor(changes: list[_Change]) -> float:
     """The misfit by chance of a pixel of some shapes: their mean, by what they explain."""
     falls = np.array([max(change.fall, UNSEEN) for change in changes])
     return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
-
-
-def _floor_of(ways: list[_Explanation]) -> float:
-    """Return the misfit by chance of a pixel by which ways to explain an area are compared."""
-    return max((_floor(way.changes) for way in ways), default=UNSEEN)
 
 
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
