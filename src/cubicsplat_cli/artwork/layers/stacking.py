@@ -30,7 +30,6 @@ ENCLOSED, JOINED = 1000.0, 0.5
 # px of the boxes around hulls that are tried, those of the largest pieces first: 4,000 times 512 x 512, in seconds.
 MOST_HULL_PIXELS = 1_050_000_000
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
-MOST_WAITING = 8  # how many groups may wait for each other in a row
 
 
 @record
@@ -228,10 +227,10 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
     span = _spans(facts, group)[names]
     above, below = _without_cycles(len(names), *_net(facts, group, index))
     # What a large one waits for comes as early as the large one would, lest all small ones come between.
-    for _ in range(MOST_WAITING):
+    waiting = np.zeros_like(span)
+    while (waiting != span).any():
         waiting = span.copy()
-        np.maximum.at(waiting, below, span[above])
-        span = waiting
+        np.maximum.at(span, below, waiting[above])
     load = np.bincount(above, minlength=len(names))
     lying = np.split(above[np.argsort(below, kind="stable")], np.cumsum(np.bincount(below, minlength=len(names)))[:-1])
     ready = [(-span[i], -size[i], i) for i in np.flatnonzero(load == 0).tolist()]

@@ -25,7 +25,6 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
 
-MOST_OVERLAYS = 64
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
 MOST_TURN = 3.0  # standard errors by which an edge that goes straight on turns at most
 MOST_GAP = 2.5  # px between neighbouring points of an edge
@@ -90,10 +89,7 @@ def without_overlays(
     """
     overlays: list[Overlay] = []
     fixed = np.zeros(regions.count, dtype=bool) if fixed is None else fixed
-    while len(overlays) < MOST_OVERLAYS:
-        grounds = _uppermost(regions, found, fixed)
-        if grounds is None:
-            break
+    while (grounds := _uppermost(regions, found, fixed)) is not None:
         pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in grounds.items()], axis=0)
         paint = Paint(likeliest(pairs[:, 0], pairs[:, 1]))
         overlays.append(Overlay(paint, np.isin(regions.labels, list(grounds))))
