@@ -32,7 +32,6 @@ from cubicsplat_cli.pipeline import choose
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_outlines
 from cubicsplat_cli.pipeline.choose import (
     ENOUGH_DB,
-    FAR_DB,
     SKETCH_DB,
     candidates,
     check_worth_finishing,
@@ -228,12 +227,9 @@ def test_where_the_style_is_doubtful_the_photo_may_end_above_what_an_early_look_
     assert only.style.name == "photo" and is_finished(told)
 
 
-def test_a_photo_is_not_fitted_to_the_end_where_a_later_look_tells_that_the_drawing_is_nearer():
+def test_a_photo_is_not_fitted_to_the_end_where_one_of_as_many_bytes_is_no_nearer_than_the_drawing():
     only, told = only_made(task_for(speckled(2.6), steps=60), replace(MEASURED, doubtful=True))
-    assert only.style.name == "artwork" and any("a photo has only" in note for note in only.notes)
-    # The early look, named by the reason, did not decide.
-    early, later = (float(text.split("only ")[1].split()[0]) for text in (only.style.reason, only.notes[-1]))
-    assert FAR_DB < early < later < ENOUGH_DB
+    assert only.style.name == "artwork" and "made as artwork: no photo of as many bytes is nearer" in only.notes
     assert not is_finished(told)
 
 

@@ -177,16 +177,12 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     # The estimate may be too low by as much as a sketch may rise.
     drawing = _drawing_of(task, style, expected, 0.0)
     if isinstance(drawing, Made):
-        drawn_db = _level_db(task, drawing)
         # The photo may end far above the estimate, as those of few colours do, in fewer bytes than many shapes take.
         far = expected < FAR_DB
-        decisive = far or is_smaller(task, drawing)
-        nearer = drawn_db > expected + MARGIN_DB if far else decisive and math.isinf(_seen_db(task, drawing, ENOUGH_DB))
-        if drawing.interrupted or nearer:
-            return _drawing_instead(drawing, expected)
-        most = fit.most(drawn_db) if decisive else math.inf
-        if math.isfinite(most):
-            return _drawing_instead(drawing, most)
+        if drawing.interrupted or (far and _level_db(task, drawing) > expected + MARGIN_DB):
+            return _drawing_instead(drawing, f"a photo has only {expected:.1f} dB")
+        if not far and is_smaller(task, drawing) and photo_is_nearer(task, drawing) is None:
+            return _drawing_instead(drawing, "no photo of as many bytes is nearer")
     return _nearer_of(task, replace(fit.finished(), style=style), drawing)
 
 
@@ -217,12 +213,13 @@ def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Mad
     if drawing.interrupted:
         return replace(photo, interrupted=True)
     level = _level_db(task, photo)
-    return _drawing_instead(drawing, level) if _level_db(task, drawing) > level else photo
+    nearer = _level_db(task, drawing) > level
+    return _drawing_instead(drawing, f"a photo has only {level:.1f} dB") if nearer else photo
 
 
-def _drawing_instead(drawing: Made, level: float) -> Made:
-    """Return a drawing that replaces a photo of so many dB, and is not compared again."""
-    return replace(drawing.with_note(f"made as artwork: a photo has only {level:.1f} dB"), may_be_photo=False)
+def _drawing_instead(drawing: Made, reason: str) -> Made:
+    """Return a drawing that replaces a photo for a reason, and is not compared again."""
+    return replace(drawing.with_note(f"made as artwork: {reason}"), may_be_photo=False)
 
 
 def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:

@@ -65,24 +65,12 @@ class PhotoFit:
         self._photo, settings = _prepared(task)
         self._fitting = self._photo.begin(settings)
 
-    def expected(self, looks: Sequence[tuple[float, float]] = LOOKS[:1], enough: float = math.inf) -> float:
-        """Fit until the level expected at the end is `enough` or less, and return that level, dB; infinite if no look
-        finds one, or the fit ends before.
-
-        looks: the shares of the steps before the finish at which to measure, and by how many dB the level then rises.
-        """
-        task = self._photo.task
-        for share, rise in looks:
-            if not self._fitting.relax(share):
-                break
-            level = level_db(task, self._fitting.scene(), task.request.settings.finish_samples) + rise
-            if level <= enough:
-                return level
-        return math.inf
-
-    def most(self, enough: float) -> float:
-        """Return the highest level possible at the end, dB, once it is known to be `enough` or less; else infinity."""
-        return self.expected(QUICK_LOOKS[1:-1], enough)
+    def expected(self) -> float:
+        """Fit for a share of the steps, and return the level expected at the end, dB; infinite if it ends before."""
+        task, (share, rise) = self._photo.task, LOOKS[0]
+        if not self._fitting.relax(share):
+            return math.inf
+        return level_db(task, self._fitting.scene(), task.request.settings.finish_samples) + rise
 
     def finished(self) -> Made:
         """Fit to the end, and return the result."""
