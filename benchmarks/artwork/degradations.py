@@ -61,7 +61,7 @@ def _webp(document: Document) -> bytes:
 
 def _saved(document: Document, kind: str, **options: int) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(document.draw()[..., :3].copy()).save(buffer, kind, **options)
+    _without_opacity(document).save(buffer, kind, **options)
     return buffer.getvalue()
 
 
@@ -96,12 +96,16 @@ def _noisy(document: Document) -> np.ndarray:
 
 def _palette(document: Document) -> np.ndarray:
     """In at most 64 colours, as small PNG and GIF files are."""
-    return np.array(Image.fromarray(document.draw()[..., :3].copy()).quantize(PALETTE_COLOURS).convert("RGBA"))
+    return np.array(_without_opacity(document).quantize(PALETTE_COLOURS).convert("RGBA"))
 
 
 def _dithered(document: Document) -> np.ndarray:
     """In the 216 colours of old browsers, by error diffusion, as old GIF files are."""
-    return np.array(Image.fromarray(document.draw()[..., :3].copy()).convert("P").convert("RGBA"))
+    return np.array(_without_opacity(document).convert("P").convert("RGBA"))
+
+
+def _without_opacity(document: Document) -> Image.Image:
+    return Image.fromarray(document.draw()[..., :3].copy())
 
 
 def _premultiplied(pixels: np.ndarray) -> np.ndarray:
