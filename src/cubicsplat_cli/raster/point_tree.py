@@ -80,19 +80,19 @@ class ClosedLines:
         self._boxes = doubles(boxes)
 
     def first_on(
-        self, own: int, models: np.ndarray, firsts: np.ndarray, flips: np.ndarray, limits: tuple[float, float, float],
+        self, own: int, models: np.ndarray, flips: np.ndarray, limits: tuple[float, float, float, float],
         tries: tuple[int, int], on_it: float,
     ) -> tuple[int, int, np.ndarray, np.ndarray] | None:  # fmt: skip
         """Find the first of the lines `models` (m,), and of the flips (f, 2), by which x and y are multiplied, that
         lies on the line `own`. Return both, the shift (2,), px, that brings it there, and the information (2,) that the
         points that show give of the shift, 1/px^2 if each is known to a px. None if no line lies near enough.
 
-        firsts, limits: px that a point of each model may be off at first, with the middles of both boxes on each other,
-        after a step and at last, and that all may be off at last in the root mean square. tries: points that are tried
+        limits: px that a point may be off at first, with the middles of both boxes on each other, after a step and at
+        last, and that all may be off at last in the root mean square. tries: points that are tried
         before all of them, and steps of least squares, of points off the other line. on_it: as of `off_line`.
         """
         shift, information = np.empty(2), np.empty(2)
-        lines = self._lines, self._boxes, own, len(models), int64s(models), doubles(firsts), len(flips), flips
+        lines = self._lines, self._boxes, own, len(models), int64s(models), len(flips), flips
         given = *lines, doubles(limits), *tries, on_it, shift, information
         model, flip = divmod(_native("cs_lay_on", *given, result=c_int64), len(flips))
         return None if model == len(models) else (int(models[model]), flip, shift, information)

@@ -23,6 +23,9 @@ from cubicsplat_cli.raster.point_tree import ClosedLines
 
 NEAR = 0.4  # px by which the extents of outlines that are alike differ
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
+# px that points are off at most: at first, as what is alike and of one size lies nearly right at once; after a step; at
+# last; and in the mean.
+LIMITS = 3.0 * FARTHEST, LARGEST, FARTHEST, MEAN
 # As it is, mirrored either way, turned by half a circle.
 FLIPS = np.array([[x, y] for y in (1.0, -1.0) for x in (1.0, -1.0)])
 
@@ -45,10 +48,7 @@ def found_copies(
     for i in np.flatnonzero(tells).tolist():
         # Most pairs are of other sizes.
         sized = models & (np.abs(widths - widths[i]) <= NEAR) & (np.abs(heights - heights[i]) <= NEAR)
-        able = np.flatnonzero(sized)
-        # What is alike and of one size lies nearly right at once.
-        astray = np.full(len(able), 3.0 * FARTHEST)
-        found = lines.first_on(i, able, astray, FLIPS, (LARGEST, FARTHEST, MEAN), (FIRST_LOOK, TRIES), LEAST)
+        found = lines.first_on(i, np.flatnonzero(sized), FLIPS, LIMITS, (FIRST_LOOK, TRIES), LEAST)
         if found is None:
             models[i] = True
         else:

@@ -1,7 +1,6 @@
 // Which of many points lie near a place, by a k-d tree (J. Bentley, "Multidimensional Binary Search Trees Used for
 // Associative Searching", 1975). raster/point_tree.py says what each function means.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <exception>
@@ -138,8 +137,8 @@ void sort(const Point* points, int64_t low, int64_t high, int64_t* order, uint8_
 
 // Brings the shift of a line to where it lies nearest to another one, and tells whether that is near enough: see
 // `cs_lay_on`. limits: at first, after a step, at last, in the mean at last.
-bool laid_on(const Outline& first, const Outline& second, const Point& sign, const std::array<double, 4>& limits,
-             int64_t look, int64_t tries, double on_it, Point& shift, Point& told) {
+bool laid_on(const Outline& first, const Outline& second, const Point& sign, const double* limits, int64_t look,
+             int64_t tries, double on_it, Point& shift, Point& told) {
   const Line one = first.line(on_it), other = second.line(on_it);
   const auto moved = [&](const Point& p) {
     return Point{{p.at[0] * sign.at[0] + shift.at[0], p.at[1] * sign.at[1] + shift.at[1]}};
@@ -207,22 +206,20 @@ CS_EXPORT void cs_off_line(int64_t count, const Point* points, const int64_t* or
 
 // Finds the first of `models` that, mirrored as one of the `flips`, lies on the line `own`, by least squares of how far
 // points that show of either lie off the other; first with the middles of both boxes on each other. lines: all of them;
-// boxes: their least and greatest coordinates. firsts: px that a point of each model is off at most at the beginning;
-// limits: after a step and at last, and in the root mean square at last. look: points that are tried before all are.
+// boxes: their least and greatest coordinates. limits: px that a point is off at most at the beginning, after a step and
+// at last, and all in the root mean square at last. look: points that are tried before all are.
 // shift: where the model comes to lie; told: what the points tell of that, 1/px^2 with errors of 1 px. Returns
 // flips x the place among the models + the flip; flips x count where none lies on it.
 CS_EXPORT int64_t cs_lay_on(const Outline* lines, const Point* boxes, int64_t own, int64_t count, const int64_t* models,
-                            const double* firsts, int64_t flips, const Point* signs, const double* limits, int64_t look,
-                            int64_t tries, double on_it, Point* shift, Point* told) {
+                            int64_t flips, const Point* signs, const double* limits, int64_t look, int64_t tries,
+                            double on_it, Point* shift, Point* told) {
   const Point &start = boxes[2 * own], &end = boxes[2 * own + 1];
   for (int64_t k = 0; k < count * flips; k++) {
     const int64_t model = models[k / flips];
     const Point &low = boxes[2 * model], &high = boxes[2 * model + 1], &sign = signs[k % flips];
     for (int c = 0; c < 2; c++)
       shift->at[c] = 0.5 * (start.at[c] + end.at[c]) - 0.5 * sign.at[c] * (low.at[c] + high.at[c]);
-    if (laid_on(lines[model], lines[own], sign, {firsts[k / flips], limits[0], limits[1], limits[2]}, look, tries,
-                on_it, *shift, *told))
-      return k;
+    if (laid_on(lines[model], lines[own], sign, limits, look, tries, on_it, *shift, *told)) return k;
   }
   return count * flips;
 }
