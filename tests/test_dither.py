@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.input.dither import dithered, without_dither
-from cubicsplat_cli.raster.dither import dither_dots, guided_means
+from cubicsplat_cli.raster.unmix import dither_dots, guided_means
 
 SIZE = 160
 

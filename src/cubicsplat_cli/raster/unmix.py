@@ -1,5 +1,5 @@
 """The fills and edges that pixels show, by the native library: the fills near a pixel, the shares of at most three of
-them in a blend, the place of each in its pixel, and changes of colour.
+them in a blend, the place of each in its pixel, changes of colour, and dither.
 
 Colours are premultiplied RGBA in levels of 0..255, pictures (H, W, 4) float32, palettes (P, 4) float64, and distances
 and residuals levels. All functions raise EngineError if the library or the memory is missing.
@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.native import Out, doubles, floats, int32s, int64s, native
+from cubicsplat_cli.raster.native import Out, bools, doubles, floats, int32s, int64s, native
 from cubicsplat_cli.raster.shades import nearest_paints
 
 _native = partial(native, "regions")
@@ -204,6 +204,26 @@ def finer_labels(
     fine = height * steps, width * steps
     given = int32s(first), int32s(second), floats(share), doubles(palette), ROUNDS, EDGE, WELL, work().threads
     return _native("cs_phase_field", height, width, steps, *given, Out(fine, np.int32), Out((*fine, 4), np.float32))
+
+
+def dither_dots(levels: np.ndarray, contrast: float) -> np.ndarray:
+    """Return (H, W) bool: the pixels of a picture (H, W, C) in levels that dither would set: in one channel, the four
+    neighbours along the sides are exactly alike, and the pixel differs by `contrast` levels or more.
+
+    Pixels of a thin slanting line, whose only like neighbours meet them at two opposite corners, are none.
+    """
+    return _native("cs_dither_dots", floats(levels), *levels.shape, float(contrast), Out(levels.shape[:2], bool))
+
+
+def guided_means(levels: np.ndarray, guide: np.ndarray, where: np.ndarray, px: float, alike: float) -> np.ndarray:
+    """Return levels (H, W, C) with a weighted mean in place of each pixel of `where`, (H, W) bool.
+
+    A neighbour's weight is a normal density of its distance, with a standard deviation of `px`, times one of its
+    distance from the pixel in a guide (H, W, C), of `alike` levels (the joint bilateral filter of Petschnigg and others
+    2004). The result is the same for any number of threads.
+    """
+    given = floats(levels), floats(guide), *levels.shape, bools(where), float(px), float(alike), work().threads
+    return _native("cs_guided_means", *given, Out(levels.shape, np.float32))
 
 
 def edge_variances(

@@ -114,10 +114,7 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
     if not (noise or jpeg or lossy):
         noise = _drift(levels)
     elif noise and not jpeg:
-        # The noise is cut off near pixels that are at an end of the scale in all channels.
-        colours = levels[..., :3]
-        ends = np.all((colours <= 0.0) | (colours >= 255.0), axis=2)
-        whole = ~ndimage.binary_dilation(ends, np.ones((5, 5), dtype=bool))
+        whole = ~ndimage.binary_dilation(_cut_off(levels[..., :3]), np.ones((5, 5), dtype=bool))
         noise = max(noise, _white_noise(second[whole][_quiet(spans[whole])]))
     if jpeg:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
@@ -137,6 +134,11 @@ def _white_noise(second: np.ndarray) -> float:
     return noise if noise >= 0.7 else 0.0
 
 
+def _cut_off(colours: np.ndarray) -> np.ndarray:
+    """Return (...) bool: True for colours (..., 3) at an end of the scale in all channels, where noise is cut off."""
+    return np.asarray(((colours <= 0.0) | (colours >= 255.0)).all(axis=-1))
+
+
 def _drift(levels: np.ndarray) -> float:
     """Return the standard deviation, in levels, of noise that drifts; 0 unless nearly all blocks without edges are off
     the planes fitted to them by more than rounding leaves.
@@ -144,10 +146,8 @@ def _drift(levels: np.ndarray) -> float:
     Pictures of generators, and those that were made smaller after a loss, have such noise, alike over several px.
     """
     blocks = in_blocks(levels[..., :3], PLANE).reshape(-1, PLANE**2, 3)
-    # Noise is cut off where all channels are at an end of the scale.
-    cut_off = np.all((blocks <= 0.0) | (blocks >= 255.0), axis=2).any(axis=1)
     spans = np.ptp(blocks, axis=1).max(axis=1)
-    even = (spans < EDGE) & ~cut_off
+    even = (spans < EDGE) & ~_cut_off(blocks).any(axis=1)
     if even.sum() < FEWEST_PLANES or np.median(spans[even]) <= FLAT_RANGE:
         return 0.0
     blocks = blocks[even]

@@ -11,7 +11,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import packed
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.dither import dither_dots, guided_means
+from cubicsplat_cli.raster.unmix import dither_dots, guided_means
 
 CONTRAST = 3.0  # levels of a dot: closer colours are hardly told apart
 MOST_COLOURS = 256  # of a GIF or a PNG with a palette

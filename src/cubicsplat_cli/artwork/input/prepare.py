@@ -101,8 +101,9 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     if in_light:
         notes.append("edges drawn where they are in linear light, in which they were blended")
     levels = without_rim(levels, in_light=in_light)
-    lossy, known = compression is not None and factor == 1, None if even is original else Condition(LEFT)
-    prepared = _prepared(reduced(levels, factor), factor, width, height, lossy=lossy, known=known)
+    levels, lossy = reduced(levels, factor), compression is not None and factor == 1
+    condition = condition_of(levels, lossy=lossy) if even is original else Condition(noise=LEFT)
+    prepared = _prepared(levels, condition, factor, width, height, lossy=lossy)
     prepared = replace(prepared, edge_notes=tuple(notes))
     condition = replace(prepared.condition, sharpened=unsharp is not whole)
     as_drawn = levels is original and prepared.mean_scale == 1 and not prepared.scanned
@@ -114,13 +115,11 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
 
 
 def _prepared(
-    levels: np.ndarray, factor: int, width: int, height: int, *, lossy: bool, known: Condition | None
+    levels: np.ndarray, condition: Condition, factor: int, width: int, height: int, *, lossy: bool
 ) -> PreparedInput:
-    """Prepare levels (H, W, 4) whose edges are blended as sRGB values. factor: that by which the picture, of (width,
-    height) px, was reduced to these; lossy: True if their file was compressed with loss; known: their condition, where
-    it need not be estimated.
+    """Prepare levels (H, W, 4) in a condition, whose edges are blended as sRGB values. factor: that by which the
+    picture, of (width, height) px, was reduced to these; lossy: True if their file was compressed with loss.
     """
-    condition = known or condition_of(levels, lossy=lossy)
     if scan := scan_of(levels):
         pens = pens_of(scan.bare, scan.grain)
         blur = condition.blur if pens is None else pens.blur

@@ -1,4 +1,4 @@
-// Finding and undoing dither. What is computed is said in raster/dither.py.
+// Finding and undoing dither. What is computed is said in raster/unmix.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
