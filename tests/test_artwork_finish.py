@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
-from cubicsplat_cli.artwork.finish.settle import NOTICED, settle
+from cubicsplat_cli.artwork.finish.settle import NOTICED, judged, settle
 from cubicsplat_cli.artwork.finish.state import begin, drawn, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -101,7 +101,27 @@ def test_the_finish_looks_through_a_blur():
     # An outline is judged by what the blur carries beyond the pixels that it crosses, too.
     moved = begin(drawing, goal)
     crossed = settled.stack.growth(moved.stack, settled.owners, moved.owners, 2)
-    assert (settled.growth(moved, np.ones(2, dtype=bool)) > 1.5 * crossed).all() and (crossed > 0.0).all()
+    carried = settled.growth(moved, np.ones(2, dtype=bool), settled.spread)
+    assert (carried > 1.5 * crossed).all() and (crossed > 0.0).all()
+
+
+def test_an_edge_that_moves_by_a_whole_pixel_is_judged_by_what_it_uncovers():
+    goal = goal_of(picture([(Rectangle(4.0, 5.0, 40.0, 30.0), RED)], 48, 56))
+    states = [begin(Drawing(56, 48, (Shape(RED, (box,), "x"),)), goal) for box in (
+        Rectangle(4.0, 5.0, 40.0, 30.0), Rectangle(4.0, 6.0, 40.0, 29.0))]  # fmt: skip
+    lost = states[0].growth(states[1], np.ones(1, dtype=bool), 1)
+    assert lost == pytest.approx(states[1].value - states[0].value) and lost > 0.0
+    gained = states[0].gains(states[1], np.ones(1, dtype=bool))
+    assert gained == pytest.approx(-0.5 * lost / states[0].floor(0))
+
+
+def test_a_refused_change_leaves_its_neighbours_where_they_were():
+    truth = [(Rectangle(4.0, 5.0, 40.0, 30.0), RED), (Circle(24.0, 20.0, 9.0), BLUE)]
+    goal = goal_of(picture(truth, 48, 56))
+    state = settle(begin(Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in truth)), goal))
+    away = state.outlines[0].moved(np.array([30.0, 0.0, 0.0, 0.0])), state.outlines[1].moved(np.array([9.0, 0.0, 0.0]))
+    kept = judged(state, state.with_outlines(dict(enumerate(away))), np.array([True, False]), 1.0)
+    assert kept.value == pytest.approx(state.value, abs=1e-6)
 
 
 def test_outlines_that_rest_are_looked_at_again_when_the_picture_beneath_them_changes():

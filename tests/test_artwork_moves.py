@@ -1,6 +1,6 @@
 """Edits that add a piece to a ring, and the moves that choose among them."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -98,6 +98,13 @@ def test_the_polish_keeps_primitives_that_are_right(drawn):
     found = polished(drawn, start)
     assert type(found) is type(drawn)
     assert astuple(found) == pytest.approx(astuple(drawn), abs=0.02)
+
+
+def test_a_ring_is_scaled_together_with_the_closer_one():
+    ring = Rectangle(2.0, 4.0, 8.0, 4.0, 1.0).ring()
+    halved = scaled_outline(replace(ring, otherwise=ring), 0.5, 0.25)
+    assert halved.otherwise is not None and (halved.otherwise.anchors == ring.anchors * [0.5, 0.25]).all()
+    assert (halved.otherwise.controls == halved.controls).all()
 
 
 def test_a_large_circle_is_not_given_up_for_little_on_each_of_its_pixels():

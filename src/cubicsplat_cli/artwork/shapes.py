@@ -137,7 +137,10 @@ def scaled_outline(outline: AnyLine, across: float, down: float) -> AnyLine:
         outline = outline.ring()
     if isinstance(outline, (Ring, Chain)):
         factors = np.array([across, down])
-        return replace(outline, anchors=outline.anchors * factors, controls=outline.controls * factors)
+        scaled = replace(outline, anchors=outline.anchors * factors, controls=outline.controls * factors)
+        if isinstance(outline, Ring) and outline.otherwise is not None:
+            scaled = replace(scaled, otherwise=scaled_outline(outline.otherwise, across, down))
+        return scaled
     # All numbers of a primitive except its angle are lengths.
     return replace(outline, **{f.name: getattr(outline, f.name) * across for f in fields(outline) if f.name != "angle"})
 

@@ -66,7 +66,7 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     refused = (trial.clockwise != state.clockwise)[families]
     trial = trial.taken_back(state, refused & moving)
     for left in reversed(range(TAKEN_BACK + 1)):
-        loss = np.bincount(families, state.growth(trial, moving, leaks=True), len(families))[families]
+        loss = np.bincount(families, state.growth(trial, moving, state.spread, leaks=True), len(families))[families]
         loss = np.where(refused | ~moving, 0.0, loss)
         if left == 0 or not (loss > SAME).any():
             break
@@ -90,7 +90,10 @@ def judged(state: State, trial: State, changed: np.ndarray, detail: float) -> St
     for k in np.flatnonzero(changed):
         cost = PRICE * (trial.outlines[k].outline().parameters - state.outlines[k].outline().parameters)
         refused[k] |= gains[k] * detail < cost
-    return settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused) if refused.any() else trial
+    if not refused.any():
+        return trial
+    back = refused | ~changed  # which may have followed what is refused
+    return settle(trial.taken_back(state, back), AFTER_REFUSALS, changed=back)
 
 
 def trimmed(state: State, moved: np.ndarray) -> State:

@@ -177,11 +177,11 @@ class State:
         """Px by which the goal's blur carries most of a pixel's change, 0 without one."""
         return -(-self.goal.reach // 2)
 
-    def growth(self, after: State, which: np.ndarray, *, leaks: bool = False) -> np.ndarray:
-        """Return (outlines,) by how much the misfit, and with `leaks` the value, grows on the pixels that some outlines
-        (outlines,) bool cross before or after, and those around that a blur adds; 0 for the others."""
+    def growth(self, after: State, which: np.ndarray, spread: int, *, leaks: bool = False) -> np.ndarray:
+        """Return (outlines,) by how much the misfit, and with `leaks` the value, grows on the pixels within `spread` px
+        of those that some outlines (outlines,) bool cross before or after; 0 for the others."""
         before, later = (np.where(which[owners], owners, -1) for owners in (self.owners, after.owners))
-        return self.stack.growth(after.stack, before, later, len(which), self.spread, leaks)
+        return self.stack.growth(after.stack, before, later, len(which), spread, leaks)
 
     def chance(self, crossed: slice) -> np.ndarray:
         """Return (m,) the misfit that the pixels of some crossings have by chance."""
@@ -196,8 +196,9 @@ class State:
 
     def gains(self, after: State, which: np.ndarray) -> np.ndarray:
         """Return (outlines,) by how much half of chi^2 falls on the pixels that some outlines (outlines,) bool cross
-        before or after; 0 for the others."""
-        gains = -0.5 * self.growth(after, which)
+        before or after, and beside these: an edge that has moved from one row's border to the next crosses neither; 0
+        for the others."""
+        gains = -0.5 * self.growth(after, which, max(1, self.spread))
         for k in np.flatnonzero(which).tolist():
             gains[k] /= self.floor(k)
         return gains
