@@ -120,7 +120,7 @@ def test_a_refused_change_leaves_its_neighbours_where_they_were():
     goal = goal_of(picture(truth, 48, 56))
     state = settle(begin(Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in truth)), goal))
     away = state.outlines[0].moved(np.array([30.0, 0.0, 0.0, 0.0])), state.outlines[1].moved(np.array([9.0, 0.0, 0.0]))
-    kept = judged(state, state.with_outlines(dict(enumerate(away))), np.array([True, False]), 1.0)
+    kept = judged(state, state.with_outlines(dict(enumerate(away))), 1.0)
     assert kept.value == pytest.approx(state.value, abs=1e-6)
 
 

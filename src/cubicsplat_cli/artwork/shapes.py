@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass, fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -137,10 +137,10 @@ def scaled_outline(outline: AnyLine, across: float, down: float) -> AnyLine:
         outline = outline.ring()
     if isinstance(outline, (Ring, Chain)):
         factors = np.array([across, down])
-        scaled = replace(outline, anchors=outline.anchors * factors, controls=outline.controls * factors)
+        changed: dict[str, Any] = {"anchors": outline.anchors * factors, "controls": outline.controls * factors}
         if isinstance(outline, Ring) and outline.otherwise is not None:
-            scaled = replace(scaled, otherwise=scaled_outline(outline.otherwise, across, down))
-        return scaled
+            changed["otherwise"] = scaled_outline(outline.otherwise, across, down)
+        return replace(outline, **changed)
     # All numbers of a primitive except its angle are lengths.
     return replace(outline, **{f.name: getattr(outline, f.name) * across for f in fields(outline) if f.name != "angle"})
 

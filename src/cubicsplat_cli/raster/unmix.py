@@ -8,7 +8,8 @@ and residuals levels. All functions raise EngineError if the library or the memo
 from __future__ import annotations
 
 from ctypes import c_int64
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 
@@ -21,9 +22,9 @@ SLOTS, REACH = 4, 3  # fills that are looked at near a pixel, and px up to which
 SEAM_STEPS = 32  # of the share of a fill beside a seam
 CLEARLY = 0.5  # levels by which a later ground must explain a seam better than an earlier one
 STRANGE = 24.0  # levels of residual that the colours near a pixel do not explain: something thin lies there
-# Of the phase field of `finer_labels`: px of the width of an edge; the weight of the well, which makes a step between
-# two fills cost as much as if its pixel's share were off by so much in squares; and rounds of descent.
-EDGE, WELL, ROUNDS = 0.5, 0.1, 100
+# The weights of the network of `finer_labels`, which sees windows of so many px a side; and the contrast of its
+# answers, which are blurred: means over all that a step may show.
+SUBPIXELS, WINDOW, CONTRAST = Path(__file__).parent / "subpixels.npz", 9, 2.0
 
 
 def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
@@ -190,20 +191,26 @@ def finer_labels(
     a pixel each way. first, second: (H, W) int32 the fills of each pixel, of a palette (P, 4), the same if it has one;
     share: (H, W) float32 of the second.
 
-    The shares of a pixel's two fills are known, but not their places in it. Borders shall be short: of all fields u in
-    [0, 1], the share of the second fill in each step of a pixel, this finds the smooth one that is hardly ever between
-    0 and 1 and whose mean over each pixel is its share. It minimises by descent
-
-        1/2 |mean of u - share|^2 + w (u (1 - u) + (e / pi)^2 |grad u|^2)
-
-    (the phase field of Allen and Cahn 1979 with the double obstacle potential of Blowey and Elliott 1991, whose edges
-    are half a sine wave e px wide). The well u (1 - u) grows from nothing, so that it decides only what the shares
-    leave open. The result is the same for any number of threads.
+    The shares of a pixel's two fills are known, but not their places in it. A network of three full layers tells the
+    share in each of 4 x 4 steps from those in the window around: the likeliest under shapes of all kinds, which
+    tools/train_subpixels.py has trained it with. They are brought to the pixel's own share by a shift of their logits.
+    Fewer steps are their means. The result is the same for any number of threads.
     """
     height, width = first.shape
     fine = height * steps, width * steps
-    given = int32s(first), int32s(second), floats(share), doubles(palette), ROUNDS, EDGE, WELL, work().threads
-    return _native("cs_phase_field", height, width, steps, *given, Out(fine, np.int32), Out((*fine, 4), np.float32))
+    sizes, weights = _network()
+    given = int32s(first), int32s(second), floats(share), doubles(palette), len(sizes) - 1, sizes, weights
+    out = Out(fine, np.int32), Out((*fine, 4), np.float32)
+    return _native("cs_subpixels", height, width, steps, *given, CONTRAST, work().threads, *out)
+
+
+@cache
+def _network() -> tuple[np.ndarray, np.ndarray]:
+    """Return the sizes of the layers, input and output included, and the weights of all in a row."""
+    with np.load(SUBPIXELS) as stored:
+        layers = [stored[name] for name in stored.files]
+    sizes = [layers[0].shape[1], *(len(matrix) for matrix in layers[::2])]
+    return int32s(np.array(sizes)), floats(np.concatenate([each.ravel() for each in layers]))
 
 
 def dither_dots(levels: np.ndarray, contrast: float) -> np.ndarray:

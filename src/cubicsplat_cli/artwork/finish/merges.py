@@ -63,7 +63,7 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
         fewer = trial.taken_back(_with(state, paying, constraints), differ)
         trial = settle(fewer, TRIAL_ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
-    return judged(state, trimmed(trial, changed), changed, detail)
+    return judged(state, trimmed(trial, changed), detail)
 
 
 def merged(ring: Ring, plan: list[Merge]) -> Ring:

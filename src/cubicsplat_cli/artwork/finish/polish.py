@@ -104,7 +104,7 @@ def _tried(state: State, others: Mapping[int, Parameters], detail: float) -> Sta
     if not others:
         return state
     changed = np.isin(np.arange(len(state.outlines)), [*others])
-    return judged(state, settle(state.with_outlines(others), TRIAL_ROUNDS, changed=changed), changed, detail)
+    return judged(state, settle(state.with_outlines(others), TRIAL_ROUNDS, changed=changed), detail)
 
 
 @record

@@ -81,19 +81,18 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     return trial, moving | noticed
 
 
-def judged(state: State, trial: State, changed: np.ndarray, detail: float) -> State:
-    """Return a trial, a state in which some outlines (outlines,) bool have changed and are settled, without the changes
-    that make the whole description longer or turn an outline over.
+def judged(state: State, trial: State, detail: float) -> State:
+    """Return a trial, a state in which some outlines have changed and all are settled, without the changes that make
+    the whole description longer or turn an outline over, and without what has followed them.
     """
+    pairs = [*zip(state.outlines, trial.outlines, strict=True)]
+    changed = np.array([own is not other for own, other in pairs])
     refused = changed & (trial.clockwise != state.clockwise)
     gains = state.gains(trial, changed)
-    for k in np.flatnonzero(changed):
-        cost = PRICE * (trial.outlines[k].outline().parameters - state.outlines[k].outline().parameters)
-        refused[k] |= gains[k] * detail < cost
-    if not refused.any():
-        return trial
-    back = refused | ~changed  # which may have followed what is refused
-    return settle(trial.taken_back(state, back), AFTER_REFUSALS, changed=back)
+    for k in np.flatnonzero(changed).tolist():
+        own, other = (parameters.outline() for parameters in pairs[k])
+        refused[k] |= gains[k] * detail < PRICE * (other.parameters - own.parameters)
+    return settle(trial.taken_back(state, refused), AFTER_REFUSALS, changed=refused) if refused.any() else trial
 
 
 def trimmed(state: State, moved: np.ndarray) -> State:
