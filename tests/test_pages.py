@@ -141,7 +141,23 @@ def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):
     pixels[inside] = shaded[inside]
     assert page_of(floats(pixels)) is None
     monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.GRAINY", 0.0)
+    monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.RINGING", 0.0)
     assert page_of(floats(pixels)) is not None
+
+
+def test_ringing_around_the_edges_of_a_gradient_is_no_photo(monkeypatch):
+    y, x = np.mgrid[:160, :160] + 0.5
+    pixels = np.full((160, 160, 3), 255.0)
+    pixels[:20] = 35, 95, 140
+    far = np.hypot(x - 70, y - 75) / 62.0
+    ball = np.stack([np.interp(far, [0, 1], ends) for ends in ((250, 60), (230, 20), (120, 100))], axis=2)
+    off = np.hypot(x - 80, y - 90)
+    for cover, fill in ((48.5 - off, ball), (2.5 - np.abs(off - 26.4), 255.0)):
+        pixels += np.clip(cover, 0.0, 1.0)[..., None] * (fill - pixels)
+    lossy = recoded(np.rint(pixels).astype(np.uint8), quality=80)
+    assert page_of(floats(lossy)) is None
+    monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.RINGING", 0.0)
+    assert page_of(floats(lossy)) is not None
 
 
 def test_two_photos_are_two_parts():

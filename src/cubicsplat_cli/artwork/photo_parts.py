@@ -31,6 +31,9 @@ MOST_IN_ONE = 0.35
 # Median second difference of photos that are no rectangles, in levels: 6 to 37 in 20 photos, 2 to 6 in 22 objects with
 # soft shading.
 GRAINY = 7.0
+# The same as a share of the range of levels within the REACH of a JPEG's ringing, px: up to 0.03 in rectangles, and 0.06
+# in other forms, that are drawings with ringing; at least 0.04 in rectangular photos, 0.06 in 95 % of the others.
+REACH, RINGING = 17, 0.03
 SOFT, FAINT = 2.0, 1e-6  # px of a picture's continuation beyond a mask; its weight relative to the mean colour's
 OTHER = 64.0  # levels of distance to its surroundings that a placeholder gives up to differ from the other ones
 LEAST_REST = 0.002  # share of the picture, away from its photos, that is drawn
@@ -230,20 +233,22 @@ def _stand_in(levels: np.ndarray, window: Window, mask: np.ndarray, others: list
 
 
 def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
-    """True if `choose_style` calls a part a photo without doubt, it has no even ground, and, unless it is a rectangle,
-    it has grain.
+    """True if `choose_style` calls a part a photo without doubt, it has no even ground, and it has grain: more than a
+    JPEG's ringing, and, unless it is a rectangle, twice that and more than soft shading.
     """
-    crop = levels[part.window] / np.float32(255.0)
-    values = levels[part.window][part.mask]
+    seen = levels[part.window]
+    crop, values = seen / np.float32(255.0), seen[part.mask]
     code = packed(values // COLOUR)
     _, which, counts = np.unique(code, return_inverse=True, return_counts=True)
     commonest = values[which.reshape(-1) == int(counts.argmax())].mean(axis=0)
     if (largest(np.abs(values - commonest)) <= UNSEEN).mean() > MOST_IN_ONE:
         return False
+    bends, _ = bends_and_steps(with_channels(seen, 4, 255.0))
+    grain = float(np.median(bends[part.mask]))
+    ringing = RINGING * float(np.median(spread(levels, REACH, REACH)[part.window][part.mask]))
+    if grain < (ringing if part.rectangular else max(GRAINY, 2.0 * ringing)):
+        return False
     if not part.rectangular:
-        bends, _ = bends_and_steps(with_channels(levels[part.window], 4, 255.0))
-        if float(np.median(bends[part.mask])) < GRAINY:
-            return False
         crop = with_channels(crop, 4) * part.mask[..., None]
     style = choose_style(crop)
     return style.name == PHOTO and not style.doubtful
