@@ -97,14 +97,14 @@ def test_the_tips_of_a_gradient_are_its_own():
     assert own[share == 1.0].mean() > 0.9 and not own[share == 0.0].any()
 
 
-def restored_bars(*, shaded: bool) -> tuple[np.ndarray, FlatPicture, Condition]:
-    """The levels of six bars of 20 px as a JPEG, how they were restored, and their condition: from red to gold,
-    downwards, or half in either.
+def restored_bars(*, shaded: bool, last: tuple[float, ...] = GOLD) -> tuple[np.ndarray, FlatPicture, Condition]:
+    """The levels of six bars of 20 px as a JPEG, how they were restored, and their condition: from red to gold, or
+    another colour, downwards, or half in either.
     """
     y, x = np.mgrid[:SIDE, :SIDE]
     inside = (x % 31 >= 8) & (x % 31 < 28) & (y >= 8) & (y < 184)
     share = (y - 8) / 176 if shaded else (y >= 96).astype(float)
-    levels = suffered(np.where(inside[..., None], ramp(share, RED, GOLD), 255.0), "jpeg")
+    levels = suffered(np.where(inside[..., None], ramp(share, RED, last), 255.0), "jpeg")
     condition = condition_of(levels, lossy=True)
     assert without_noisy_gradients(levels, condition).gradients == ()
     return levels, restored(levels, condition), condition
@@ -121,6 +121,22 @@ def test_bands_in_narrow_bars_are_one_gradient():
     assert np.abs(off).max() < 4.0
 
 
+def test_a_gradient_that_was_restored_as_one_fill_is_found():
+    last = (236.0, 72.0, 52.0)
+    levels, even, condition = restored_bars(shaded=True, last=last)
+    assert even.palette is not None and len(even.palette) == 2
+    areas = banded_areas(levels, even, Flattened(levels), condition)
+    assert len(areas) == 6 and len({id(area.shade) for area in areas}) == 1
+    y = np.linspace(20.0, 170.0, 16)
+    off = areas[0].shade.at(np.full(16, 96.0), y)[:, :3] - ramp((y - 8.5) / 176, RED, last)
+    assert np.abs(off).max() < 2.0
+
+
 def test_fills_with_a_step_between_them_are_no_bands():
     levels, even, condition = restored_bars(shaded=False)
+    assert banded_areas(levels, even, Flattened(levels), condition) == []
+
+
+def test_an_even_fill_has_no_gradient():
+    levels, even, condition = restored_bars(shaded=True, last=RED)
     assert banded_areas(levels, even, Flattened(levels), condition) == []

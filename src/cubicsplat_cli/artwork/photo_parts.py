@@ -31,8 +31,8 @@ MOST_IN_ONE = 0.35
 # Median second difference of photos that are no rectangles, in levels: 6 to 37 in 20 photos, 2 to 6 in 22 objects with
 # soft shading.
 GRAINY = 7.0
-# The same as a share of the range of levels within the REACH of a JPEG's ringing, px: up to 0.03 in rectangles, and 0.06
-# in other forms, that are drawings with ringing; at least 0.04 in rectangular photos, 0.06 in 95 % of the others.
+# The same as a share of the range of levels within the REACH of a JPEG's ringing, px: up to 0.03 in rectangles, and
+# 0.06 in other forms, that are drawings with ringing; at least 0.04 in rectangular photos, 0.06 in 95 % of the others.
 REACH, RINGING = 17, 0.03
 SOFT, FAINT = 2.0, 1e-6  # px of a picture's continuation beyond a mask; its weight relative to the mean colour's
 OTHER = 64.0  # levels of distance to its surroundings that a placeholder gives up to differ from the other ones

@@ -1,7 +1,7 @@
-"""Gradients that were restored as several fills: bands that meet without a step.
+"""Gradients that were restored as fills: one, or bands that meet without a step.
 
-Ringing hides a gradient from windows where it is narrow, as in letters, and near its edges. Restored pictures have
-bands of it there. All pixels of the bands together still show the gradient, since ringing goes either way.
+Ringing hides a gradient from windows where it is narrow, as in letters, and near its edges. Restored pictures have a
+fill or bands of it there. All their pixels together still show the gradient, since ringing goes either way.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import RIM
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.gradients.noisy import is_step, roughness
-from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Patch, patches_of
+from cubicsplat_cli.artwork.gradients.noisy import SHORTEST, steepest
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, OUTER, Patch, patches_of
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -19,29 +19,31 @@ from cubicsplat_cli.artwork.input.palette import SAME
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.regions.regions import CONTACT, FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, misfits
+from cubicsplat_cli.raster.shades import Pixels, misfits, trimmed_range
 from cubicsplat_cli.raster.sparse import linked_groups
 
 BESIDE = 3  # px on either side of a border that show a step
 STEP = 0.5  # share of the step between fills that bands have at most, and of their squared error that a gradient leaves
+TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradient: a block its mean and two slopes
 
 
 def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, condition: Condition) -> list[ShadedArea]:
-    """Return the gradients of a picture (H, W, 4), premultiplied levels, that have bands. even: the restored picture,
-    with its palette and labels; flat: the picture from which it was restored.
+    """Return the gradients of a picture (H, W, 4), premultiplied levels, that were restored as fills. even: the
+    restored picture, with its palette and labels; flat: the picture from which it was restored.
     """
     palette, labels = even.palette, even.labels
     assert palette is not None and labels is not None  # as every restored picture has
     drawn, areas = flat.painted(palette, labels), list[ShadedArea]()
     groups, group_of = linked_groups(len(palette), *_without_step(levels, drawn, labels, len(palette)))
-    for group in np.flatnonzero(np.bincount(group_of, minlength=groups) > 1):
+    for group in range(groups):
         parts, _ = ndimage.label(
             ndimage.binary_erosion((group_of == group)[labels], ndimage.SQUARE, RIM, border_value=1)
         )
         patches = sorted(patches_of(parts), key=lambda patch: -patch.size)
         left = [_Bands(levels, drawn, patch, condition) for patch in patches if patch.size >= LEAST_AREA]
         joined = _joined(left)
-        for seed in [left, *([bands] for bands in left)]:  # all together, then each that no gradient has yet
+        # All together, then each that no gradient has yet.
+        for seed in [left, *([bands] for bands in left if len(left) > 1)]:
             if left and all(bands in left for bands in seed):
                 shade, members = _shared(seed, left, joined, condition)
                 areas += [ShadedArea(shade, bands.patch) for bands in members]
@@ -57,10 +59,8 @@ class _Bands:
     """
 
     def __init__(self, levels: np.ndarray, drawn: np.ndarray, patch: Patch, condition: Condition) -> None:
-        self.patch, rough = patch, roughness(condition)
-        x, y, values = patch.pixels(levels)
-        self.pixels = Pixels(x, y, values / rough)
-        off = self.pixels.values - drawn[patch.places()] / rough
+        self.patch, self.pixels = patch, patch.pixels(levels)
+        off = self.pixels.values - drawn[patch.places()]
         self.error = float(((off @ seen_as(condition)) ** 2).sum())
 
 
@@ -80,11 +80,13 @@ def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: C
         if len(better) == len(members):
             break
         members, pixels = better, _joined(better)
-    for some, own, trial in ((members, pixels, shade), (seed, alone, first)):
-        if some and _errors(trial, some, own, condition).sum() <= STEP * sum(bands.error for bands in some):
-            rough = roughness(condition)
-            if rough * np.ptp(trial.at(own.x, own.y), axis=0).max() >= SAME and not is_step(trial):
-                return trial.times(rough), some
+    for some, own, trial in [(members, pixels, shade)] * bool(members) + [(seed, alone, first)] * (members != seed):
+        before, after = sum(bands.error for bands in some), _errors(trial, some, own, condition).sum()
+        # Half of chi^2 of three channels, by the errors that the gradient leaves.
+        if after <= STEP * before and 1.5 * TOLD * len(own.x) * (before / max(after, 1e-9) - 1.0) > trial.price:
+            span = trimmed_range(trial.at(own.x, own.y), OUTER)
+            if span >= SAME and steepest(trial, SHORTEST) < 0.5 * span:
+                return trial, some
     return first, []
 
 

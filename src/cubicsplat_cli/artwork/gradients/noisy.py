@@ -30,7 +30,7 @@ WINDOW = 7  # px
 # edges; and levels besides.
 LEFT, JPEG_LEFT, LEFT_LEVELS = 1.6, 1.25, 0.7
 STEEPEST = 6.0  # levels per px, beyond which a ramp may be two fills
-SHORTEST = 12.0  # px, within which an edge between two fills does half of its change
+SHORTEST = 7.0  # px, within which an edge between two fills does half of its change
 # Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
 # picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
@@ -109,9 +109,14 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
 
 def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
     """Return True if a ramp is an edge between two fills: half of its change happens within `shortest` px."""
-    length = np.diff(shade.ramp.knots) / max(float(np.hypot(*shade.frame[0, :2])), 1e-9)
-    change = np.abs(np.diff(shade.ramp.colours, axis=0)).max(axis=1)
-    return bool((change[length < shortest] >= 0.5 * np.ptp(shade.ramp.colours, axis=0).max()).any())
+    return steepest(shade, shortest) >= 0.5 * float(np.ptp(shade.ramp.colours, axis=0).max())
+
+
+def steepest(shade: Shade, length: float) -> float:
+    """Return the levels by which a ramp changes within `length` px at most."""
+    ramp, t = shade.ramp, length * float(np.hypot(*shade.frame[0, :2]))
+    starts = np.concatenate([ramp.knots, ramp.knots - t])
+    return float(np.abs(ramp.at(starts + t) - ramp.at(starts)).max())
 
 
 def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np.ndarray) -> ShadedArea:

@@ -87,10 +87,10 @@ class Shade:
         """Return (n,) bool: True for the pixels that differ by CLOSE at most."""
         return self.off(pixels) <= CLOSE
 
-    def misfit(self, pixels: Pixels) -> float:
-        """Return half of the chi^2 of pixels, in nats."""
+    def misfit(self, pixels: Pixels, sigma: float = SIGMA) -> float:
+        """Return half of the chi^2 of pixels, in nats. sigma: levels, the standard deviation of their errors."""
         residuals = self.residuals(pixels)
-        chi = np.einsum("nk,nk->n", residuals, residuals) / (SIGMA * SIGMA)
+        chi = np.einsum("nk,nk->n", residuals, residuals) / (sigma * sigma)
         return 0.5 * SHARE * float(np.minimum(chi, MOST_CHI).sum())
 
     def residuals(self, pixels: Pixels) -> np.ndarray:

@@ -49,27 +49,40 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = (2.0 * CL
     spread = np.array([scatter(frame, radial, few) for frame, radial, _ in frames])
     if spread.min() > most:
         return None
-    best, least = None, np.inf
-    for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2):
-        frame, radial, parameters = frames[k]
-        stops = best_stops(frame, radial, few, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * SIGMA**2 / SHARE)
-        shade = _fitted(Shade(frame, radial, Ramp(*stops).trimmed(), parameters), few)
-        cost = _cost(shade, few, count)
-        if cost < least:
-            best, least = shade, cost
-    assert best is not None  # a linear one is always tried
-    best = _pruned(best, few, count)
+    likely = [frames[k] for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2)]
+    shades = [_stopped(*frame, few, SIGMA) for frame in likely]
+    # Errors that no geometry explains, such as a JPEG's near edges, tell how little the pixels say.
+    sigma = min(_sigma(shade, few) for shade in shades)
+    if sigma > SIGMA:
+        shades = [_stopped(*frame, few, sigma) for frame in likely]
+    best = _pruned(min(shades, key=lambda shade: _cost(shade, few, count, sigma)), few, count, sigma)
     if count > FEW_PIXELS:
         few = pixels.some(order)
         best = _fitted(best, few)
-    return reaching(_level(best, few, count), pixels)
+    return reaching(_level(best, few, count, sigma), pixels)
+
+
+def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels, sigma: float) -> Shade:
+    """Return the gradient of a geometry that has the shortest description of pixels. sigma: levels of their errors."""
+    stops = best_stops(frame, radial, pixels, MOST_STOPS, PRICE * STOP_PARAMETERS * 2.0 * sigma**2 / SHARE)
+    return _fitted(Shade(frame, radial, Ramp(*stops).trimmed(), parameters), pixels)
+
+
+def _sigma(shade: Shade, pixels: Pixels) -> float:
+    """Return the standard deviation, in levels, of the errors that a gradient leaves of pixels, at least SIGMA."""
+    sigma = SIGMA
+    while (grown := sigma * math.sqrt(shade.misfit(pixels, sigma) / (1.5 * SHARE * len(pixels.x)))) > 1.1 * sigma:
+        sigma = grown
+    return sigma
 
 
 def refitted(shade: Shade, pixels: Pixels) -> Shade:
     """Return the gradient near another one that is best for pixels."""
     count = len(pixels.x)
     some = pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
-    return reaching(_level(_pruned(_fitted(shade.extended(), some), some, count), some, count), pixels)
+    shade = _fitted(shade.extended(), some)
+    sigma = _sigma(shade, some)
+    return reaching(_level(_pruned(shade, some, count, sigma), some, count, sigma), pixels)
 
 
 def _fitted(shade: Shade, pixels: Pixels) -> Shade:
@@ -78,14 +91,14 @@ def _fitted(shade: Shade, pixels: Pixels) -> Shade:
     return Shade(frame, shade.radial, Ramp(knots, colours).trimmed(), shade.parameters)
 
 
-def _cost(shade: Shade, some: Pixels, count: int) -> float:
+def _cost(shade: Shade, some: Pixels, count: int, sigma: float) -> float:
     """Return the nats of `count` pixels, estimated from some of them, and of the shade."""
-    return count / len(some.x) * shade.misfit(some) + shade.price
+    return count / len(some.x) * shade.misfit(some, sigma) + shade.price
 
 
-def _pruned(shade: Shade, pixels: Pixels, count: int) -> Shade:
+def _pruned(shade: Shade, pixels: Pixels, count: int, sigma: float) -> Shade:
     """Return the shade with neighbouring stops joined as long as that is cheaper."""
-    cost = _cost(shade, pixels, count)
+    cost = _cost(shade, pixels, count, sigma)
     while len(shade.ramp.knots) > 2:
         knots = shade.ramp.knots
         trials = []
@@ -93,14 +106,14 @@ def _pruned(shade: Shade, pixels: Pixels, count: int) -> Shade:
             one = knots[i] if i == 0 else knots[i + 1] if i == len(knots) - 2 else 0.5 * (knots[i] + knots[i + 1])
             trials.append(shade.stopped(np.concatenate([knots[:i], [one], knots[i + 2 :]]), pixels))
         trial = _fitted(min(trials, key=lambda trial: trial.misfit(pixels)), pixels)
-        following = _cost(trial, pixels, count)
+        following = _cost(trial, pixels, count, sigma)
         if following >= cost:
             break
         shade, cost = trial, following
     return shade
 
 
-def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
+def _level(shade: Shade, pixels: Pixels, count: int, sigma: float) -> Shade:
     """Return a linear shade exactly along an axis if that costs less than the angle."""
     slope = shade.frame[0, :2]
     axis = int(np.abs(slope).argmax())
@@ -110,7 +123,7 @@ def _level(shade: Shade, pixels: Pixels, count: int) -> Shade:
     frame[0, axis] = slope[axis]
     frame[0, 2] = shade.frame[0, 2] + slope[1 - axis] * float((pixels.x if axis else pixels.y).mean())
     level = Shade(frame, False, shade.ramp, 1).stopped(shade.ramp.knots, pixels)
-    loss = count / len(pixels.x) * (level.misfit(pixels) - shade.misfit(pixels))
+    loss = count / len(pixels.x) * (level.misfit(pixels, sigma) - shade.misfit(pixels, sigma))
     return level if loss < PRICE else shade
 
 
