@@ -9,7 +9,7 @@ from image_files import recoded
 
 from cubicsplat_cli.artwork.gradients.bands import banded_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
+from cubicsplat_cli.artwork.gradients.noisy import plane_areas, without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
@@ -95,6 +95,17 @@ def test_the_tips_of_a_gradient_are_its_own():
     assert len(found.gradients) == 1
     own = (found.levels == found.fills[0]).all(axis=-1)
     assert own[share == 1.0].mean() > 0.9 and not own[share == 0.0].any()
+
+
+def test_a_gradient_that_windows_show_in_pieces_is_one():
+    y, x = (np.mgrid[: 160 * FINE, : 120 * FINE] + 0.5) / FINE
+    inside = (np.hypot((x - 60) / 46, (y - 80) / 66) < 1.0) & (np.hypot((x - 60) / 16, (y - 80) / 36) > 1.0)
+    image = np.where(inside[..., None], ramp((y - 14) / 132, BLUE, PALE), 34.0)
+    lossy = recoded(image.reshape(160, FINE, 120, FINE, 3).mean(axis=(1, 3)), quality=60, subsampling=2)
+    levels = np.dstack([lossy, np.full(lossy.shape[:2], 255)]).astype(np.float32)
+    condition = condition_of(levels, lossy=True)
+    assert len({id(area.shade) for area in plane_areas(levels, condition)}) == 3
+    assert len(without_noisy_gradients(levels, condition).gradients) == 1
 
 
 def restored_bars(*, shaded: bool, last: tuple[float, ...] = GOLD) -> tuple[np.ndarray, FlatPicture, Condition]:

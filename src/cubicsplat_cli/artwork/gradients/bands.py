@@ -10,7 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import RIM
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.gradients.noisy import SHORTEST, steepest
+from cubicsplat_cli.artwork.gradients.noisy import SHORTEST, TOLD, steepest
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, OUTER, Patch, patches_of
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
@@ -24,7 +24,6 @@ from cubicsplat_cli.raster.sparse import linked_groups
 
 BESIDE = 3  # px on either side of a border that show a step
 STEP = 0.5  # share of the step between fills that bands have at most, and of their squared error that a gradient leaves
-TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradient: a block its mean and two slopes
 
 
 def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, condition: Condition) -> list[ShadedArea]:

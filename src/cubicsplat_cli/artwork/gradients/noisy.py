@@ -9,20 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, patches_of, smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, covered
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, joined, patches_of, smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Shade, ShadedArea, alike, covered
+from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
 from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, MISFIT, seen_as
 from cubicsplat_cli.artwork.regions.fills import GRADIENT_RANGE
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import IN_LARGE, ON_EDGE, grown
+from cubicsplat_cli.raster.shades import IN_LARGE, ON_EDGE, Pixels, grown
 from cubicsplat_cli.raster.unmix import STRANGE
 
 WINDOW = 7  # px
@@ -38,6 +41,7 @@ GROWN = 5  # px by which windows stay away from edges
 # Times the noise by which pixels there may differ, which in a JPEG is greater near edges; times the restored error.
 NEAR, JPEG_NEAR, RESTORED = 3.0, 6.0, 2.0
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
+TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradient: a block its mean and two slopes
 MORE = 1.5  # times the pixels in which windows must show gradients
 
 
@@ -61,7 +65,7 @@ def without_noisy_gradients(
         kind_of = np.where(np.bincount(even.ravel()) >= LARGE_AREA, IN_LARGE, 0).astype(np.uint8)
         kind_of[0] = ON_EDGE
         kinds = kind_of[even]
-    areas += [_grown(levels, area, condition, kinds) for area in new]
+    areas += _united(levels, [_grown(levels, area, condition, kinds) for area in new], condition, kinds)
     flat = without_areas(levels, even, _to_the_nearest(levels, areas, condition), STRANGE)
     return replace(flat, areas=tuple(areas))
 
@@ -138,6 +142,43 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np
     filled = (worst <= MOST_OFF) & (np.bincount(labels.ravel(), minlength=count + 1) <= LARGE_AREA)
     filled[0] = False
     return replace(area, patch=replace(wide, mask=wide.mask | filled[labels]))
+
+
+def _united(levels: np.ndarray, areas: list[ShadedArea], condition: Condition, kinds: np.ndarray) -> list[ShadedArea]:
+    """Return the areas, with one gradient for two that are side by side, or alike, if its description is shorter: noise
+    may show a gradient in pieces. kinds: as of `grown`.
+    """
+    members = dict[Shade, list[ShadedArea]]()
+    for area in areas:
+        members.setdefault(area.shade, []).append(area)
+    groups = [ShadedArea(shade, joined([area.patch for area in own])) for shade, own in members.items()]
+    pairs = list(combinations(groups, 2))
+    while pairs:
+        first, second = pairs.pop()
+        near = first.patch.at(*second.patch.grown(2, levels.shape).places()).any()
+        if not near and alike(first.shade.ramp, second.shade.ramp) > roughness(condition) * CLOSE:
+            continue
+        work().at()
+        patch = joined([first.patch, second.patch])
+        pixels, (y, x) = patch.pixels(levels), patch.places()
+        shade = shade_of(pixels, [first.shade, second.shade])
+        one, *two = (_squares(each, pixels, condition) for each in (shade, first.shade, second.shade))
+        # Of pixels that either explains, the mean: the lower error would be that of a ragged border.
+        shown = [area.patch.at(y, x) for area in (first, second)]
+        before = np.average(two, axis=0, weights=shown)
+        variance = float(before.mean()) / 3.0 + 1e-9
+        worse = float((np.minimum(one, MOST_CHI * variance) - np.minimum(before, MOST_CHI * variance)).sum())
+        if 0.5 * TOLD * worse / variance < first.shade.price + second.shade.price - shade.price:
+            both = _grown(levels, ShadedArea(shade, patch), condition, kinds)
+            groups = [both] + [group for group in groups if group is not first and group is not second]
+            pairs = list(combinations(groups, 2))
+    return groups
+
+
+def _squares(shade: Shade, pixels: Pixels, condition: Condition) -> np.ndarray:
+    """Return the squared errors (n,) that a gradient leaves of pixels, as the condition lets colours be told."""
+    off = shade.extended().residuals(pixels) @ seen_as(condition)
+    return np.asarray((off * off).sum(axis=1))
 
 
 def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Condition) -> list[ShadedArea]:
