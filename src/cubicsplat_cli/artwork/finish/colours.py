@@ -63,10 +63,11 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None) -> 
 
 def _leak(change: np.ndarray, flat: Flattened, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the part of a change (3,) of a fill that takes out the share of a placeholder, of the one that explains
-    most of the change, at columns and rows (n,)."""
+    most of the change, at columns and rows (n,); 0 if it leaves half of the change."""
     best = np.zeros(3)
     for fill, gradient in zip(flat.fills, flat.gradients, strict=True):
         whole = 255.0 * painted(gradient, x + 0.5, y + 0.5)[:, :3].mean(axis=0) - fill[:3]
         part = whole * np.clip(change @ whole / max(float(whole @ whole), 1e-9), 0.0, 1.0)
         best = min(best, part, key=lambda each: float(((change - each) ** 2).sum()))
-    return best
+    # Of many placeholders, some one explains a part of any change.
+    return best if np.linalg.norm(change - best) < 0.5 * np.linalg.norm(change) else np.zeros(3)

@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, joined, patches_of, smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Shade, ShadedArea, alike, covered
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, covered
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -113,14 +113,14 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
 
 def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
     """Return True if a ramp is an edge between two fills: half of its change happens within `shortest` px."""
-    return steepest(shade, shortest) >= 0.5 * float(np.ptp(shade.ramp.colours, axis=0).max())
+    change = steepest(shade.ramp, shortest * float(np.hypot(*shade.frame[0, :2])))
+    return change >= 0.5 * float(np.ptp(shade.ramp.colours, axis=0).max())
 
 
-def steepest(shade: Shade, length: float) -> float:
-    """Return the levels by which a ramp changes within `length` px at most."""
-    ramp, t = shade.ramp, length * float(np.hypot(*shade.frame[0, :2]))
-    starts = np.concatenate([ramp.knots, ramp.knots - t])
-    return float(np.abs(ramp.at(starts + t) - ramp.at(starts)).max())
+def steepest(ramp: Ramp, length: float) -> float:
+    """Return the levels by which a ramp changes within a length of t at most."""
+    starts = np.concatenate([ramp.knots, ramp.knots - length])
+    return float(np.abs(ramp.at(starts + length) - ramp.at(starts)).max())
 
 
 def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np.ndarray) -> ShadedArea:
