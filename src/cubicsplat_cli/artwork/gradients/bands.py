@@ -83,10 +83,8 @@ def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: C
         before, after = sum(bands.error for bands in some), _errors(trial, some, own, condition).sum()
         # Half of chi^2 of three channels, by the errors that the gradient leaves.
         if after <= STEP * before and 1.5 * TOLD * len(own.x) * (before / max(after, 1e-9) - 1.0) > trial.price:
-            span, length = (
-                trimmed_range(trial.at(own.x, own.y), OUTER),
-                SHORTEST * np.linalg.norm(trial.frame[:, :2], 2),
-            )
+            span = trimmed_range(trial.at(own.x, own.y), OUTER)
+            length = SHORTEST * float(np.linalg.norm(trial.frame[:, :2], 2))  # of t, along the shorter axis
             if span >= SAME and steepest(trial.ramp, length) < 0.5 * span:
                 return trial, some
     return first, []
