@@ -37,7 +37,7 @@ from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_la
 # The misfit of a pixel whose outline must be wrong; the share of blends with it in letters and thin lines, which larger
 # shapes never reach; how many times the regions a finer picture may have before it falls to pieces; the px^2 of its
 # least region, half a pixel.
-FAR_OFF, LETTERS, MORE, LEAST_AREA = 0.3**2, 0.1, 4, 0.5
+FAR_OFF, LETTERS, MORE, LEAST_AREA = 0.3**2, 0.05, 4, 0.5
 # Steps a pixel each way: hardly any program takes more samples. There are fewer if all would be more than MOST_STEPS,
 # for their memory.
 STEPS, MOST_STEPS = 4, 10_000_000
@@ -95,15 +95,15 @@ def or_finer(
     flat: Flattened,
     placeholders: np.ndarray | None,
     error: float,
-    finer: float,
+    smaller: float,
 ) -> tuple[Drawing, State | None]:
     """Return a traced drawing, or one traced in several steps a pixel if that makes the description of the picture
     shorter; and its state, if known.
 
     The finer one is tried if many blends of fills are far off, as in small letters and thin lines. plan: of the
     drawing, with the picture for the finer one. settings: with areas in px of that. placeholders: as of `planned`.
-    error: in levels, of the picture's pixels beyond their rounding. finer: the factor of the detail in which the
-    drawing was traced; the share of blends that suffice is smaller by as much.
+    error: in levels, of the picture's pixels beyond their rounding. smaller: by how many times the share of blends that
+    suffice is smaller.
     """
     height, width = drawing.height, drawing.width
     steps = steps_of(height, width)
@@ -111,7 +111,7 @@ def or_finer(
         return drawing, None
     state = begin(drawing, goal)
     blends = plan.fills.pure.ravel() < 0
-    if finer * (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
+    if smaller * (state.misfit[blends] > FAR_OFF).sum() <= LETTERS * blends.sum():
         return drawing, state
     work().at("tracing finer")
     most = min(MORE * plan.regions.count, MOST_REGIONS)

@@ -179,14 +179,14 @@ def _description(drawing: Drawing, levels: np.ndarray, shown: np.ndarray) -> flo
 @record
 class Outlined:
     """A picture's outlines, not yet fitted to its pixels. flat, target, error: as of `plan.flat_fills`. placeholders:
-    as of `planned`. finer: the factor of the detail in which it is traced."""
+    as of `planned`. smaller: by how many times its longer side is less than TRACED px."""
 
     flat: Flattened
     target: np.ndarray
     error: float
     placeholders: np.ndarray | None
     plan: Plan
-    finer: float
+    smaller: float
     shapes: tuple[Shape, ...]
 
     @property
@@ -205,7 +205,8 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     off, share_off = condition.restored_error, condition.share_error
     shaded = prepared.shaded
     plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, shaded)
-    finer = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED) if condition.clean else 1.0
+    smaller = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED)
+    finer = smaller if condition.clean else 1.0
     shapes = traced(plan, settings, flat, finer)
     if any(part.extent.layer == OVERLAY for part in plan.parts):
         opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, shaded))
@@ -213,7 +214,7 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
             without = traced(opaque, settings, flat, finer)
             if length(without) < length(shapes):
                 plan, shapes = opaque, without
-    return Outlined(flat, target, error, placeholders, plan, finer, shapes)
+    return Outlined(flat, target, error, placeholders, plan, smaller, shapes)
 
 
 def _fitted(
@@ -252,7 +253,7 @@ def _finished(
         goal = goal_of(levels.astype(float) / 255.0, condition.blur, space, condition.share_error, outlined.error)
         if not (condition.aliased or condition.blur or prepared.pens):
             picture = replace(plan, levels=levels) if settings.free_fills else plan
-            errors = condition.restored_error, outlined.finer
+            errors = condition.restored_error, outlined.smaller
             drawing, state = or_finer(drawing, goal, picture, scaled, flat, outlined.placeholders, *errors)
         drawing = polish(drawing, goal, settings.detail, state, show)
         drawing = regularised(drawing, goal, settings.detail, grid)
