@@ -170,8 +170,9 @@ def _united(levels: np.ndarray, areas: list[ShadedArea], condition: Condition, k
         worse = float((np.minimum(one, MOST_CHI * variance) - np.minimum(before, MOST_CHI * variance)).sum())
         if 0.5 * TOLD * worse / variance < first.shade.price + second.shade.price - shade.price:
             both = _grown(levels, ShadedArea(shade, patch), condition, kinds)
-            groups = [both] + [group for group in groups if group is not first and group is not second]
-            pairs = list(combinations(groups, 2))
+            others = [group for group in groups if group not in (first, second)]
+            left = [pair for pair in pairs if {first, second}.isdisjoint(pair)]  # others were refused
+            groups, pairs = [both, *others], [*((both, other) for other in others), *left]
     return groups
 
 
@@ -186,9 +187,7 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
     least, owner = np.full(levels.shape[:2], np.inf), np.full(levels.shape[:2], -1)
     for k, area in enumerate(areas):
         y, x = area.patch.places()
-        # As the condition lets colours be told.
-        residuals = area.shade.extended().residuals(area.patch.pixels(levels))
-        off = np.linalg.norm(residuals @ seen_as(condition), axis=1)
+        off = _squares(area.shade, area.patch.pixels(levels), condition)
         nearer = off < least[y, x]
         least[y[nearer], x[nearer]], owner[y[nearer], x[nearer]] = off[nearer], k
     return [
