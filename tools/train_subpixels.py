@@ -17,9 +17,10 @@ import torch
 from PIL import Image, ImageDraw
 from torch import nn
 
-from cubicsplat_cli.raster.unmix import SUBPIXELS, WINDOW
+from cubicsplat_cli.raster.unmix import SUBPIXELS
 
 CANVAS, FINE, STEPS = 64, 16, 4  # px of a scene, samples and steps along a side of each
+WINDOW = 9  # px a side of what the network sees
 SCENES, ROUNDS, BATCH, HIDDEN, SPEED = 12_000, 40_000, 4096, 128, 3e-3
 _HALF = WINDOW // 2
 

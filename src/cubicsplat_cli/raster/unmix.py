@@ -22,9 +22,9 @@ SLOTS, REACH = 4, 3  # fills that are looked at near a pixel, and px up to which
 SEAM_STEPS = 32  # of the share of a fill beside a seam
 CLEARLY = 0.5  # levels by which a later ground must explain a seam better than an earlier one
 STRANGE = 24.0  # levels of residual that the colours near a pixel do not explain: something thin lies there
-# The weights of the network of `finer_labels`, which sees windows of so many px a side; and the contrast of its
-# answers, which are blurred: means over all that a step may show.
-SUBPIXELS, WINDOW, CONTRAST = Path(__file__).parent / "subpixels.npz", 9, 2.0
+# The weights of the network of `finer_labels`, and the contrast of its answers, which are blurred: means over all that
+# a step may show.
+SUBPIXELS, CONTRAST = Path(__file__).parent / "subpixels.npz", 2.0
 
 
 def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:

@@ -113,27 +113,23 @@ double shift_of(const std::vector<double>& logits, double share) {
   return 0.5 * (low + high);
 }
 
-// The mean of `from` numbers a side over each of `to` parts of these, rows and columns alike.
-void resample(const std::vector<float>& values, int64_t from, int64_t to, float* out) {
-  const auto shared = [&](int64_t part, int64_t number) {  // in numbers, of a side
-    const double width = double(from) / double(to);
-    return std::max(0.0, std::min(double(number + 1), double(part + 1) * width) -
-                             std::max(double(number), double(part) * width)) /
-           width;
-  };
-  for (int64_t k = 0; k < to * to; k++) {
-    double sum = 0.0;
-    for (int64_t n = 0; n < from * from; n++)
-      sum += shared(k / to, n / from) * shared(k % to, n % from) * double(values[n]);
-    out[k] = float(sum);
-  }
+// How the mean over each of `to` parts of a row comes from `from` numbers: to x from weights.
+std::vector<double> means(int64_t from, int64_t to) {
+  const double width = double(from) / double(to);
+  std::vector<double> weights;
+  for (int64_t part = 0; part < to; part++)
+    for (int64_t n = 0; n < from; n++) {
+      const double end = std::min(double(n + 1), double(part + 1) * width);
+      weights.push_back(std::max(0.0, end - std::max(double(n), double(part) * width)) / width);
+    }
+  return weights;
 }
 
-// The share of the second fill in steps^2 steps of each of some pixels.
+// The share of the second fill in steps^2 steps of each of some pixels. rows: `means` of the network's steps.
 void ask(const Network& network, const Blended& picture, const int64_t* pixels, int64_t count, double contrast,
-         int64_t steps, float* shares) {
+         int64_t steps, const std::vector<double>& rows, float* shares) {
   const int64_t inputs = network.sizes[0], outputs = network.sizes[network.layers];
-  const int64_t side = std::llround(std::sqrt(double(inputs))), fine = std::llround(std::sqrt(double(outputs)));
+  const int64_t side = std::llround(std::sqrt(double(inputs))), fine = int64_t(rows.size()) / steps;
   std::vector<float> values(inputs * kAtOnce, 0.0f), next, around(inputs), own(outputs);
   std::vector<Window> windows;
   for (int64_t k = 0; k < count; k++) {
@@ -149,7 +145,12 @@ void ask(const Network& network, const Blended& picture, const int64_t* pixels, 
     for (int64_t n = 0; n < outputs; n++)
       own[windows[k].place(n, fine)] = float(
           std::clamp(0.5 + contrast * (logistic(logits[n] + shift) - 0.5), 0.0, 1.0));
-    resample(own, fine, steps, shares + k * steps * steps);
+    for (int64_t to = 0; to < steps * steps; to++) {
+      const double *down = &rows[to / steps * fine], *right = &rows[to % steps * fine];
+      double sum = 0.0;
+      for (int64_t n = 0; n < outputs; n++) sum += down[n / fine] * right[n % fine] * double(own[n]);
+      shares[k * steps * steps + to] = float(sum);
+    }
   }
 }
 
@@ -266,11 +267,13 @@ CS_EXPORT int32_t cs_subpixels(int64_t height, int64_t width, int64_t steps, con
         mixed.push_back(p);
       else
         write(p, nullptr);
+    const Network network{layers, sizes, weights};
+    const std::vector<double> rows = means(std::llround(std::sqrt(double(sizes[layers]))), steps);
     const int64_t count = int64_t(mixed.size());
     each_index((count + kAtOnce - 1) / kAtOnce, threads, [&](int64_t turn) {
       const int64_t start = turn * kAtOnce, some = std::min(kAtOnce, count - start);
       std::vector<float> shares(some * steps * steps);
-      ask({layers, sizes, weights}, picture, &mixed[start], some, contrast, steps, shares.data());
+      ask(network, picture, &mixed[start], some, contrast, steps, rows, shares.data());
       for (int64_t k = 0; k < some; k++) write(mixed[start + k], &shares[k * steps * steps]);
     });
   } catch (const std::exception&) {
