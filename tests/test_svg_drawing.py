@@ -126,6 +126,19 @@ def test_four_paths_of_one_fill_are_a_compound_path():
     assert all(isinstance(one.outlines[1], Circle) for one in read)
 
 
+def test_rounded_boxes_that_are_written_as_paths_join_those_of_their_fill():
+    bars = [shape(Rectangle(5 + 24 * i, 30, 10, 40, 5, 0.2 * i)) for i in range(4)]
+    plain = shape(Rectangle(105, 30, 10, 40, 0, 0.2))
+    assert len(written(*letters(2), *bars, plain, *OTHERS)) == 2 + len(OTHERS)
+    assert len(written(*bars, *OTHERS)) == len(bars) + len(OTHERS), "alone they stay boxes"
+
+
+def test_what_lies_beneath_the_last_of_four_paths_does_not_keep_it_apart():
+    first, second, third, _, last = letters(5)
+    beneath = shape(Ellipse(45, 8, 2, 3), fill=BLACK)
+    assert len(written(first, second, third, beneath, last, *OTHERS)) == 2 + len(OTHERS)
+
+
 def test_a_hole_that_rounding_turned_round_is_still_a_hole():
     body = '<path id="red" fill="#f00" d="M0 0h20v20h-20zM5 5h2v.01zM8 8v8h8v-8z"/>'
     (found,) = read_drawing(

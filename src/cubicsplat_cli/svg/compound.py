@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, pieces_of_rings, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.structure import boxes_of, near_box
 from cubicsplat_cli.raster.outlines import coverage
+from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT
 
 # Three shapes of one colour may be a head and two hands; this many are lettering or a pattern.
 LEAST_SHAPES = 4
@@ -25,11 +26,12 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
 
     Where LEAST_SHAPES paths or more have one opaque fill or gradient, or are strokes by one pen, all that can join
     become groups: how many each group has depends on the order of layers, which little may change. In a drawing of at
-    most FEW_PAINTS fills and gradients, one path and anything else that can join it is enough.
+    most FEW_PAINTS fills and gradients, one path and anything else that can join it is enough. Well rounded boxes join
+    paths too, as they are written as paths, and whether a shape is one is a close decision.
 
     The rings of a group cover what its shapes cover, since every outer ring runs clockwise as seen and every hole the
-    other way. A shape joins an earlier one only if no shape of another fill that touches it is drawn between them, so
-    the picture stays the same. Shapes of different groups in the file, and those with shading, stay apart.
+    other way. A shape joins another one only if no shape of another fill that touches it is drawn between them, so the
+    picture stays the same. Shapes of different groups in the file, and those with shading, stay apart.
     """
     boxes = boxes_of(shapes).T.copy()
     paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
@@ -37,7 +39,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     sign = len({paint[:1] + paint[2:] for paint in paints}) <= FEW_PAINTS  # with any pens
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
-    joins = paths | np.array([sign and shape.stroke is None for shape in shapes], dtype=bool)
+    joins = paths | np.array([(sign or _rounded(shape)) and shape.stroke is None for shape in shapes], dtype=bool)
     free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
     for k in np.flatnonzero(free).tolist():
         if _crosses(shapes[k]):
@@ -45,7 +47,10 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
             free[k] = not _cuts(shapes[k], [shapes[n] for n in np.flatnonzero(beside).tolist() if n != k])
     free &= sign | (np.bincount(numbers, free)[numbers] >= LEAST_SHAPES)
     while True:
-        leaders = _leaders(boxes, numbers, free)
+        # From the back to the front, or the other way round, where each joins a later one.
+        forth = _leaders(boxes, numbers, free)
+        back = len(shapes) - 1 - _leaders(boxes[:, ::-1], numbers[::-1], free[::-1])[::-1]
+        leaders = min(forth, back, key=lambda each: len(np.unique(each)))
         # Groups of primitives alone are dissolved.
         loose = (np.bincount(leaders, paths, len(shapes)) == 0)[leaders] & (leaders != np.arange(len(shapes)))
         if not loose.any():
@@ -82,6 +87,11 @@ def _primitive(shape: Shape) -> bool:
     if shape.stroke is not None:
         return not isinstance(shape.stroke.path, (Chain, Ring))
     return len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
+
+
+def _rounded(shape: Shape) -> bool:
+    """Return whether a shape is a box that is written as a path, for its round corners."""
+    return isinstance(shape.outlines[0], Rectangle) and shape.outlines[0].radius > MOST_ON_RECT
 
 
 def _opaque(shape: Shape) -> bool:
