@@ -146,6 +146,15 @@ def test_lines_are_found_in_noise_and_through_a_blur() -> None:
         assert delta_e(truth(line), drawing) < 0.5 * delta_e(truth(line), plain())
 
 
+def test_lines_in_nearly_one_colour_have_one_fill() -> None:
+    lines = "".join(
+        f'<path d="M34 {6 + 6 * k}h24" stroke="#{red}a935" stroke-width="2"/>'
+        for k, red in enumerate(["de", "e2", "e5"])
+    )
+    new = new_shapes(explained(plain(), picture(truth(lines)), Condition(1.0, jpeg=True)))
+    assert len(new) == 3 and len({shape.fill for shape in new}) == 1
+
+
 def test_a_line_that_its_picture_lacks_is_covered() -> None:
     line = Shape(BLUE, (Rectangle(34.0, 10.0, 24.0, 1.0),), "line")
     drawing = explained(replace(plain(), shapes=(*plain().shapes, line)), picture(truth("")))

@@ -27,7 +27,9 @@ from cubicsplat_cli.artwork.finish.state import (
     premultiplied,
 )
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
+from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import UNLIKE
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
@@ -123,7 +125,7 @@ class _Trials:
             log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
             found = found[:MOST_TRIED]
         ways = self._explanations(found)
-        new = sorted((each for some in ways for each in self._shortest(some)), key=lambda each: each.beneath)
+        new = self._in_few_fills([each for some in ways for each in self._shortest(some)])
         if new:
             _, changes, _ = self._tried(new, 0)
             new = [each for each, change in zip(new, changes, strict=True) if self._net(change, change.floor) > 0.0]
@@ -132,6 +134,21 @@ class _Trials:
         # Each new one lies right above the one that it lies on.
         every = [*enumerate(self.drawing.shapes), *((each.beneath, each.shape) for each in new)]
         return replace(self.drawing, shapes=tuple(shape for _, shape in sorted(every, key=lambda pair: pair[0])))
+
+    def _in_few_fills(self, new: list[Placed]) -> list[Placed]:
+        """New shapes of areas, the worst first, in the order in which they are drawn. A fill that is not unlike one of
+        the drawing, or of an earlier one, is that: a JPEG shows one fill of thin lines in many ways.
+        """
+        fills, out = [shape.fill for shape in self.drawing.shapes if shape.gradient is None], list[Placed]()
+        for each in new:
+            off = np.abs((np.array(fills, dtype=float) - each.shape.fill) @ LUMA_CHROMA).max(axis=1)
+            if off.min(initial=UNLIKE) < UNLIKE:
+                fill, (height, width) = fills[int(off.argmin())], self.size
+                each = replace(each, shape=each.shape.filled(fill, width, height))
+            else:
+                fills.append(each.shape.fill)
+            out.append(each)
+        return sorted(out, key=lambda each: each.beneath)
 
     def _explanations(self, found: list[Area]) -> list[list[_Explanation]]:
         """The ways to explain each area, the first ones of all areas tried together, and so on."""
