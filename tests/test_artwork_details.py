@@ -155,6 +155,12 @@ def test_lines_in_nearly_one_colour_have_one_fill() -> None:
     assert len(new) == 3 and len({shape.fill for shape in new}) == 1
 
 
+def test_of_a_damaged_picture_what_lies_on_the_rim_is_no_detail() -> None:
+    document = truth('<path d="M34 47h30v1h-30z" fill="#888"/>')
+    assert explained(plain(), picture(document), Condition(1.0, jpeg=True)) == plain()
+    assert len(new_shapes(explained(plain(), picture(document)))) == 1
+
+
 def test_a_line_that_its_picture_lacks_is_covered() -> None:
     line = Shape(BLUE, (Rectangle(34.0, 10.0, 24.0, 1.0),), "line")
     drawing = explained(replace(plain(), shapes=(*plain().shapes, line)), picture(truth("")))

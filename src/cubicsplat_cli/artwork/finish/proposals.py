@@ -88,12 +88,13 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
         return []
     reach = MARGIN + math.ceil(2.0 * condition.blur)
     parts, _ = ndimage.label(ndimage.binary_dilation(where, ndimage.SQUARE), ndimage.SQUARE)
-    unlike = []
+    # Where most of it lies on the canvas's rim, whose pixels blend with what is beyond, a JPEG rings beside these.
+    inner, unlike = gap if condition.clean else np.pad(gap[1:-1, 1:-1], 1), []
     for number, box in enumerate(ndimage.find_objects(parts), start=1):
         rows, columns = widened(box, reach, gap.shape)
         pixels = where[rows, columns] & (parts[rows, columns] == number)
         off = gap[rows, columns][pixels]
-        if off.sum() >= picture.least:
+        if off.sum() >= picture.least and 2.0 * (inner[rows, columns][pixels] ** 2).sum() > (off**2).sum():
             unlike.append(Area(rows, columns, pixels, float((off**2).sum())))
     return sorted(unlike, key=lambda area: -area.weight)
 
