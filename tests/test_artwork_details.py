@@ -155,6 +155,12 @@ def test_lines_in_nearly_one_colour_have_one_fill() -> None:
     assert len(new) == 3 and len({shape.fill for shape in new}) == 1
 
 
+def test_of_a_damaged_picture_a_blend_that_no_area_shows_is_no_fill() -> None:
+    lines = "".join(f'<path d="M{34 + 8 * k} 8.5h6" stroke="#8a9ee4"/>' for k in range(3))
+    new = new_shapes(explained(plain(), picture(truth(lines)), Condition(1.0, jpeg=True)))
+    assert len(new) == 3 and {shape.fill for shape in new} == {BLUE}
+
+
 def test_of_a_damaged_picture_what_lies_on_the_rim_is_no_detail() -> None:
     document = truth('<path d="M34 47h30v1h-30z" fill="#888"/>')
     assert explained(plain(), picture(document), Condition(1.0, jpeg=True)) == plain()

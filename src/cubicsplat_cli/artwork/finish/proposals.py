@@ -232,7 +232,8 @@ def _colours(
     """(k, 4) the colours that an area (h, w) bool of a window may have, several ways: the one that is farthest from
     what is drawn; that of the palette which pixels are blends with; all that its inner pixels show.
 
-    pure: a colour that is new shows as such in several pixels, as in a clean picture, and is no blend.
+    pure: a colour that is new shows as such in several pixels, as in a clean picture, and is no blend. Otherwise a
+    blend is none where no area shows it.
     """
     value, beside = values[where], ground[where]
     off = ((value - beside) ** 2).sum(axis=1)
@@ -240,9 +241,12 @@ def _colours(
     farthest = np.median(value[strongest], axis=0)
     # A thin translucent colour is that of a seam between two shapes.
     new = not pure or (np.abs(value - farthest).max(axis=1) <= SAME).sum() >= SOLID
+    found = [blend_with(value, fill, beside, beside) for fill in palette]
+    if not pure and inner.sum() < SOLID:
+        # What damage has widened may be a narrower line in a fill that there is.
+        new = min((np.median(rest[strongest]) for _, rest in found), default=np.inf) > BLEND
     if new and (farthest[3] >= OPAQUE or inner.sum() >= SOLID):
         yield farthest[None]
-    found = [blend_with(value, fill, beside, beside) for fill in palette]
     if found:
         shares, rests = (np.array(each) for each in zip(*found, strict=True))
         costs = np.where(np.median(shares[:, strongest], axis=1) >= LESS, rests.mean(axis=1), np.inf)
