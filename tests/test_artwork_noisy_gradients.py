@@ -143,6 +143,16 @@ def test_a_gradient_that_was_restored_as_one_fill_is_found():
     assert np.abs(off).max() < 2.0
 
 
+def test_near_fills_that_were_restored_as_one_are_no_gradient():
+    near = np.array([(216.0, 205.0, 201.0), (205.0, 197.0, 194.0)])
+    y, x = np.mgrid[:SIDE, :SIDE]
+    inside = (x % 31 >= 8) & (x % 31 < 28) & (y >= 8) & (y < 184)
+    levels = suffered(np.where(inside[..., None], near[x // 31 % 2], 255.0), "jpeg")
+    palette = np.array([[255.0] * 4, [*near.mean(axis=0), 255.0]])
+    even = FlatPicture(palette[inside.astype(int)].astype(np.float32), palette, inside.astype(np.int32))
+    assert banded_areas(levels, even, Flattened(levels), condition_of(levels, lossy=True)) == []
+
+
 def test_fills_with_a_step_between_them_are_no_bands():
     levels, even, condition = restored_bars(shaded=False)
     assert banded_areas(levels, even, Flattened(levels), condition) == []

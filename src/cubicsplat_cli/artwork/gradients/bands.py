@@ -54,13 +54,16 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
 
 class _Bands:
     """Connected pixels of fills that may be bands of a gradient. patch: these pixels, away from other fills. error: the
-    squared error that the bands leave.
+    squared error that the bands leave; even: the least of that and of what one fill of their own leaves, since a
+    palette may have one fill for two near ones.
     """
 
     def __init__(self, levels: np.ndarray, drawn: np.ndarray, patch: Patch, condition: Condition) -> None:
         self.patch, self.pixels = patch, patch.pixels(levels)
-        off = self.pixels.values - drawn[patch.places()]
-        self.error = float(((off @ seen_as(condition)) ** 2).sum())
+        values, space = self.pixels.values, seen_as(condition)
+        ways = values - drawn[patch.places()], values - values.mean(axis=0)
+        self.error, own = (float(((off @ space) ** 2).sum()) for off in ways)
+        self.even = min(self.error, own)
 
 
 def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: Condition) -> tuple[Shade, list[_Bands]]:
@@ -80,9 +83,10 @@ def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: C
             break
         members, pixels = better, _joined(better)
     for some, own, trial in [(members, pixels, shade)] * bool(members) + [(seed, alone, first)] * (members != seed):
-        before, after = sum(bands.error for bands in some), _errors(trial, some, own, condition).sum()
+        before, even = (sum(each) for each in zip(*((bands.error, bands.even) for bands in some), strict=True))
+        after = max(float(_errors(trial, some, own, condition).sum()), 1e-9)
         # Half of chi^2 of three channels, by the errors that the gradient leaves.
-        if after <= STEP * before and 1.5 * TOLD * len(own.x) * (before / max(after, 1e-9) - 1.0) > trial.price:
+        if after <= STEP * before and 1.5 * TOLD * len(own.x) * (even / after - 1.0) > trial.price:
             span = trimmed_range(trial.at(own.x, own.y), OUTER)
             length = SHORTEST * float(np.linalg.norm(trial.frame[:, :2], 2))  # of t, along the shorter axis
             if span >= SAME and steepest(trial.ramp, length) < 0.5 * span:
