@@ -70,7 +70,9 @@ def test_a_drawing_is_nearer_to_what_was_compressed_than_the_file_is():
     prepared = analysed(picture.target(), picture.compression)
     even = restored(prepared.levels, prepared.condition)
     assert prepared.compression is not None
-    after, seen = before_compression(prepared.levels, Flattened(prepared.levels), even, prepared.compression)
+    after, seen = before_compression(
+        prepared.levels, Flattened(prepared.levels), even, prepared.condition, prepared.compression
+    )
     error, before, asked, left = (
         float(np.sqrt(((found[..., :3] - levels) ** 2).mean()))
         for found in (prepared.levels, even.levels, seen, after.levels)
@@ -113,6 +115,25 @@ def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one
     assert len(draw(picture.target()).gradients) == 1
 
 
+def test_parts_of_near_fills_have_each_its_own():
+    """Their pixels do not tell them apart."""
+    first, second = (216, 205, 201), (210, 199, 195)
+    large = Image.new("RGB", (8 * 200, 8 * 160), "white")
+    pen = ImageDraw.Draw(large)
+    pen.ellipse([100, 100, 900, 900], fill=first)
+    for k in range(2):
+        pen.polygon([(1000 + 220 * k, y) for y in (100, 700)] + [(1115 + 220 * k, y) for y in (900, 300)], fill=second)
+    data = encode(large.resize((200, 160), Image.Resampling.BOX), "JPEG", quality=80, subsampling=2)
+    picture = load_picture(data)
+    prepared = analysed(picture.target(), picture.compression)
+    even = restored(prepared.levels, prepared.condition)
+    assert even.palette is not None and len(even.palette) == 2
+    drawing = draw(picture.target(), prepared=prepared)
+    assert len(drawing.shapes) == 4 and not drawing.gradients
+    found = np.array(drawing.fills)[1:, :3]
+    assert np.abs(found[np.argsort(-found[:, 0])] - [first, second]).max() <= 1
+
+
 def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():
     image = Image.new("RGB", (128, 128), (255, 255, 255))
     ImageDraw.Draw(image).rectangle([22, 21, 99, 97], fill=(34, 102, 153))
@@ -141,7 +162,9 @@ def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
     prepared = analysed(picture.target(), picture.compression)
     assert prepared.compression is not None and prepared.condition.halved == (0, 1)
     even = restored(prepared.levels, prepared.condition)
-    after, _ = before_compression(prepared.levels, Flattened(prepared.levels), even, prepared.compression)
+    after, _ = before_compression(
+        prepared.levels, Flattened(prepared.levels), even, prepared.condition, prepared.compression
+    )
     dark, found = (255.0 - each[..., :3].astype(float) @ LUMA_CHROMA[:3, 0] for each in (clean, after.levels))
     parts, count = ndimage.label(dark > 64.0, ndimage.SQUARE)
     weights = np.stack([np.bincount(parts.ravel(), each.ravel(), count + 1) for each in (dark, found)])

@@ -50,7 +50,7 @@ def flat_fills(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Flat
         flat = without_noisy_gradients(levels, condition, banded, flat.areas)
         picture = as_if_clean(flat, prepared, settings)
     if compression is not None and compression.tables and own_fills:
-        return flat, *before_compression(levels, flat, picture, compression), EDGE_ERROR / 255.0
+        return flat, *before_compression(levels, flat, picture, condition, compression), EDGE_ERROR / 255.0
     return flat, picture, flat.levels, condition.edge_error / 255.0
 
 

@@ -30,6 +30,7 @@ MOST_THICK = 24  # fills, beyond which the fills of thin lines are not sought
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
 THIN = 0.25  # least share of a thin line in the pixels on its middle
 SHARP_MISFIT = 2.0  # levels by which a picture is off its fills when it is made sharp again
+INSIDE, FEWEST_INSIDE = 4, 16  # px from edges where a JPEG's pixels are pure, and the fewest there that show a fill
 BLUR_REACH = 3.0  # standard deviations beyond which a blur changes nothing
 
 
@@ -93,7 +94,7 @@ def restored(
     if condition.jpeg:
         palette, labels = _with_small_parts(stored, seen, palette, labels, sigma, thick, squares, condition)
         near = np.where(_shows_inside(labels, len(palette)), np.inf, ONE_COLOUR)
-        palette = _rounded_as_in_jpegs(_median_fills(levels, palette, labels, near))
+        palette = rounded_as_in_jpegs(_median_fills(levels, palette, labels, near))
     else:
         palette = _median_fills(levels, palette, labels, np.full(len(palette), np.inf))
     for fill in placeholders:
@@ -179,7 +180,7 @@ class _Labelling:
     missing: np.ndarray
 
 
-def _rounded_as_in_jpegs(palette: np.ndarray) -> np.ndarray:
+def rounded_as_in_jpegs(palette: np.ndarray) -> np.ndarray:
     """Return the palette (P, 4) of a JPEG in levels with likely colours in place of those that round to them.
 
     Channels within 3 levels of 0 or 255 become that, since luma and chroma of quality 70 are rounded by as much: of
@@ -201,11 +202,11 @@ def _borders(labels: np.ndarray) -> int:
 
 
 def _shows_inside(labels: np.ndarray, count: int) -> np.ndarray:
-    """Return (count,) bool: True for fills that 16 pixels show at least 4 px from edges, where they are pure."""
-    return np.asarray(np.bincount(labels[_depth(labels) >= 4], minlength=count) >= 16)
+    """Return (count,) bool: True for fills that enough pixels show away from edges."""
+    return np.asarray(np.bincount(labels[depth_in(labels) >= INSIDE], minlength=count) >= FEWEST_INSIDE)
 
 
-def _depth(labels: np.ndarray) -> np.ndarray:
+def depth_in(labels: np.ndarray) -> np.ndarray:
     """Return (H, W) px: the distance from the edges between labels (H, W)."""
     return ndimage.distance_transform_cdt(ndimage.alike(labels, 3))
 
@@ -274,7 +275,7 @@ def _median_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, n
     """Return the palette (P, 4) with the median of the pixels of each fill, those farthest from edges, of the pixels
     that are off it by less than `near` (P,) levels; rounded to whole levels.
     """
-    depth = _depth(labels)
+    depth = depth_in(labels)
     out = palette.copy()
     for k, box in enumerate(ndimage.find_objects(labels + 1, len(palette))):
         if box is None:
