@@ -112,6 +112,16 @@ def test_a_gradient_goes_on_into_tips_that_are_too_thin_to_be_seen_as_even():
     assert difference(drawing, body).mean() < 0.08
 
 
+def test_pieces_that_are_too_small_to_show_a_gradient_follow_that_of_a_larger_part():
+    pieces = "".join(f'<rect x="236" y="{y}" width="7" height="9" fill="url(#a)"/>' for y in range(20, 164, 16))
+    levels = as_levels(picture(ROUND.format(TWO).replace("110", "200") + GROUND + BLOB + pieces))
+    parts, count = smooth_parts(levels)
+    areas = gradient_areas(levels, parts, count)
+    assert len({area.shade for area in areas}) == 1 and len(areas) == 10
+    small = [area.patch for area in areas if area.patch.size < 64]
+    assert len(small) == 9 and all(236 <= patch.left < 243 for patch in small)
+
+
 def test_pixels_along_an_edge_of_little_contrast_are_no_tips():
     near = '<rect width="256" height="192" fill="#cb2831"/>'
     stops = '<stop stop-color="#d0202c"/><stop offset="1" stop-color="#b8202c"/>'

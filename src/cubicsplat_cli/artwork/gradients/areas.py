@@ -60,7 +60,7 @@ def gradient_areas(
         _explain(part_of(levels, parts, number, boxes), search, 0)
     if search.left == 0 and tries == MOST_TRIES:
         log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
-    return _united(levels, parts, boxes, search.found) if search.found else []
+    return _with_small_parts(levels, parts, count, _united(levels, parts, boxes, search.found)) if search.found else []
 
 
 @dataclass(eq=False)
@@ -239,11 +239,14 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
 def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
-    free, members_of = (parts == 0) & ~covered(areas, parts.shape), dict[Shade, list[Part]]()
+    free, out = (parts == 0) & ~covered(areas, parts.shape), [area for area in areas if area.ground is not None]
+    members_of: dict[Shade, list[Patch]] = {}
     for area in (area for area in areas if area.ground is None):
-        patch = area.patch.padded(LONGEST_TIP, levels.shape)
+        members_of.setdefault(area.shade, []).append(area.patch)
+    for own, members in members_of.items():
+        patch = joined(members).padded(LONGEST_TIP, levels.shape)
         if (outside := free[patch.window]).any():
-            near, shade = Part(levels, replace(patch, mask=outside)), area.shade.extended()
+            near, shade = Part(levels, replace(patch, mask=outside)), own.extended()
             # Where the ramp has ended a gradient is like a fill, whose tips these may be as well.
             t, (first, *_, last) = shade.t(*near.pixels[:2]), shade.ramp.knots
             explained = near.within(shade.explains(near.pixels) & (t >= first) & (t <= last)).mask
@@ -254,10 +257,27 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
             if wider.size <= (1.0 + MOST_TIPS) * patch.size:
                 patch = wider
                 free[patch.window] &= ~patch.mask
-        members_of.setdefault(area.shade, []).append(Part(levels, patch))
-    fading = [area for area in areas if area.ground is not None]
-    reached = [(reaching(shade, _all_pixels(members)), members) for shade, members in members_of.items()]
-    return fading + [ShadedArea(shade, part.patch) for shade, members in reached for part in members]
+        out.append(ShadedArea(reaching(own, patch.pixels(levels)), patch))
+    return out
+
+
+def _with_small_parts(levels: np.ndarray, parts: np.ndarray, count: int, areas: list[ShadedArea]) -> list[ShadedArea]:
+    """Return the areas with the uneven parts that are too small to show a gradient and follow one of theirs, as pieces
+    of thin stripes do. Others as of `gradient_areas`.
+    """
+    shades = list(dict.fromkeys(area.shade for area in areas if area.ground is None))
+    uneven, boxes = uneven_parts(levels, parts, count, 1, 0.0)
+    free = np.where(covered(areas, parts.shape), 0, parts)
+    sizes, small = np.bincount(free.ravel(), minlength=count + 1), np.zeros(count + 1, dtype=bool)
+    small[uneven] = (sizes[uneven] > 0) & (sizes[uneven] < LEAST_AREA)
+    if not shades or not small.any():
+        return areas
+    y, x = np.nonzero(small[free])
+    pixels, numbers = Pixels(x + 0.5, y + 0.5, levels[y, x].astype(float)), free[y, x]
+    explained = [np.bincount(numbers, shade.extended().explains(pixels), count + 1) for shade in shades]
+    most, which = np.max(explained, axis=0), np.argmax(explained, axis=0)
+    follow = np.flatnonzero(small & (most >= EXPLAINED * sizes)).tolist()
+    return areas + [ShadedArea(shades[which[k]], part_of(levels, free, k, boxes).patch) for k in follow]
 
 
 def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
