@@ -11,7 +11,10 @@ from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rect
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.outlines import coverage
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 RED, BLUE, YELLOW = (255, 0, 0, 255), (0, 0, 255, 255), (255, 230, 0, 255)
 
@@ -178,3 +181,23 @@ def test_the_finish_leaves_the_canvas_border_and_a_hole_in_place():
     outer, inner = finish(off, truth).shapes[0].outlines
     assert (outer.x, outer.y, outer.width, outer.height) == (0.0, 0.0, 40.0, 40.0)
     assert (inner.cx, inner.cy, inner.r) == pytest.approx((20.0, 20.0, 8.0), abs=2e-3)
+
+
+def test_what_was_drawn_as_exact_areas_is_fitted_closer_than_samples_allow():
+    body = (
+        '<path fill="#206040" fill-rule="evenodd" d="M12 20C30 2 50 30 70 14s40-4 44 16-20 22-18 40 10 30-10 36-30-12'
+        '-46-6-34 8-36-14S-2 36 12 20zM40 40c10-8 22-4 26 6s-4 22-16 20-20-18-10-26z"/>'
+    )
+
+    def drawn_at(size, mode):
+        document = (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 128 128" shape-rendering="{mode}">{body}</svg>'
+        )
+        return rerender(document.encode(), size, size, renderer="resvg").pixels[..., 3] / 255.0
+
+    areas = np.rint(255.0 * drawn_at(2048, "crispEdges").reshape(128, 16, 128, 16).mean(axis=(1, 3))) / 255.0
+    green = np.array([32.0, 96.0, 64.0, 255.0]) / 255.0
+    drawing = draw((areas[..., None] * green).astype(np.float32))
+    text = write_drawing(drawing, title="t", comment="c").encode()
+    off = rerender(text, 512, 512, renderer="resvg").pixels[..., 3] / 255.0 - drawn_at(512, "geometricPrecision")
+    assert -10.0 * np.log10((off**2).mean()) > 45.4

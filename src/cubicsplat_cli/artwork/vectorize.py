@@ -31,7 +31,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.added import with_added
 from cubicsplat_cli.artwork.finish.colours import ROUNDED, recoloured
-from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.finish.polish import polish, polish_closer
 from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.finish.state import PRICE, goal_of
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
@@ -237,8 +237,7 @@ def _finished(
 ) -> tuple[Drawing, Goal | None]:
     """Return the drawing of outlines after its finish, and the goal of that; None if the work stops before."""
     condition, plan, flat, target = prepared.condition, outlined.plan, outlined.flat, outlined.target
-    height, width = plan.levels.shape[:2]
-    drawing, goal, state = Drawing(width, height, outlined.shapes), None, None
+    drawing, goal, state = replace(outlined.drawing, shapes=outlined.shapes), None, None
     scaled = replace(settings, min_area=settings.min_area / prepared.mean_scale**2)
 
     def show(fitted: Drawing) -> None:
@@ -256,6 +255,8 @@ def _finished(
             errors = condition.restored_error, outlined.smaller
             drawing, state = or_finer(drawing, goal, picture, scaled, flat, outlined.placeholders, *errors)
         drawing = polish(drawing, goal, settings.detail, state, show)
+        if condition.clean and not (condition.aliased or grid):
+            drawing = polish_closer(drawing, goal, settings.detail)
         drawing = regularised(drawing, goal, settings.detail, grid)
         if condition.aliased:
             drawing = with_pixels(drawing, plan)

@@ -7,16 +7,18 @@ chi^2 over the pixels that the outline crosses, plus a price for every parameter
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
-from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn
+from cubicsplat_cli.artwork.finish.state import FAINT, PRICE, UNSEEN, WHITE, State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -42,6 +44,9 @@ LEAST_LENGTH = 3.0  # px of a piece that may be cut
 # Half of the excess of chi^2 that a primitive's pixels must have on average: twice as much as by chance. Over the many
 # pixels of a large circle even what one of its neighbours spoils is worth a ring's parameters.
 CLEARLY = 0.5
+# The part of its goal's share error below which what outlines leave shows that pixels are better known; and the least
+# share error, four levels of 8 bits, since programs draw edges to no more.
+KNOWN, EXACT = 0.75, 4.0 / 255.0
 
 
 def polish(
@@ -88,6 +93,23 @@ def polish(
             state = settle(state, TRIAL_ROUNDS)
             state = _repeated(merged, state, PASSES if pieces <= FULL else 1)
     return drawn(drawing, state)
+
+
+def polish_closer(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
+    """The polished drawing, fitted once more where the shares of pixels are plainly better known than its goal takes
+    them to be: as well as the outlines explain them. Exact areas leave 0.02 to 0.03 of a share, 4 x 4 samples 0.04.
+    """
+    if not 0 < drawing.segments <= FULL:
+        return drawing
+    with work().stoppable():
+        state = begin(drawing, goal)
+        slopes = summed((state.crossings.slope * WHITE) ** 2)
+        shown = slopes > FAINT
+        left = state.misfit[state.crossings.pixel[shown]] / slopes[shown]
+        known = math.sqrt(float(left.mean())) if len(left) else math.inf
+        if known < KNOWN * goal.share_error:
+            drawing = polish(drawing, replace(goal, share_error=max(known, EXACT)), detail)
+    return drawing
 
 
 def _repeated(change: Callable[[State], State], state: State, passes: int) -> State:
