@@ -7,18 +7,16 @@ chi^2 over the pixels that the outline crosses, plus a price for every parameter
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
-from cubicsplat_cli.artwork.finish.state import FAINT, PRICE, UNSEEN, WHITE, State, begin, drawn
+from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -45,8 +43,9 @@ LEAST_LENGTH = 3.0  # px of a piece that may be cut
 # pixels of a large circle even what one of its neighbours spoils is worth a ring's parameters.
 CLEARLY = 0.5
 # The part of its goal's share error below which what outlines leave shows that pixels are better known; and the least
-# share error, four levels of 8 bits, since programs draw edges to no more.
-KNOWN, EXACT = 0.75, 4.0 / 255.0
+# share error, four levels of 8 bits, since programs draw edges to no more. Pixels tell it that change by SHOWN and more
+# with their coverage: of fainter ones rounding hides a hundredth.
+KNOWN, EXACT, SHOWN = 0.75, 4.0 / 255.0, 0.1
 
 
 def polish(
@@ -103,10 +102,10 @@ def polish_closer(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
         return drawing
     with work().stoppable():
         state = begin(drawing, goal)
-        slopes = summed((state.crossings.slope * WHITE) ** 2)
-        shown = slopes > FAINT
-        left = state.misfit[state.crossings.pixel[shown]] / slopes[shown]
-        known = math.sqrt(float(left.mean())) if len(left) else math.inf
+        effects = state.effects(slice(None))
+        shown = effects > SHOWN**2
+        left = state.misfit[state.crossings.pixel[shown]] / effects[shown]
+        known = float(np.sqrt(left.mean())) if len(left) else np.inf
         if known < KNOWN * goal.share_error:
             drawing = polish(drawing, replace(goal, share_error=max(known, EXACT)), detail)
     return drawing

@@ -94,8 +94,9 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
         rows, columns = widened(box, reach, gap.shape)
         pixels = where[rows, columns] & (parts[rows, columns] == number)
         off = gap[rows, columns][pixels]
-        if off.sum() >= picture.least and 2.0 * (inner[rows, columns][pixels] ** 2).sum() > (off**2).sum():
-            unlike.append(Area(rows, columns, pixels, float((off**2).sum())))
+        weight = float((off**2).sum())
+        if off.sum() >= picture.least and 2.0 * (inner[rows, columns][pixels] ** 2).sum() > weight:
+            unlike.append(Area(rows, columns, pixels, weight))
     return sorted(unlike, key=lambda area: -area.weight)
 
 

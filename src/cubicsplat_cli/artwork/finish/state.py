@@ -185,8 +185,11 @@ class State:
 
     def chance(self, crossed: slice) -> np.ndarray:
         """Return (m,) the misfit that the pixels of some crossings have by chance."""
-        slopes = summed((self.crossings.slope[crossed] * WHITE) ** 2)
-        return self.goal.share_error**2 * self.sharing * slopes + self.goal.error**2
+        return self.goal.share_error**2 * self.sharing * self.effects(crossed) + self.goal.error**2
+
+    def effects(self, crossed: slice) -> np.ndarray:
+        """Return (m,) the squares of how much the pixels of some crossings change with their coverage."""
+        return summed((self.crossings.slope[crossed] * WHITE) ** 2)
 
     def floor(self, number: int) -> float:
         """Return the misfit that a pixel which an outline crosses has by chance."""

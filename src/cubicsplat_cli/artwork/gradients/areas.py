@@ -21,13 +21,13 @@ from cubicsplat_cli.artwork.gradients.parts import (
     plateau,
     uneven_parts,
 )
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, covered
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import common_shade, reaching, shade_of
 from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, FLAT_RANGE, SEEN
 from cubicsplat_cli.artwork.regions.regions import CONTACT
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.raster.shades import Pixels, part_spreads
 
 EXPLAINED = 0.95  # share of an area's pixels that one gradient must explain
 MOST_TRIES = 800  # gradients sought in a picture, some hundredths of a second each
@@ -49,7 +49,8 @@ def gradient_areas(
     A picture of more than `most` uneven parts is a photo or a texture, and has none. After `tries` searches the rest
     stays as it is. Both are logged unless the caller chose the bound.
     """
-    uneven, boxes = uneven_parts(levels, parts, count, LEAST_AREA, FLAT_RANGE)
+    sizes, boxes, spreads = part_spreads(levels, parts, count)
+    uneven = uneven_parts(sizes, spreads, LEAST_AREA, FLAT_RANGE)
     if len(uneven) > most:
         if most == MOST_TRIES:
             log.warning("%d areas of uneven colour are too many: they are drawn without gradients", len(uneven))
@@ -60,7 +61,8 @@ def gradient_areas(
         _explain(part_of(levels, parts, number, boxes), search, 0)
     if search.left == 0 and tries == MOST_TRIES:
         log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
-    return _with_small_parts(levels, parts, count, _united(levels, parts, boxes, search.found)) if search.found else []
+    areas = _united(levels, parts, boxes, search.found) if search.found else []
+    return _with_small_parts(levels, parts, boxes, spreads, areas)
 
 
 @dataclass(eq=False)
@@ -176,7 +178,7 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
 def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas, with one gradient for all that it explains, and with the parts in which they continue.
 
-    parts: as of `smooth_parts`; boxes: as of `uneven_parts`.
+    parts: as of `smooth_parts`; boxes: as of `part_spreads`.
     """
     groups: list[_Group] = []
     claimed = covered(found, levels.shape)
@@ -240,13 +242,10 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
     free, out = (parts == 0) & ~covered(areas, parts.shape), [area for area in areas if area.ground is not None]
-    members_of: dict[Shade, list[Patch]] = {}
-    for area in (area for area in areas if area.ground is None):
-        members_of.setdefault(area.shade, []).append(area.patch)
-    for own, members in members_of.items():
-        patch = joined(members).padded(LONGEST_TIP, levels.shape)
+    for area in by_gradient(area for area in areas if area.ground is None):
+        patch = area.patch.padded(LONGEST_TIP, levels.shape)
         if (outside := free[patch.window]).any():
-            near, shade = Part(levels, replace(patch, mask=outside)), own.extended()
+            near, shade = Part(levels, replace(patch, mask=outside)), area.shade.extended()
             # Where the ramp has ended a gradient is like a fill, whose tips these may be as well.
             t, (first, *_, last) = shade.t(*near.pixels[:2]), shade.ramp.knots
             explained = near.within(shade.explains(near.pixels) & (t >= first) & (t <= last)).mask
@@ -257,24 +256,27 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
             if wider.size <= (1.0 + MOST_TIPS) * patch.size:
                 patch = wider
                 free[patch.window] &= ~patch.mask
-        out.append(ShadedArea(reaching(own, patch.pixels(levels)), patch))
+        out.append(ShadedArea(reaching(area.shade, patch.pixels(levels)), patch))
     return out
 
 
-def _with_small_parts(levels: np.ndarray, parts: np.ndarray, count: int, areas: list[ShadedArea]) -> list[ShadedArea]:
+def _with_small_parts(
+    levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, spreads: np.ndarray, areas: list[ShadedArea]
+) -> list[ShadedArea]:
     """Return the areas with the uneven parts that are too small to show a gradient and follow one of theirs, as pieces
-    of thin stripes do. Others as of `gradient_areas`.
+    of thin stripes do. boxes, spreads: as of `part_spreads`. Others as of `gradient_areas`.
     """
     shades = list(dict.fromkeys(area.shade for area in areas if area.ground is None))
-    uneven, boxes = uneven_parts(levels, parts, count, 1, 0.0)
-    free = np.where(covered(areas, parts.shape), 0, parts)
-    sizes, small = np.bincount(free.ravel(), minlength=count + 1), np.zeros(count + 1, dtype=bool)
-    small[uneven] = (sizes[uneven] > 0) & (sizes[uneven] < LEAST_AREA)
-    if not shades or not small.any():
+    if not shades:
+        return areas
+    free, count = np.where(covered(areas, parts.shape), 0, parts), len(spreads) + 1
+    sizes = np.bincount(free.ravel(), minlength=count)
+    small = np.append(False, spreads > 0.0) & (sizes > 0) & (sizes < LEAST_AREA)
+    if not small.any():
         return areas
     y, x = np.nonzero(small[free])
     pixels, numbers = Pixels(x + 0.5, y + 0.5, levels[y, x].astype(float)), free[y, x]
-    explained = [np.bincount(numbers, shade.extended().explains(pixels), count + 1) for shade in shades]
+    explained = [np.bincount(numbers, shade.extended().explains(pixels), count) for shade in shades]
     most, which = np.max(explained, axis=0), np.argmax(explained, axis=0)
     follow = np.flatnonzero(small & (most >= EXPLAINED * sizes)).tolist()
     return areas + [ShadedArea(shades[which[k]], part_of(levels, free, k, boxes).patch) for k in follow]

@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, joined, patches_of, smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, covered
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -148,10 +148,7 @@ def _united(levels: np.ndarray, areas: list[ShadedArea], condition: Condition, k
     """Return the areas, with one gradient for two that are side by side, or alike, if its description is shorter: noise
     may show a gradient in pieces. kinds: as of `grown`.
     """
-    members = dict[Shade, list[ShadedArea]]()
-    for area in areas:
-        members.setdefault(area.shade, []).append(area)
-    groups = [ShadedArea(shade, joined([area.patch for area in own])) for shade, own in members.items()]
+    groups = by_gradient(areas)
     pairs = list(combinations(groups, 2))
     while pairs:
         first, second = pairs.pop()

@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.regions.fills import CLEAR, EVEN
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, part_spreads, trimmed_range
+from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, trimmed_range
 from cubicsplat_cli.record import record
 
 BEND = 2.6  # levels of a second difference that rounding makes
@@ -153,20 +153,17 @@ class Part:
         return trimmed_range(self.pixels.values, OUTER)
 
 
-def uneven_parts(
-    levels: np.ndarray, parts: np.ndarray, count: int, area: int, span: float
-) -> tuple[list[int], np.ndarray]:
-    """Return the numbers of the parts of at least `area` px that span more than so many levels, the largest first; and
-    the first and last row and column (count, 4) of every part. parts, count: as of `smooth_parts`."""
-    sizes, boxes, spreads = part_spreads(levels, parts, count)
+def uneven_parts(sizes: np.ndarray, spreads: np.ndarray, area: int, span: float) -> list[int]:
+    """Return the numbers of the parts of at least `area` px that span more than so many levels, the largest first.
+    sizes, spreads: as of `part_spreads`."""
     uneven = np.flatnonzero((sizes >= area) & (spreads > span))
-    return (uneven[np.argsort(-sizes[uneven], kind="stable")] + 1).tolist(), boxes
+    return (uneven[np.argsort(-sizes[uneven], kind="stable")] + 1).tolist()
 
 
 def part_of(
     levels: np.ndarray, parts: np.ndarray, number: int, boxes: np.ndarray, claimed: np.ndarray | None = None
 ) -> Part:
-    """Return a part by its number. parts: (H, W); boxes: as of `uneven_parts`; claimed: (H, W) bool, pixels that belong
+    """Return a part by its number. parts: (H, W); boxes: as of `part_spreads`; claimed: (H, W) bool, pixels that belong
     to other parts."""
     top, bottom, left, right = boxes[number - 1].tolist()
     window = slice(top, bottom + 1), slice(left, right + 1)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.gradients.parts import Patch
+from cubicsplat_cli.artwork.gradients.parts import Patch, joined
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN, eight_bit
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
@@ -139,6 +139,14 @@ def covered(areas: Iterable[ShadedArea], shape: tuple[int, ...]) -> np.ndarray:
     for area in areas:
         out[area.patch.window] |= area.patch.mask
     return out
+
+
+def by_gradient(areas: Iterable[ShadedArea]) -> list[ShadedArea]:
+    """Return for each gradient one area, of the pixels of all its areas."""
+    patches_of = dict[Shade, list[Patch]]()
+    for area in areas:
+        patches_of.setdefault(area.shade, []).append(area.patch)
+    return [ShadedArea(shade, joined(patches)) for shade, patches in patches_of.items()]
 
 
 def gradient_of(shade: Shade) -> Gradient:

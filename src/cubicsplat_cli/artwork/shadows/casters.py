@@ -29,6 +29,7 @@ from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.record import record
 
 LEAST_RANGE = 5.0  # levels that a shaded ground spans
@@ -82,8 +83,8 @@ def even_grounds(
     """Yield uneven parts of a picture, of the largest so many, that have an even ground: its colour (4,) in whole
     levels, and (n,) bool, the pixels of the part that show it. parts, count: as of `smooth_parts`.
     """
-    numbers, boxes = uneven_parts(levels, parts, count, LARGE_AREA, LEAST_RANGE)
-    for number in numbers[:most]:
+    sizes, boxes, spreads = part_spreads(levels, parts, count)
+    for number in uneven_parts(sizes, spreads, LARGE_AREA, LEAST_RANGE)[:most]:
         part = part_of(levels, parts, number, boxes)
         fill, even = plateau(part)
         if even.mean() >= LEAST_PLATEAU:
