@@ -109,6 +109,30 @@ def test_a_smoothed_drawing_has_no_cells(side, times):
     assert found(larger(drawn(svg, side), times)) is None
 
 
+@pytest.mark.parametrize(
+    ("filtered", "times"), rest_slow(("BILINEAR", 2.5), ("BICUBIC", 12), ("BILINEAR", 7.5), ("BICUBIC", 5), fast=2)
+)
+def test_cells_are_found_though_enlarging_blurred_them(filtered, times):
+    picture = sprite(COLOURS, 24)
+    side = round(len(picture) * times)
+    image = Image.fromarray(picture).resize((side, side), Image.Resampling[filtered])
+    cells = found(np.asarray(image))
+    assert cells is not None and cells.x[-1] == cells.y[-1] == side
+    off = np.abs(cells.colours[cells.numbers][..., :3] - picture)
+    assert np.quantile(off, 0.95) <= 2.0
+
+
+def test_a_code_is_found_though_enlarging_blurred_it():
+    code = np.repeat(255 * np.random.default_rng(4).integers(0, 2, (37, 37, 1)).astype(np.uint8), 3, axis=2)
+    cells = found(np.asarray(Image.fromarray(code).resize((133, 133), Image.Resampling.BILINEAR)))
+    assert cells is not None and (cells.colours[cells.numbers][..., :3] == code).all()
+
+
+def test_an_enlarged_drawing_with_anti_aliasing_has_no_cells():
+    small = Image.fromarray(drawn(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16">{FACE}</svg>', 32))
+    assert found(np.asarray(small.resize((128, 128), Image.Resampling.BILINEAR))) is None
+
+
 def test_few_shapes_on_a_grid_and_photos_have_no_cells():
     flag = np.full((120, 180, 3), 255, np.uint8)
     flag[:40], flag[80:], flag[50:70, 20:40] = (0, 60, 150), (200, 30, 30), (0, 120, 60)

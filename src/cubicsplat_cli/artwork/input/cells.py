@@ -14,6 +14,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import ROWS, blend_of, largest
 from cubicsplat_cli.artwork.input.condition import OUTLIER
 from cubicsplat_cli.artwork.input.dither import dithered
+from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import EDGE
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
@@ -28,6 +29,7 @@ from cubicsplat_cli.scene.arrays import with_channels
 FEW_COLOURS = 16
 SMALL = 32  # px a side of pictures in which hardly anybody omits anti-aliasing but on purpose
 OFF = 6.0  # levels by which a blend is off the line between two colours at most, and away from both at least
+MOST_UNBLURRED = 2**20  # px of a picture whose enlargement is undone to find cells
 MOST_CELLS = 2**20  # that are drawn; of as many different ones the file has tens of megabytes
 
 
@@ -74,7 +76,7 @@ def cells_of(target: np.ndarray) -> Cells | None:
     """Return the cells of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; None if it is not made of
     cells.
     """
-    return _exact_cells(target) or _noisy_cells(target)
+    return _exact_cells(target) or _noisy_cells(target) or _enlarged_cells(target)
 
 
 def forced_cells(target: np.ndarray) -> Cells:
@@ -110,8 +112,7 @@ def _exact_cells(target: np.ndarray) -> Cells | None:
     count = (len(grid.x) - 1) * (len(grid.y) - 1)
     if count > MOST_CELLS:
         return None
-    cells = _cells_on(target, grid)
-    return cells if len(cells.colours) <= _most_colours(count) and _are_meant(cells) else None
+    return _if_meant(_cells_on(target, grid))
 
 
 def _noisy_cells(target: np.ndarray) -> Cells | None:
@@ -137,12 +138,26 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
     uneven = np.sqrt(_cell_means(off**2, grid) / _cell_means(inner, grid))
     if (uneven > max(0.15 * step, 4.0 * float(np.quantile(uneven, 0.9)))).mean() > 0.01:
         return None
-    colours, numbers = _distinct(middle)
-    areas = np.bincount(numbers.ravel())
     # Colours within 5 units of CIELAB are one, and those of few cells within four times the noise.
-    colours, owner = fewer_colours(colours, areas, None, 5.0, (OUTLIER * noise) ** 2)
-    cells = Cells(owner[numbers], colours, grid.x.astype(float), grid.y.astype(float), grid.side)
-    return cells if len(colours) <= _most_colours(numbers.size) and _are_meant(cells) else None
+    colours, numbers = _merged(middle, 5.0, (OUTLIER * noise) ** 2)
+    return _if_meant(Cells(numbers, colours, grid.x.astype(float), grid.y.astype(float), grid.side))
+
+
+def _enlarged_cells(target: np.ndarray) -> Cells | None:
+    """Return the cells of a picture that was enlarged smoothly; None if it was not, or had none before, or is so large
+    that finding out takes seconds.
+    """
+    if target.shape[0] * target.shape[1] > MOST_UNBLURRED:
+        return None
+    small, (across, down) = before_enlargement(with_channels(_levels(target), 4, 255.0))
+    if across == down == 1.0:
+        return None
+    colours, numbers = _merged(small, 2.0)  # rounded twice
+    plain = colours[numbers].astype(np.float32) / np.float32(255.0)
+    cells = _if_meant(_cells_on(plain, exact_grid(plain)), enlarged=True)
+    if cells is None:
+        return None
+    return replace(cells, x=cells.x * across, y=cells.y * down, side=cells.side * math.sqrt(across * down))
 
 
 def _cells_on(target: np.ndarray, grid: Grid) -> Cells:
@@ -173,12 +188,27 @@ def _distinct(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return with_channels(colours, 4, 255.0), numbers
 
 
+def _merged(levels: np.ndarray, apart: float, free: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same as `_distinct`, with like colours merged by `fewer_colours`."""
+    colours, numbers = _distinct(levels)
+    colours, owner = fewer_colours(colours, np.bincount(numbers.ravel()), None, apart, free)
+    return colours, owner[numbers]
+
+
 def _most_colours(cells: int) -> int:
     return max(FEW_COLOURS, math.isqrt(cells))
 
 
-def _are_meant(cells: Cells) -> bool:
-    """Return True if a picture is made of its cells: pixel art, and no photo or drawing that has them by chance."""
+def _if_meant(cells: Cells, *, enlarged: bool = False) -> Cells | None:
+    """Return cells if a picture is made of them: pixel art, and no photo or drawing that has them by chance; else None.
+
+    enlarged: True if the picture was enlarged smoothly, to these pixels times a factor.
+    """
+    few = len(cells.colours) <= _most_colours(cells.numbers.size)
+    return cells if few and _are_meant(cells, enlarged=enlarged) else None
+
+
+def _are_meant(cells: Cells, *, enlarged: bool) -> bool:
     numbers, count, larger = cells.numbers, len(cells.colours), cells.side > 1.0
     small = max(numbers.shape) <= SMALL
     if count == 1:
@@ -194,7 +224,8 @@ def _are_meant(cells: Cells) -> bool:
     if not larger and _alone(numbers) < (0.03 if small else 0.2):
         return False
     # Colours that dots stand for are meant, and not their pixels; but nobody dithers a small sprite by a program.
-    if not larger and not small and dithered(cells.colours[numbers]) is not None:
+    # Who enlarges a picture sees its pixels.
+    if not (larger or small or enlarged) and dithered(cells.colours[numbers]) is not None:
         return False
     levels, pixels = cells.colours[numbers], not (larger or small)
     # Photos reduced to 16 colours have 0.24 or more of soft steps.

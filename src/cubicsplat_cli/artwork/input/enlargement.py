@@ -29,7 +29,7 @@ SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
 FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
 LINES, PEAKS = 32, 3  # columns and peaks that are tried
-LEAST, MOST = 1.2, 7.0  # factors that are undone: less gains little, and a JPEG's blocks are 8 px wide
+LEAST, MOST = 1.2, 16.0  # factors that are undone: less gains little, and more leaves few edges steep enough
 ASIDE, WORSE = 3, 1.5  # px by which other lengths are off, whose errors must be so many times as large
 
 
@@ -82,8 +82,8 @@ def _blends(levels: np.ndarray) -> int:
 
 
 def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
-    """Return the first of several lengths, give or take ASIDE px, from which lines (H, W, C) in levels were enlarged,
-    and the kernel; half the length if they were from none of them, but hold no more than that; else None.
+    """Return the likeliest of several lengths, give or take ASIDE px, from which lines (H, W, C) in levels were
+    enlarged, and the kernel; half the length if they were from none of them, but hold no more than that; else None.
     """
     changes = largest(np.abs(np.diff(seen, axis=0))).max(axis=0)
     steepest = seen[:, np.argsort(-changes, kind="stable")[:LINES]]
@@ -97,11 +97,17 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     def best(length: int) -> Kernel:
         return min(KERNELS, key=lambda kernel: error((length, kernel)))
 
-    for length in lengths:
+    @cache
+    def stands_out(length: int) -> float:
         kernel = best(length)
-        least = error((length, kernel))
-        if least <= OFF and all(error((length + off, kernel)) >= WORSE * least for off in (-ASIDE, ASIDE)):
-            return min(product(range(length - ASIDE, length + ASIDE + 1), KERNELS), key=error)
+        if (least := error((length, kernel))) > OFF:
+            return 0.0
+        return min(error((length + off, kernel)) for off in (-ASIDE, ASIDE)) / max(least, 1e-6)
+
+    # Longer ones hold as much, but so do those beside them.
+    length = max(lengths, key=stands_out)
+    if stands_out(length) >= WORSE:
+        return min(product(range(length - ASIDE, length + ASIDE + 1), KERNELS), key=error)
     half = len(seen) // 2, best(len(seen) // 2)
     return half if error(half) <= ROUNDED else None
 
@@ -136,7 +142,9 @@ def _mean_error(lines: np.ndarray, length: int, kernel: Kernel) -> float:
     enlarging = _enlarging(len(lines), length, kernel)
     again = (enlarging @ _inverse(lines, enlarging).reshape(length, -1)).reshape(lines.shape)
     off = largest(np.abs(np.clip(again, 0, 255) - lines))
-    edge = ndimage.maximum_filter(largest(np.abs(np.gradient(lines, axis=0))) > EDGE, (5, 1))
+    # Enlarged more than 4 times, a step of 4 EDGE is an edge still, though spread over more px.
+    steep = EDGE * min(1.0, 4.0 * length / len(lines))
+    edge = ndimage.maximum_filter(largest(np.abs(np.gradient(lines, axis=0))) > steep, (5, 1))
     return float(off[edge].mean()) if edge.sum() >= FEWEST else np.inf
 
 
