@@ -23,7 +23,7 @@ from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.html_report.embed import shown_elements
-from cubicsplat_cli.pipeline.pages import page_in
+from cubicsplat_cli.pipeline.pages import _sample, page_in
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import StageTimer
 from cubicsplat_cli.scene import EmbeddedImage, LayeredScene
@@ -221,7 +221,8 @@ def test_none_keeps_photos_from_being_parts():
     given = as_picture(page())
     for how, found in (("curves", True), ("none", False)):
         task = task_of(given, request_of({"photo_parts": how, "style": "artwork"}), StageTimer())
-        assert (page_in(task) is not None) == found
+        assert (page_in(task, lambda part: True) is not None) == found
+        assert page_in(task, lambda part: False) is None
 
 
 def test_an_image_is_embedded_and_read_and_drawn_by_all(embedded):
@@ -355,3 +356,12 @@ def test_an_interrupt_leaves_the_photo_in_its_mean_colour(monkeypatch):
     assert made.report.interrupted
     off = np.abs(drawn(made.svg)[100, 80] - page()[TOP:BOTTOM, LEFT:RIGHT].mean(axis=(0, 1)))
     assert off.max() < 3.0
+
+
+def test_the_sample_of_a_part_has_its_most_change_and_whole_blocks():
+    picture = np.zeros((300, 400, 3), np.float32)
+    picture[150:210, 200:260] = np.random.default_rng(0).random((60, 60, 3))
+    rows, columns = _sample(picture, (slice(21, 290), slice(10, 390)))
+    assert rows.start % 16 == columns.start % 16 == 0
+    assert rows.start <= 156 and rows.stop >= 204 and columns.start <= 206 and columns.stop >= 254
+    assert max(rows.stop - rows.start, columns.stop - columns.start) < 64 + 16

@@ -1,10 +1,12 @@
 """Photographs within a page: parts of a picture that `choose_style` calls photos, if it calls the rest a drawing.
 
 The even areas of a page end at its photos, and text is thin. So the rest, where whole squares fit into it, may be a
-photo.
+photo. The same comparison with a drawing decides on it as on whole pictures; what is here only proposes.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -63,14 +65,19 @@ class Page:
     reason: str
 
 
-def page_of(target: np.ndarray) -> Page | None:
+def page_of(target: np.ndarray, suits: Callable[[Window], bool] = lambda _: True) -> Page | None:
     """Return the page in a picture (H, W, 3), float32 in [0, 1]; None unless it is a drawing with photographs, at its
     own size.
+
+    suits: returns whether what is in a window, which may be a photo, is better as one than drawn.
     """
     levels = np.rint(255.0 * target).astype(np.float32)
     parts = [part for part in _candidates(levels, _even_areas(levels)) if _is_photo(levels, part)]
     # The edges of an enlarged picture are nowhere even, nor thin.
     if not parts or before_enlargement(with_channels(levels, 4, 255.0))[1] != (1.0, 1.0):
+        return None
+    parts = [part for part in parts if suits(part.window)]
+    if not parts:
         return None
     flat = levels.copy()
     for part in parts:

@@ -9,13 +9,15 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
-from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, page_of
+from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, Window, page_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.artwork.style import PHOTO
+from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.weights import Mask
 from cubicsplat_cli.formatting import counted
@@ -24,25 +26,49 @@ from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import DrawingGivenUp, Made, Task
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Rgba
 
+SAMPLE = 64  # px a side of what is drawn of a part, to see if that suits it; a photo's takes 2 s on average
+BLOCK = 16  # px a side of the largest blocks of a JPEG, those of chroma at half the size
 JPEG_QUALITY = 92  # of an embedded photo: hardly anybody sees what it loses
 NAME = "photo"  # of the shapes and their masks
 NEAR = 64  # levels between the placeholder of a part and the fill of its shape, at most; other fills differ by far more
 LEAST_COMMON = 0.7  # intersection over union of the boxes of a part and its shape
 
 
-def page_in(task: Task) -> Page | None:
-    """Return the page that a picture shows; None if it shows none, or the request excludes pages."""
+def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
+    """Return the page that a picture shows; None if it shows none, or the request excludes pages.
+
+    suits_photo: returns whether a picture is better as a photo than drawn, given the task of it alone.
+    """
     if not task.request.may_hold_photos or task.recorder is not None or task.target.alpha is not None:
         return None
     target = task.pixels
-    factor = reduction(*target.shape[:2])
+    factor, compression = reduction(*target.shape[:2]), task.target.compression
     if factor > 1:
+        compression = None
         target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., :3])
-    return page_of(target)
+
+    def suits(window: tuple[slice, slice]) -> bool:
+        sample = _sample(target, window)
+        return suits_photo(_of_pixels(task, np.ascontiguousarray(target[sample]), compression))
+
+    return page_of(target, suits)
+
+
+def _sample(picture: np.ndarray, window: Window) -> Window:
+    """Return the part of a window, of SAMPLE px a side at most, with the most change between neighbours."""
+    steps = largest(np.abs(np.gradient(picture[window], axis=(0, 1))).sum(axis=0))
+    change = ndimage.uniform_filter(steps, (SAMPLE, SAMPLE))
+    ends = []
+    for middle, side in zip(np.unravel_index(int(change.argmax()), change.shape), window, strict=True):
+        start = side.start + int(np.clip(middle - SAMPLE // 2, 0, max(0, side.stop - side.start - SAMPLE)))
+        # With whole blocks of a JPEG, so that its compression can be repeated.
+        ends.append(slice(start // BLOCK * BLOCK, min(start + SAMPLE, side.stop)))
+    return ends[0], ends[1]
 
 
 def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) -> Made:
@@ -51,7 +77,8 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
     on_sketch: is given the task of the page without photographs, and a first version of a drawing of very many shapes.
     Raises DrawingGivenUp if a photograph has no shape, and the errors of `on_sketch`.
     """
-    without = _of_pixels(task, page.flat)
+    own_size = page.flat.shape == task.pixels.shape
+    without = _of_pixels(task, page.flat, task.target.compression if own_size else None)
     pixels = sum(part.size for part in page.parts)
     curves = task.settings().for_size(pixels, 1).curves
     interrupted, embedded = False, task.request.photo_parts == IMAGE
@@ -78,9 +105,9 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
     return replace(made, interrupted=made.interrupted or interrupted)
 
 
-def _of_pixels(task: Task, rgb: np.ndarray) -> Task:
-    """Return the task with other pixels (H, W, 3) as its target."""
-    target = Picture(rgb, None, task.target.source, task.target.sha256)
+def _of_pixels(task: Task, rgb: np.ndarray, compression: Compression | None = None) -> Task:
+    """Return the task with other pixels (H, W, 3) as its target, compressed like that."""
+    target = Picture(rgb, None, task.target.source, task.target.sha256, compression=compression)
     return replace(task, target=target, quick_photos={})
 
 
