@@ -10,7 +10,7 @@ import pytest
 from conftest import rest_slow
 
 from cubicsplat_cli.artwork.regions.fills import picture_fills
-from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions, find_regions, pixel_fills
 from cubicsplat_cli.artwork.regions.sampling import edge_positions
@@ -76,14 +76,23 @@ def test_a_small_shape_of_three_fills_in_a_pixel_is_no_fill() -> None:
     assert hidden_fills(values, fills, 40.0, 24.0, 4).tolist() == [[255.0, 255.0, 0.0, 255.0]]
 
 
-def test_blends_of_a_hidden_fill_are_no_fills() -> None:
-    palette = np.array([[255.0, 255.0, 255.0, 255.0], [200.0, 200.0, 200.0, 255.0], [200.0, 0.0, 0.0, 255.0]])
-    black = np.array([[0.0, 0.0, 0.0, 255.0]])
-    assert without_blends(palette, np.array([True, False, False]), black).tolist() == [True, False, True]
-    assert without_blends(palette, np.array([True, True, True]), black).all()
-
-
 WHITE, BLUE, DARK = (255.0, 255.0, 255.0), (40.0, 110.0, 200.0), (30.0, 30.0, 30.0)
+
+
+def test_a_thin_fill_between_two_others_that_never_meet_it_stays() -> None:
+    # A road with grey casings, and a label whose ink, which no pixel shows pure, makes the same grey with the ground.
+    fine, ground, grey, ink = 8, 240.0, 189.0, 60.0
+    y, x = (np.mgrid[: 96 * fine, : 96 * fine] + 0.5) / fine
+    picture = np.full(y.shape, ground)
+    off = np.abs(y - 0.02 * x - 50.0)
+    picture[off <= 4.2] = grey
+    picture[off <= 3.0] = 255.0
+    for k in range(9):
+        picture[(np.abs(x - 0.2 * y - 12.0 - 6.0 * k) <= 0.4) & (y < 14.0)] = ink
+    colours = picture.reshape(96, fine, 96, fine).mean(axis=(1, 3))
+    levels = np.dstack([colours] * 3 + [np.full((96, 96), 255.0)]).astype(np.float32)
+    regions = find_regions(FlatPicture(levels, picture_fills(levels)))
+    assert np.abs(regions.fills[:, 0] - grey).min() <= 6.0
 
 
 def slanted(degrees: float, width: float, below: tuple[float, ...], height: float = 20.3, fine: int = 16) -> np.ndarray:

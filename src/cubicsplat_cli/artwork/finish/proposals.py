@@ -20,8 +20,7 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import SAME, UNLIKE, modes, ringing
 from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
-from cubicsplat_cli.artwork.regions.fills import OPAQUE, SEEN, eight_bit
-from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
+from cubicsplat_cli.artwork.regions.fills import BLEND, OPAQUE, SEEN, eight_bit
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners
 from cubicsplat_cli.artwork.regions.sampling import COVERS, share_positions
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, shape_name

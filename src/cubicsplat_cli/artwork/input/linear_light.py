@@ -15,8 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb, srgb_of_light
 from cubicsplat_cli.artwork.input.condition import CONTRAST
-from cubicsplat_cli.artwork.regions.fills import EVEN, ROUNDED, SAME, in_squares
-from cubicsplat_cli.artwork.regions.hidden_fills import BLEND
+from cubicsplat_cli.artwork.regions.fills import BLEND, EVEN, ROUNDED, SAME, in_squares
 from cubicsplat_cli.artwork.regions.sampling import FEWEST, MOST
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS

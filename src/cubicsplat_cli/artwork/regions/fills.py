@@ -20,6 +20,7 @@ PURE = 2.5  # a pixel this near to a fill is that fill
 FLAT_RANGE = 3.0  # a pixel whose 3x3 neighbourhood spans no more is flat
 SAME = 3.5  # fills nearer than this are one
 SEEN = 8.0  # half of one of 4 x 4 samples a pixel at full contrast; a smaller difference may be a blend of the others
+BLEND = 12.0  # levels by which a blend may be off the line between two fills
 GRADIENT_RANGE = 14.0  # flat pixels that hang together and span more are a gradient
 APART = 24.0  # colours farther apart than this are surely two; the bands in which gradients are drawn
 # Levels of opacity up to which nothing is seen, and from which a fill hides what is beneath it.

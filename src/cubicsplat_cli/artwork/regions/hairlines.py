@@ -26,9 +26,11 @@ LENGTH = 8  # px along which the labels must leave connected pixels unexplained,
 NONE, NOWHERE = np.zeros((0, 4)), -1e4  # no fill, and a level that no colour has
 
 
-def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Return (k, 4) the fills of lines that the palette lacks: common colours of unexplained values (n, 4), of which
-    the others are blends with the fills beside them (n, 4)."""
+def missing_fills(
+    values: np.ndarray, beside: np.ndarray, place: tuple[np.ndarray, np.ndarray], size: tuple[int, ...]
+) -> np.ndarray:
+    """Return (k, 4) the fills of lines that the palette lacks: common colours of unexplained values (n, 4), at rows and
+    columns (n,) of a picture of a size, of which the others nearby are blends with the fills beside them (n, 4)."""
     found: list[np.ndarray] = []
     left = np.ones(len(values), dtype=bool)
     while len(found) < MOST and left.sum() >= LEAST_PIXELS:
@@ -40,9 +42,12 @@ def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
             break
         fill = colours[int(np.where(common, far, -1.0).argmax())]
         found.append(fill)
-        at = np.flatnonzero(left)
-        blends = blend_with(values[at], fill, beside[at], beside[at])[1] <= CLOSE
-        left[at[blends | (np.rint(values[at]) == fill).all(axis=1)]] = False
+        own, shown = (np.rint(values) == fill).all(axis=1), np.zeros(size, np.uint8)
+        shown[place[0][own], place[1][own]] = 1
+        near = ndimage.maximum_filter(shown, 2 * WINDOW + 1)[place] > 0
+        at = np.flatnonzero(left & near)
+        left[at[blend_with(values[at], fill, beside[at], beside[at])[1] <= CLOSE]] = False
+        left[own] = False
     return np.array(found).reshape(-1, 4)
 
 

@@ -19,7 +19,6 @@ from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # fills, and colours tried
 ONE_OF_THREE = 0.6  # ratio of a fill's least distances from blends of three and of two other fills
-BLEND = 12.0  # levels by which a blend may be off the line between two fills
 LEAST_OPACITY = 64.0  # levels below which a colour says nothing of a fill
 BEYOND = np.linspace(0.02, 0.25, 12)  # shares of the step between two fills by which sharpening goes beyond either
 LEAST_SHARE = 0.1  # of a line's fill in the blends that look like a fill
@@ -65,18 +64,6 @@ def _blend_of_three(fill: np.ndarray, palette: np.ndarray, gap: float) -> bool:
         if (blend_with(fill, palette[k], palette[first], palette[second])[1] <= gap).any():
             return True
     return False
-
-
-def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Return (P,) bool: True for fills of a palette (P, 4) but the blends on the edges of a hidden fill (k, 4).
-    Such a blend lies between it and another fill, and no flat pixel shows it. seen: (P,) bool, fills of flat pixels.
-    """
-    kept = np.ones(len(palette), dtype=bool)
-    for k in np.flatnonzero(~seen):
-        for fill in hidden:
-            t, rest = blend_of(palette[k], fill, palette[seen])
-            kept[k] &= not ((largest(np.abs(rest)) <= BLEND) & (t > 0.0) & (t < 1.0)).any()
-    return kept
 
 
 def overshoots(fill: np.ndarray, palette: np.ndarray) -> bool:

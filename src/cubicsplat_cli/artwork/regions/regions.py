@@ -9,7 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, MOST_PALETTE, PURE, SAME, flat_pixels, has_square
+from cubicsplat_cli.artwork.regions.fills import (
+    APART,
+    BLEND,
+    CLEAR,
+    MOST_PALETTE,
+    PURE,
+    SAME,
+    flat_pixels,
+    has_square,
+)
 from cubicsplat_cli.artwork.regions.hairlines import (
     CLOSE,
     LESS,
@@ -20,7 +29,7 @@ from cubicsplat_cli.artwork.regions.hairlines import (
     with_lines,
     without,
 )
-from cubicsplat_cli.artwork.regions.hidden_fills import BLEND, hidden_fills, line_blends, without_blends
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, line_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import joined_at_corners, with_pixel_lines
 from cubicsplat_cli.raster.borders import BorderMap, border_map
 from cubicsplat_cli.raster.unmix import (
@@ -161,7 +170,7 @@ def _with_missing_fills(levels: np.ndarray, palette: np.ndarray, most: int | Non
     near = near_fills(pure, y, x, REACH)
     strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
     y, x, found = y[strange], x[strange], palette
-    new = missing_fills(levels[y, x], palette[near[strange, 0]])
+    new = missing_fills(levels[y, x], palette[near[strange, 0]], (y, x), levels.shape[:2])
     if len(new):
         palette = np.vstack([palette, new])[:most]
     if len(palette) <= MOST_SEEN:
@@ -169,8 +178,7 @@ def _with_missing_fills(levels: np.ndarray, palette: np.ndarray, most: int | Non
         fewest = max(FEWEST, LEAST_STRANGE * len(values))
         hidden = hidden_fills(values, palette, MOST_RESIDUAL, APART, fewest)
         if len(hidden):
-            shown = np.isin(np.arange(len(palette)), pure[flat_pixels(levels, SAME)])
-            palette = np.vstack([palette[without_blends(palette, shown, hidden)], hidden])[:most]
+            palette = np.vstack([palette, hidden])[:most]
     return palette, pure if palette is found else _pure_fills(levels, palette)
 
 
