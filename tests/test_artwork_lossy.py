@@ -219,6 +219,21 @@ def test_what_lies_between_a_grey_and_thin_black_marks_is_no_other_fill():
     assert (even.labels[46:] == orange).sum() <= 4
 
 
+def test_thin_marks_keep_their_fill_though_it_lies_between_two_fills_elsewhere():
+    """Of teal and purple, which are far from all grey marks, a blend is the same grey."""
+    large = Image.new("RGB", (8 * 200, 8 * 120), (247, 243, 232))
+    pen = ImageDraw.Draw(large)
+    pen.rectangle([0, 0, 1600, 160], fill=(42, 157, 142))
+    pen.rectangle([0, 760, 1600, 960], fill=(133, 41, 80))
+    for k in range(36):
+        top = 260 + 40 * (k % 7)
+        pen.line([60 + 42 * k, top, 75 + 42 * k, top + 60], fill=(102, 102, 102), width=11)
+    picture = load_picture(encode(large.resize((200, 120), Image.Resampling.BOX), "JPEG", quality=80))
+    prepared = analysed(picture.target(), picture.compression)
+    palette = restored(prepared.levels, prepared.condition).palette
+    assert len(palette) == 4 and np.abs(palette[3, :3] - 102.0).max() <= 16.0
+
+
 def test_chroma_of_half_the_size_becomes_nearly_as_sharp_as_luma():
     clean = page((0, 0, 0), (0, 0, 238))
     read = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2)).rgb * np.float32(255.0)

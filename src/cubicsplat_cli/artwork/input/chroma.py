@@ -29,17 +29,23 @@ PRIOR = 2.0  # px; weight of the former value of each fill
 
 
 def explained(
-    seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, sigma: float, halved: tuple[int, ...]
+    seen: np.ndarray,
+    mixture: Mixture,
+    fills: np.ndarray,
+    free: np.ndarray,
+    odd: np.ndarray,
+    sigma: float,
+    halved: tuple[int, ...],
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Return the fills (P, 4) that explain a picture best, the cost of their residuals in nats, and the colours (k, 4)
     of pixels with large residuals; all as luma, chroma and opacity in levels.
 
-    seen: (H, W, 4) the picture; fills: (P, 4); free: (P,) bool, those to be fitted; sigma: levels by which luma is off
-    near edges; halved: as of a condition.
+    seen: (H, W, 4) the picture; fills: (P, 4); free: (P,) bool, those to be fitted; odd: (H, W) bool, pixels that
+    count though they may lie away from edges; sigma: levels by which luma is off near edges; halved: as of a condition.
     """
     fills, clipped = fills.copy(), _clipping(mixture.painted(fills), halved)
     small = _halved(seen - clipped, halved)
-    mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels]
+    mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels] | odd
     fills[:, 0], luma_cost = _fit_luma(seen[..., 0] - clipped[..., 0], mixture, mixed, fills[:, 0], free, sigma)
     y, x = np.nonzero(_halved(mixed[..., None], halved)[..., 0] > 0.0)
     columns = [_again(_halved(mixture.coverage(k)[..., None], halved), halved)[y, x, 0] for k in range(len(fills))]

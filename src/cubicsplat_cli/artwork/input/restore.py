@@ -10,11 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import APART, picture_fills
-from cubicsplat_cli.artwork.regions.hairlines import NONE, solid_labels, with_lines
+from cubicsplat_cli.artwork.regions.hairlines import NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
@@ -86,10 +87,13 @@ def restored(
         # What a JPEG's chroma smears beside edges is no fill.
         apart = reach * (FAR if condition.jpeg else 1.0)
         squares = square_fills(levels, seen, palette @ space, sigma, reach, apart)
-        if not condition.jpeg:
+        if condition.jpeg:
+            proposed = _nearby_line_fills(seen, palette @ space, sigma) @ np.linalg.inv(space)
+            squares = np.vstack([squares, np.clip(proposed, 0.0, 255.0)])
+        else:
             palette = np.vstack([palette, squares])
-        thin = _line_fills(seen, palette @ space, sigma)
-        palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
+            thin = _line_fills(seen, palette @ space, sigma)
+            palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
     labels = labelled(seen, palette @ space, sigma, thick, bounded=condition.jpeg)
     if condition.jpeg:
         palette, labels = _with_small_parts(stored, seen, palette, labels, sigma, thick, squares, condition)
@@ -115,6 +119,20 @@ def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray
     return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, 24)
 
 
+def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray:
+    """Return (k, 4) the fills of thin lines, though they may be blends of two fills (P, 4): common colours of a picture
+    (H, W, 4) that are off all blends of fills nearby by more than six times the misfit sigma.
+    """
+    nearest, gap = nearest_fills(seen, fills, straight=True)
+    far = gap > OUTLIER * sigma
+    solid = solid_labels(np.where(far, -1, nearest).astype(np.int32))
+    y, x = np.nonzero(far & (solid < 0))
+    near = near_fills(solid, y, x, REACH)
+    odd = (best_blend(seen[y, x], fills, near)[1] > 6.0 * sigma) & (near[:, 0] >= 0)
+    y, x = y[odd], x[odd]
+    return missing_fills(seen[y, x], fills[near[odd, 0]], (y, x), seen.shape[:2], ONE_COLOUR, 6.0 * sigma)
+
+
 def _with_small_parts(
     levels: np.ndarray,
     seen: np.ndarray,
@@ -133,12 +151,13 @@ def _with_small_parts(
     others are removed if the picture is as well explained without them.
     """
     space, colours = seen_as(condition, sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
+    odd = nearest_fills(seen, palette @ space, straight=True)[1] > OUTLIER * sigma
 
     def fitted(palette: np.ndarray, labels: np.ndarray) -> _Labelling:
         lined = with_lines(seen, palette @ space, labels, OUTLIER * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
         free = ~_shows_inside(labels, len(palette))
-        fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, sigma, condition.halved)
+        fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, odd, sigma, condition.halved)
         fills, missing = fills @ RGB, missing @ RGB
         return _Labelling(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
 
@@ -147,8 +166,11 @@ def _with_small_parts(
 
     best = fitted(palette, labels)
     for fill in proposed:
-        if len(best.palette) <= MOST_THICK:
-            best = min(best, fitted_of(np.vstack([best.palette, fill]), thick), key=lambda trial: trial.cost)
+        if len(best.palette) <= MOST_THICK and _is_apart(fill, best.palette):
+            trial = fitted_of(np.vstack([best.palette, fill]), thick)
+            # Smeared chroma makes a colour of its own of a fill, which the fitted one is again.
+            if trial.cost < best.cost and _is_apart(trial.palette[-1], trial.palette[:-1]):
+                best = trial
     for _ in range(4):  # rounds
         # At least 8 pixels of half the size show a fill, within 20 levels.
         new = hidden_fills(np.clip(best.missing, 0.0, 255.0), best.palette, APART, 20.0, 8)
@@ -166,6 +188,11 @@ def _with_small_parts(
             if trial.cost <= best.cost:
                 best, thick = trial, fewer
     return best.palette, best.labels
+
+
+def _is_apart(fill: np.ndarray, palette: np.ndarray) -> bool:
+    """Return True if a fill (4,) is surely none of a palette (P, 4)."""
+    return bool(largest(np.abs(palette - fill)).min() > APART)
 
 
 @record

@@ -27,26 +27,36 @@ NONE, NOWHERE = np.zeros((0, 4)), -1e4  # no fill, and a level that no colour ha
 
 
 def missing_fills(
-    values: np.ndarray, beside: np.ndarray, place: tuple[np.ndarray, np.ndarray], size: tuple[int, ...]
+    values: np.ndarray,
+    beside: np.ndarray,
+    place: tuple[np.ndarray, np.ndarray],
+    size: tuple[int, ...],
+    step: float = 1.0,
+    close: float = CLOSE,
 ) -> np.ndarray:
     """Return (k, 4) the fills of lines that the palette lacks: common colours of unexplained values (n, 4), at rows and
-    columns (n,) of a picture of a size, of which the others nearby are blends with the fills beside them (n, 4)."""
+    columns (n,) of a picture of a size, of which the others nearby are blends with the fills beside them (n, 4).
+
+    step: levels within which values are of one colour; close: levels by which blends are off."""
     found: list[np.ndarray] = []
     left = np.ones(len(values), dtype=bool)
     while len(found) < MOST and left.sum() >= LEAST_PIXELS:
-        colours, index, counts = np.unique(np.rint(values[left]), axis=0, return_inverse=True, return_counts=True)
+        colours, index, counts = np.unique(
+            np.rint(values[left] / step), axis=0, return_inverse=True, return_counts=True
+        )
         far = np.zeros(len(colours))
         np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))
-        common = (counts >= LEAST_PIXELS) & (colours[:, 3] >= OPAQUE)
+        common = (counts >= LEAST_PIXELS) & (step * colours[:, 3] >= OPAQUE - step)
         if not common.any():
             break
         fill = colours[int(np.where(common, far, -1.0).argmax())]
+        own, shown = (np.rint(values / step) == fill).all(axis=1), np.zeros(size, np.uint8)
+        fill = np.median(values[own], axis=0)
         found.append(fill)
-        own, shown = (np.rint(values) == fill).all(axis=1), np.zeros(size, np.uint8)
         shown[place[0][own], place[1][own]] = 1
         near = ndimage.maximum_filter(shown, 2 * WINDOW + 1)[place] > 0
         at = np.flatnonzero(left & near)
-        left[at[blend_with(values[at], fill, beside[at], beside[at])[1] <= CLOSE]] = False
+        left[at[blend_with(values[at], fill, beside[at], beside[at])[1] <= close]] = False
         left[own] = False
     return np.array(found).reshape(-1, 4)
 
