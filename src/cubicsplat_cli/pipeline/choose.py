@@ -62,18 +62,18 @@ def _first(task: Task, style: Style | None) -> Made:
     if (fill := only_fill(task.picture)) is not None:
         return result_of_one_fill(fill, task)
     if (requested := _requested_style(task)) is not None:
-        page = _page(task, [])
+        page, _ = _page(task)
         made = _made(task, requested) if page is None else replace(page, style=requested)
         return replace(made, may_be_photo=False)
     style = style or choose_style(task.pixels, lossy=task.target.compression is not None)
     try:
         if style.cells is not None:
             return replace(drawn_cells(task, style.cells), style=style)
-        better_drawn = list[Task]()
-        if (page := _page(task, better_drawn)) is not None:
+        page, better_drawn = _page(task)
+        if page is not None:
             return page
         if style.name == PHOTO:
-            return _photo_or_drawing(task, replace(style, doubtful=style.doubtful or bool(better_drawn)))
+            return _photo_or_drawing(task, replace(style, doubtful=style.doubtful or better_drawn))
         return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
     except DrawingGivenUp as reason:
         return _photo_instead(task, style, str(reason))
@@ -89,24 +89,26 @@ def _first(task: Task, style: Style | None) -> Made:
     return made.with_note(f"made as {other.name}, since {_failure(style.name, failed)}")
 
 
-def _page(task: Task, better_drawn: list[Task]) -> Made | None:
-    """Return the drawing of a page with its photographs; None if the picture is no page, or not worth drawing.
-
-    better_drawn: gets the parts that look like photographs, but are nearer as drawings.
+def _page(task: Task) -> tuple[Made | None, bool]:
+    """Return the drawing of a page with its photographs, None if the picture is no page, or not worth drawing; and
+    whether a part that looks like a photograph is nearer as a drawing.
     """
+    suits = list[bool]()
 
     def suits_photo(part: Task) -> bool:
-        suits = _suits_photo(part)
-        better_drawn.extend([] if suits else [part])
-        return suits
+        suits.append(_suits_photo(part))
+        return suits[-1]
 
-    if (page := page_in(task, suits_photo)) is None:
-        return None
+    page = page_in(task, suits_photo)
+    better_drawn = not all(suits)
+    if page is None:
+        return None, better_drawn
     try:
         made = drawn_page(task, page, check_worth_finishing)
     except DrawingGivenUp:
-        return None
-    return replace(made, style=Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}"))
+        return None, better_drawn
+    style = Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}")
+    return replace(made, style=style), better_drawn
 
 
 def _suits_photo(task: Task) -> bool:

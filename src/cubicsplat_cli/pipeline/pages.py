@@ -11,6 +11,7 @@ from PIL import Image
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
+from cubicsplat_cli.artwork.input.condition import BLOCK
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
 from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, Window, page_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -32,7 +33,6 @@ from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Rgba
 
 SAMPLE = 64  # px a side of what is drawn of a part, to see if that suits it; a photo's takes 2 s on average
-BLOCK = 16  # px a side of the largest blocks of a JPEG, those of chroma at half the size
 JPEG_QUALITY = 92  # of an embedded photo: hardly anybody sees what it loses
 NAME = "photo"  # of the shapes and their masks
 NEAR = 64  # levels between the placeholder of a part and the fill of its shape, at most; other fills differ by far more
@@ -47,12 +47,12 @@ def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
     if not task.request.may_hold_photos or task.recorder is not None or task.target.alpha is not None:
         return None
     target = task.pixels
-    factor, compression = reduction(*target.shape[:2]), task.target.compression
+    factor = reduction(*target.shape[:2])
+    compression = task.target.compression if factor == 1 else None
     if factor > 1:
-        compression = None
         target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., :3])
 
-    def suits(window: tuple[slice, slice]) -> bool:
+    def suits(window: Window) -> bool:
         sample = _sample(target, window)
         return suits_photo(_of_pixels(task, np.ascontiguousarray(target[sample]), compression))
 
@@ -63,11 +63,10 @@ def _sample(picture: np.ndarray, window: Window) -> Window:
     """Return the part of a window, of SAMPLE px a side at most, with the most change between neighbours."""
     steps = largest(np.abs(np.gradient(picture[window], axis=(0, 1))).sum(axis=0))
     change = ndimage.uniform_filter(steps, (SAMPLE, SAMPLE))
-    ends = []
+    ends, whole = [], 2 * BLOCK  # of a JPEG's chroma at half the size, so that its compression can be repeated
     for middle, side in zip(np.unravel_index(int(change.argmax()), change.shape), window, strict=True):
         start = side.start + int(np.clip(middle - SAMPLE // 2, 0, max(0, side.stop - side.start - SAMPLE)))
-        # With whole blocks of a JPEG, so that its compression can be repeated.
-        ends.append(slice(start // BLOCK * BLOCK, min(start + SAMPLE, side.stop)))
+        ends.append(slice(start // whole * whole, min(start + SAMPLE, side.stop)))
     return ends[0], ends[1]
 
 

@@ -87,10 +87,7 @@ def restored(
         # What a JPEG's chroma smears beside edges is no fill.
         apart = reach * (FAR if condition.jpeg else 1.0)
         squares = square_fills(levels, seen, palette @ space, sigma, reach, apart)
-        if condition.jpeg:
-            proposed = _nearby_line_fills(seen, palette @ space, sigma) @ np.linalg.inv(space)
-            squares = np.vstack([squares, np.clip(proposed, 0.0, 255.0)])
-        else:
+        if not condition.jpeg:
             palette = np.vstack([palette, squares])
             thin = _line_fills(seen, palette @ space, sigma)
             palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
@@ -119,14 +116,13 @@ def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray
     return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, 24)
 
 
-def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray:
+def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, sigma: float) -> np.ndarray:
     """Return (k, 4) the fills of thin lines, though they may be blends of two fills (P, 4): common colours of a picture
-    (H, W, 4) that are off all blends of fills nearby by more than six times the misfit sigma.
+    (H, W, 4) that are off all blends of fills nearby by more than six times the misfit sigma. pure: (H, W) int32, the
+    fill of each pixel that is near one, -1 of others.
     """
-    nearest, gap = nearest_fills(seen, fills, straight=True)
-    far = gap > OUTLIER * sigma
-    solid = solid_labels(np.where(far, -1, nearest).astype(np.int32))
-    y, x = np.nonzero(far & (solid < 0))
+    solid = solid_labels(pure)
+    y, x = np.nonzero((pure < 0) & (solid < 0))
     near = near_fills(solid, y, x, REACH)
     odd = (best_blend(seen[y, x], fills, near)[1] > 6.0 * sigma) & (near[:, 0] >= 0)
     y, x = y[odd], x[odd]
@@ -146,12 +142,16 @@ def _with_small_parts(
     """Return the palette of a JPEG (H, W, 4) in levels, with the fills of small parts fitted to all of their pixels and
     missing fills added; and the labels.
 
-    Fills, those proposed (k, 4) and those of what remains unexplained, are added only if they explain the picture
-    better, by more than the cost of further borders between labels. Fills that ringing and chroma may have made of
-    others are removed if the picture is as well explained without them.
+    Fills, those proposed (k, 4), those of thin lines, and those of what remains unexplained, are added only if they
+    explain the picture better, by more than the cost of further borders between labels. Fills that ringing and chroma
+    may have made of others are removed if the picture is as well explained without them.
     """
     space, colours = seen_as(condition, sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
-    odd = nearest_fills(seen, palette @ space, straight=True)[1] > OUTLIER * sigma
+    nearest, gap = nearest_fills(seen, palette @ space, straight=True)
+    odd = gap > OUTLIER * sigma
+    if len(palette) <= MOST_THICK:
+        lines = _nearby_line_fills(seen, palette @ space, np.where(odd, -1, nearest).astype(np.int32), sigma)
+        proposed = np.vstack([proposed, np.clip(lines @ np.linalg.inv(space), 0.0, 255.0)])
 
     def fitted(palette: np.ndarray, labels: np.ndarray) -> _Labelling:
         lined = with_lines(seen, palette @ space, labels, OUTLIER * sigma, THIN)

@@ -39,19 +39,16 @@ def missing_fills(
 
     step: levels within which values are of one colour; close: levels by which blends are off."""
     found: list[np.ndarray] = []
-    left = np.ones(len(values), dtype=bool)
+    left, steps = np.ones(len(values), dtype=bool), np.rint(values / step)
     while len(found) < MOST and left.sum() >= LEAST_PIXELS:
-        colours, index, counts = np.unique(
-            np.rint(values[left] / step), axis=0, return_inverse=True, return_counts=True
-        )
+        colours, index, counts = np.unique(steps[left], axis=0, return_inverse=True, return_counts=True)
         far = np.zeros(len(colours))
         np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))
-        common = (counts >= LEAST_PIXELS) & (step * colours[:, 3] >= OPAQUE - step)
+        common = (counts >= LEAST_PIXELS) & (step * (colours[:, 3] + 0.5) > OPAQUE)
         if not common.any():
             break
-        fill = colours[int(np.where(common, far, -1.0).argmax())]
-        own, shown = (np.rint(values / step) == fill).all(axis=1), np.zeros(size, np.uint8)
-        fill = np.median(values[own], axis=0)
+        own = (steps == colours[int(np.where(common, far, -1.0).argmax())]).all(axis=1)
+        fill, shown = np.median(values[own], axis=0), np.zeros(size, np.uint8)
         found.append(fill)
         shown[place[0][own], place[1][own]] = 1
         near = ndimage.maximum_filter(shown, 2 * WINDOW + 1)[place] > 0
