@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.condition import CONTRAST
+from cubicsplat_cli.artwork.input.condition import CONTRAST, rippled
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import second_differences, spread
 
@@ -28,9 +28,9 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
 
     Halos are clipped to the range of the even pixels around. Within that range, pixels that are nearly like the flat
     pixels on their side of an edge become like these. Halos beside steep gradients are within the range of these, so a
-    picture with mostly steep ones stays.
+    picture with mostly steep ones stays. So does one that was compressed with loss, whose ringing looks like halos.
     """
-    if not _sharpened(levels):
+    if not _sharpened(levels) or rippled(levels):
         return levels
     window = (2 * REACH + 1, 2 * REACH + 1, 1)
     even = (ndimage.maximum_filter(second_differences(levels), 3) <= EVEN)[..., None]
