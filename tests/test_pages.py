@@ -131,6 +131,17 @@ def test_a_round_photo_is_clipped_to_its_form():
     assert np.abs((drawn(result.svg) - pixels)[:, 140:]).max() <= 1.0
 
 
+def test_a_small_photo_on_a_card_with_a_soft_shadow_is_found():
+    pixels = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    off = np.hypot(np.maximum(np.abs(x - 150) - 90, 0), np.maximum(np.abs(y - 100) - 50, 0))
+    pixels[:] = np.rint(255.0 - 120.0 * np.exp(-((off / 14.0) ** 2)))[..., None]
+    pixels[50:150, 60:240] = 255
+    pixels[70:76, 140:220] = pixels[90:96, 140:200] = 40
+    pixels[70:118, 76:124] = photo(48, 48)
+    assert boxes_of(pixels) == [(76, 70, 124, 118)]
+
+
 def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):
     pixels = page((20, 50, 130, 160), frame=False)
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5

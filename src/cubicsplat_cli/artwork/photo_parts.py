@@ -21,7 +21,7 @@ from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
-LEAST_SIDE = 4 * TILE  # px
+LEAST_SIDE = 2 * TILE  # px
 FRAME = 8  # px of a frame around a photo, at most, and of an edge's blends
 LEAST_LINE = 0.9  # share of one colour in a row of a frame
 # Levels of root mean square error of an even area against one colour or gradient: rounding, and twice the error of a
@@ -72,7 +72,7 @@ def page_of(target: np.ndarray, suits: Callable[[Window], bool] = lambda _: True
     suits: returns whether what is in a window, which may be a photo, is better as one than drawn.
     """
     levels = np.rint(255.0 * target).astype(np.float32)
-    parts = [part for part in _candidates(levels, _even_areas(levels)) if _is_photo(levels, part)]
+    parts = _photos(levels, _even_areas(levels))
     # The edges of an enlarged picture are nowhere even, nor thin.
     if not parts or before_enlargement(with_channels(levels, 4, 255.0))[1] != (1.0, 1.0):
         return None
@@ -141,17 +141,18 @@ def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray
     return np.asarray(np.sqrt(np.maximum(squares, 0.0).max(axis=1, initial=0.0) / np.maximum(sums[:, 0, 0], 1.0)))
 
 
-def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
-    """Return the parts that are neither even nor thin: rectangles that end at their strongest steps, within their
-    frames, or other forms.
+def _photos(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
+    """Return the parts that are neither even nor thin and may be photos: rectangles that end at their strongest steps,
+    within their frames, or other forms. What is inside of a part that is none, such as a shadow, may be.
     """
-    thick = _opened(even == 0)
-    parts = list[PhotoPart]()
-    labels, _ = ndimage.label(ndimage.binary_fill_holes(thick))
-    for number, whole in enumerate(ndimage.find_objects(labels), 1):
-        if min(side.stop - side.start for side in whole) < LEAST_SIDE:
+    parts, taken = list[PhotoPart](), np.zeros(even.shape, dtype=bool)
+    labels, _ = ndimage.label(_opened(even == 0))
+    for number, whole in sorted(enumerate(ndimage.find_objects(labels), 1), key=lambda one: -_shorter(one[1])):
+        inside = labels[whole] == number
+        if _shorter(whole) < LEAST_SIDE or taken[whole][inside].any():
             continue
-        own = labels == number
+        own = np.zeros_like(taken)
+        own[whole] = ndimage.binary_fill_holes(inside)
         window = _ended(levels, whole)
         mask = _mask_of(own, even, window)
         corners = mask[[0, 0, -1, -1], [0, -1, 0, -1]]
@@ -162,8 +163,15 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
             mask = _mask_of(own, even, window)
         if min(mask.shape) >= LEAST_SIDE and mask.sum() >= LEAST_SIDE**2:
             rows, columns = window
-            parts.append(PhotoPart(rows.start, columns.start, mask, _stand_in(levels, window, mask, parts)))
+            part = PhotoPart(rows.start, columns.start, mask, _stand_in(levels, window, mask, parts))
+            if _is_photo(levels, part):
+                parts.append(part)
+                taken |= own
     return parts
+
+
+def _shorter(window: Window) -> int:
+    return min(side.stop - side.start for side in window)
 
 
 def _opened(mask: np.ndarray) -> np.ndarray:
@@ -252,7 +260,7 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
         return False
     bends, _ = bends_and_steps(with_channels(seen, 4, 255.0))
     grain = float(np.median(bends[part.mask]))
-    ringing = RINGING * float(np.median(spread(levels, REACH, REACH)[part.window][part.mask]))
+    ringing = RINGING * float(np.median(spread(seen, REACH, REACH)[part.mask]))
     if grain < (ringing if part.rectangular else max(GRAINY, 2.0 * ringing)):
         return False
     if not part.rectangular:

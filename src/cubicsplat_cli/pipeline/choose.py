@@ -112,10 +112,11 @@ def _page(task: Task) -> tuple[Made | None, bool]:
 
 
 def _suits_photo(task: Task) -> bool:
-    """True if a photo suits a picture better than a drawing."""
+    """True if a photo suits a sample of a picture better than a drawing."""
     try:
         drawing = drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch))
-        return photo_is_nearer(task, drawing) is not None
+        # Of so few pixels a quick photo is hardly behind a finished one.
+        return photo_is_nearer(task, drawing, QUICK_BEHIND_DB) is not None
     except DrawingGivenUp:
         return True
 
