@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from red_rings import red_outline, red_picture
 from test_artwork_draw import BLUE, RED, WHITE, box, disc, painted
 from test_artwork_finish import covered
 
@@ -84,3 +85,17 @@ def test_a_clean_picture_has_no_seams():
     levels = as_levels(painted(64, 64, (disc(30.3, 32.6, 20.25), RED), ground=WHITE))
     regions = regions_of(levels, RED, WHITE)
     assert without_seams(levels, regions) is levels
+
+
+# An arrow that points to the right, its head at 45 degrees.
+ARROW = "M-44 -8H8L-12 -28H12L40 0 12 28H-12L8 8H-36C-42 8 -46 0 -44 -8z"
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.0])
+def test_sloping_lines_have_the_directions_that_the_picture_shows(turn):
+    ring = red_outline(draw(red_picture(ARROW, [f"translate(63.27 60.61) rotate({turn})"], 128, 128))).ring()
+    ways = np.roll(ring.anchors, -1, axis=0) - ring.anchors
+    ways = ways[ring.lines & (np.hypot(*ways.T) > 15.0)]
+    angles = np.degrees(np.arctan2(ways[:, 1], ways[:, 0])) % 180.0
+    found = sorted(angles[np.abs(angles % 90.0 - 45.0) < 25.0].tolist())
+    assert found == pytest.approx([45.0 + turn] * 2 + [135.0 + turn] * 2, abs=0.2)

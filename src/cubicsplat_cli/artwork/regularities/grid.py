@@ -1,26 +1,22 @@
-"""Coordinates on a grid, and lines in common directions, as most artists draw them.
+"""Coordinates on a grid, as most artists draw them.
 
 The level and upright edges, middles and radii of a drawing are compared with grids of so many cells to the canvas. A
 grid that explains them by far better than chance is the artist's, and what lies near its lines, or halfway, is on them.
-That matters most where the picture itself knows level edges to a quarter of a pixel only (`sampling`). Sloping lines
-are likewise compared with 45 degrees, and with 30 and 60.
+That matters most where the picture itself knows level edges to a quarter of a pixel only (`sampling`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
-from cubicsplat_cli.artwork.finish.parameters import LEAST, ON_BORDER, Pins, RingParameters
+from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, following, with_thirds
-from cubicsplat_cli.artwork.geometry.variables import Pieces
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN, SIGMAS, SYSTEMATIC
-from cubicsplat_cli.artwork.regularities.ties import EXACT, constrained
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN
+from cubicsplat_cli.artwork.regularities.ties import EXACT
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into: once or thrice by 3, 5 or 7, and often by 2.
@@ -31,14 +27,8 @@ SURE = 20.0  # times the error of a coordinate that lines halfway between those 
 EDGE = 0.03  # px, the error of coordinates where edges show their true areas
 CORNER = 0.25  # px, that of the radius of a rectangle's corners
 SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, and pixels, from which an edge is seen
-# Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.
-FAMILIES = ((45.0, 135.0), (30.0, 60.0, 120.0, 150.0))
-SHORTEST = 4.0  # px of a line that tells its direction
-SHOWN = 0.8  # share of a line that must show
-OFTEN = 0.1  # share of a drawing's sloping lines that have the directions of a family, where the artist used it
 
 Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y, 2 for a length; value; error, px
-Slope = tuple[int, float]  # the number of a line of a ring, and its direction, radians
 
 
 def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing, Pins]:
@@ -160,71 +150,3 @@ class _Snap:
                 self.pins[axis].add(line)
                 return line
         return value
-
-
-def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list[Slope]]:
-    """The lines of rings by number that are in the directions of a family, where the drawing has clearly more of these
-    than chance would put there."""
-    lines = [(k, *line) for k, (ring, visibility) in rings.items() for line in _sloping(ring, visibility)]
-    slopes: dict[int, list[Slope]] = {}
-    for family in FAMILIES:
-        score, hits = 0.0, []
-        for k, piece, length, angle in lines:
-            # A point of a straight line is known twice as well as one pixel tells.
-            allowed = SIGMAS * math.hypot(SYSTEMATIC, 0.5 * SEEN_SIGMA * math.sqrt(12.0 / length))
-            nearest = min(family, key=lambda degrees: _between(angle, math.radians(degrees)))
-            hit = length * math.sin(_between(angle, math.radians(nearest))) <= allowed
-            chance = min(len(family) * 2.0 * allowed / (math.pi * length), 1.0)
-            score += math.log((OFTEN / chance if hit else 0.0) + 1.0 - OFTEN)
-            hits += [(k, (piece, math.radians(nearest)))] if hit else []
-        if score > CLEAR:
-            for k, slope in hits:
-                slopes.setdefault(k, []).append(slope)
-    return slopes
-
-
-def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, float]]:
-    """Number, length, px, and direction, radians, of the lines of a ring that show and slope."""
-    ways = np.roll(ring.anchors, -1, axis=0) - ring.anchors
-    for i in np.flatnonzero(ring.lines & (np.abs(ways) > EXACT).all(axis=1)).tolist():
-        length = float(np.hypot(*ways[i]))
-        if length >= SHORTEST:
-            weights = visibility.weights(i, (np.arange(math.ceil(length)) + 0.5) / math.ceil(length))
-            if visibility.shows(weights).mean() >= SHOWN:
-                yield i, length, math.atan2(ways[i, 1], ways[i, 0])
-
-
-def _between(one: float, other: float) -> float:
-    """The angle between two lines, whichever way these run, 0 to pi / 2."""
-    off = (one - other) % math.pi
-    return min(off, math.pi - off)
-
-
-def directed(ring: RingParameters, slopes: Sequence[Slope]) -> RingParameters | None:
-    """Return a ring with ties with some lines brought into their directions and kept there; None where other ties do
-    not let them.
-    """
-    starts = np.array([i for i, _ in slopes])
-    ends, across = (starts + 1) % len(ring.pieces.anchors), np.array([_across(angle) for _, angle in slopes])
-    rows = np.zeros((len(slopes), ring.pieces.joints.variables + 1))
-    # The last entry stands for all that is fixed.
-    places = np.arange(len(slopes))[:, None]
-    np.add.at(rows, (places, ring.pieces.tied[ends]), across)
-    np.subtract.at(rows, (places, ring.pieces.tied[starts]), across)
-
-    def missed(pieces: Pieces, _others: np.ndarray) -> np.ndarray:
-        return ((pieces.anchors[ends] - pieces.anchors[starts]) * across).sum(axis=1)
-
-    return constrained(ring, rows[:, :-1], missed, np.zeros(0))
-
-
-def _across(angle: float) -> tuple[float, float]:
-    """Return (2,) square to a direction, in whole numbers for 45 degrees."""
-    x, y = -math.sin(angle), math.cos(angle)
-    return (x, y) if abs(abs(x) - abs(y)) > LEAST else (math.copysign(1.0, x), math.copysign(1.0, y))
-
-
-def has_diagonal(ring: Ring) -> bool:
-    """Return whether a line of a ring runs at 45 degrees exactly."""
-    ways = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
-    return bool((ring.lines & (np.abs(ways[:, 0] - ways[:, 1]) < LEAST) & (ways[:, 0] > EXACT)).any())

@@ -1,5 +1,5 @@
-"""Regularities of a finished drawing: coordinates on the artist's grid, ellipses that are circles, rings that are their
-own mirror images, lines at 45 degrees, and copies.
+"""Regularities of a finished drawing: coordinates on the artist's grid, rings that are their own mirror images, and
+copies.
 
 Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
 more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
@@ -23,17 +23,16 @@ from cubicsplat_cli.artwork.finish.parameters import (
     Parameters,
     PrimitiveParameters,
     RingParameters,
-    parametrised,
     ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn, layer_of
-from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
+from cubicsplat_cli.artwork.regularities.alike import SYSTEMATIC, Track
 from cubicsplat_cli.artwork.regularities.copies import found_copies
-from cubicsplat_cli.artwork.regularities.grid import directed, found_slopes, has_diagonal, on_grid
+from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import (
     Axis,
     MirroredRing,
@@ -41,7 +40,7 @@ from cubicsplat_cli.artwork.regularities.mirrored import (
     mirrored_parameters,
     mirrored_rings,
 )
-from cubicsplat_cli.artwork.regularities.ties import EXACT, on_steps, tied_ring
+from cubicsplat_cli.artwork.regularities.ties import EXACT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
@@ -61,21 +60,9 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
         goal = replace(goal, grid=grid)
         state = settle(begin(done, goal, pins), TRIAL_ROUNDS)
     constraints = Constraints(drawing.width, drawing.height, pins)
-    state = with_circles(state, constraints, detail)
     state = with_symmetries(state, constraints, detail)
-    state = with_directions(state, detail)
     state = with_copies(state, constraints, detail)
-    return drawn(done, _on_steps(state, 10.0 ** -suggested_precision(constraints.width, constraints.height)))
-
-
-def with_circles(state: State, constraints: Constraints, detail: float) -> State:
-    """The state with the ellipses that hardly are none made circles; the same without any."""
-    tied: dict[int, Parameters] = {}
-    for k, parameters in enumerate(state.outlines):
-        one = parameters.outline()
-        if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
-            tied[k] = parametrised(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), constraints)
-    return _tied(state, tied, detail)
+    return drawn(done, state)
 
 
 def with_symmetries(state: State, constraints: Constraints, detail: float) -> State:
@@ -108,13 +95,6 @@ def _fits(found: MirroredRing, constraints: Constraints) -> bool:
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 
 
-def with_directions(state: State, detail: float) -> State:
-    """Return the state with the lines at 45 degrees, or at 30 and 60, made and kept such; the same without any."""
-    free = {k: one for k, o in enumerate(state.outlines) if (one := tied_ring(o)) is not None}
-    slopes = found_slopes({k: (one.pieces.ring(), Visibility.of(state, k)) for k, one in free.items()})
-    return _tied(state, {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}, detail)
-
-
 def with_copies(state: State, constraints: Constraints, detail: float) -> State:
     """The state with the outlines that are like another one, moved or mirrored, made and kept such."""
     outlines, size = state.outlines, (constraints.width, constraints.height)
@@ -131,12 +111,6 @@ def with_copies(state: State, constraints: Constraints, detail: float) -> State:
     copies = found_copies({k: tracks[k] for k in order}, 10.0 ** -suggested_precision(*size), size)
     tied = {k: CopyParameters(outlines[model], transform, model) for k, (model, transform) in copies.items()}
     return _tied(state, tied, detail)
-
-
-def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> dict[int, Parameters]:
-    """The copies, by number, of outlines that have become others."""
-    copies = {k: o for k, o in enumerate(outlines) if isinstance(o, CopyParameters) and o.source in models}
-    return {k: copy.following(models[copy.source]) for k, copy in copies.items()}
 
 
 def _tied(state: State, tied: Mapping[int, Parameters], detail: float) -> State:
@@ -187,14 +161,6 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
 def _variables(parameters: Parameters) -> int:
     """The number of an outline's own variables."""
     return 0 if isinstance(parameters, CopyParameters) else parameters.jacobian.count
-
-
-def _on_steps(state: State, step: float) -> State:
-    """Return the state with rings of lines at 45 degrees, and their copies, on whole steps of the file's grid, px."""
-    rings = [(k, o) for k, o in enumerate(state.outlines) if isinstance(o, RingParameters) and o.ties is not None]
-    moved: dict[int, Parameters] = {k: on_steps(o, step) for k, o in rings if has_diagonal(o.pieces.ring())}
-    moved |= _followers(state.outlines, moved)
-    return _with(state, moved) if moved else state
 
 
 def _with(state: State, tied: Mapping[int, Parameters]) -> State:
