@@ -1,4 +1,4 @@
-"""Pictures whose edges were blended otherwise: for subpixels, in linear light, not at all, or at the border."""
+"""Pictures whose edges were blended otherwise: for subpixels, in linear light, or not at all."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.artwork.document import Document
-from cubicsplat_cli.artwork.channels import light_of_srgb, srgb_of_light
+from cubicsplat_cli.artwork.channels import light_of_srgb
 from cubicsplat_cli.artwork.geometry.outlines import Circle, pieces_of_rings
-from cubicsplat_cli.artwork.input.linear_light import without_linear_light, without_rim
+from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.sampling import aliased
@@ -174,44 +174,6 @@ def test_what_has_no_anti_aliasing_is_drawn_through_its_steps():
     assert analysed(in_steps(IN_STEPS, smooth=False)).notes == [
         "drawn through the steps of its edges, which have no anti-aliasing"
     ]
-
-
-def inset(share: float, colours: list[tuple[int, int, int]], *, in_light: bool = False) -> np.ndarray:
-    """(96, 96, 4) levels of bands on a white page, each over all of the former, that begin `share` px from the left."""
-    out = np.full((96, 96, 4), 255.0)
-    for number, colour in enumerate(colours):
-        top = 16 * number
-        below, above = out[top : 96 - top, 0, :3], np.array(colour, dtype=float)
-        if in_light:
-            light = (1.0 - share) * light_of_srgb(above / 255.0) + share * light_of_srgb(below / 255.0)
-            out[top : 96 - top, 0, :3] = 255.0 * srgb_of_light(light)
-        else:
-            out[top : 96 - top, 0, :3] = (1.0 - share) * above + share * below
-        out[top : 96 - top, 1:, :3] = above
-    return np.rint(out).astype(np.float32)
-
-
-@pytest.mark.parametrize("in_light", [False, True])
-@pytest.mark.parametrize("share", [0.08, 0.3])
-def test_a_drawing_within_its_border_is_continued_to_it(share, in_light):
-    levels = np.rot90(inset(share, [(55, 126, 63), (180, 10, 45)], in_light=in_light), 3).copy()
-    found = without_rim(levels, in_light=in_light)
-    assert (found[0] == levels[1]).all() and (found[1:] == levels[1:]).all()
-
-
-def test_what_the_border_of_a_picture_shows_alone_stays():
-    frame = inset(0.0, [(55, 126, 63), (180, 10, 45)])
-    frame[:, 0, :3] = 200.0
-    one = inset(0.2, [(55, 126, 63)])
-    clear = inset(0.2, [(55, 126, 63), (180, 10, 45)])
-    clear[..., 3] = 254.0
-    for levels in (frame, one, clear, inset(0.0, [(55, 126, 63), (180, 10, 45)])):
-        assert without_rim(levels, in_light=False) is levels
-
-
-def test_a_drawing_within_its_border_has_no_lines_along_it():
-    drawing = draw(inset(0.08, [(55, 126, 63), (255, 255, 255), (180, 10, 45)])[..., :3] / 255.0)
-    assert len(drawing.shapes) == 3  # white and red across green
 
 
 def test_letters_of_a_px_without_anti_aliasing_keep_all_of_their_strokes():

@@ -1,29 +1,24 @@
-"""Convert edges that were blended in linear light to edges blended as sRGB values, as SVG viewers blend them; and
-continue a drawing that begins a fraction of a pixel within the picture's border.
+"""Convert edges that were blended in linear light to edges blended as sRGB values, as SVG viewers blend them.
 
 In games, films and some browsers, colours are mixed as linear light. Taken for mixed sRGB values, the pixels of such an
 edge are too light, and a light shape seems up to a quarter of a pixel too wide. Only in the space in which an edge was
 blended do its pixels lie on the line between two colours, and does a straight edge advance evenly from column to
 column.
-
-Along a border within a pixel, the background shows through every shape with the same share, whatever the colours.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb, srgb_of_light
+from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb
 from cubicsplat_cli.artwork.input.condition import CONTRAST
-from cubicsplat_cli.artwork.regions.fills import BLEND, EVEN, ROUNDED, SAME, in_squares
+from cubicsplat_cli.artwork.regions.fills import BLEND, EVEN, SAME, in_squares
 from cubicsplat_cli.artwork.regions.sampling import FEWEST, MOST
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
 # px; edges are compared whose places differ by more between columns, and between both spaces.
 DIFFERENT = 0.1
-RIM_FEWEST = 16  # px of a border that show a colour
-EXPLAINED = 0.95  # share of a border's pixels that one share of the background must explain
 
 
 def without_linear_light(levels: np.ndarray) -> np.ndarray:
@@ -96,58 +91,3 @@ def _places(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     place = share[:, 1:3].sum(axis=1)
     bend = place[:, 0] - 2.0 * place[:, 1] + place[:, 2]
     return place, bend**2 + (rest[:, 1:3] ** 2).sum(axis=-1).max(axis=(1, 2))
-
-
-def without_rim(levels: np.ndarray, *, in_light: bool) -> np.ndarray:
-    """Return a picture (H, W, 4) in levels with its drawing continued to the border on all sides; the same array if it
-    ends there already, or is not opaque. in_light: True if its edges were blended in linear light.
-    """
-    if min(levels.shape[:2]) < RIM_FEWEST or (levels[..., 3] < 255.0).any():
-        return levels
-    out = levels
-    for turns in range(4):
-        rows = np.rot90(levels, turns)[:3, :, :3].astype(np.float64)
-        own = _shone_through(rows, in_light)
-        if own.any():
-            out = levels.copy() if out is levels else out
-            np.rot90(out, turns)[0, own, :3] = rows[1, own]
-    return out
-
-
-def _shone_through(rows: np.ndarray, in_light: bool) -> np.ndarray:
-    """Return (W,) bool: pixels of the first of three rows (3, W, 3) through which a background shows, with one share
-    for all. False for all unless 2 to 32 colours show that, since one might be that of a line.
-    """
-    even = largest(np.abs(rows[1] - rows[2])) <= EVEN
-    inner, index, counts = np.unique(np.rint(rows[1, even]), axis=0, return_inverse=True, return_counts=True)
-    shown = np.flatnonzero(counts >= RIM_FEWEST)
-    none = np.zeros(rows.shape[1], dtype=bool)
-    if not 2 <= len(shown) <= 32 or 2 * even.sum() < len(even):
-        return none
-    index, inner, counts = index.reshape(-1), inner[shown], counts[shown]
-    outer = np.array([np.median(rows[0, even][index == k], axis=0) for k in shown])
-    differs = largest(np.abs(outer - inner)) > ROUNDED
-    # A white page does not show on white.
-    shows = differs | (inner >= 255.0).all(axis=1)
-    if differs.sum() < 2 or counts.sum() < EXPLAINED * even.sum():
-        return none
-    if ((_explained(inner, outer, in_light) & shows) @ counts).max() < EXPLAINED * counts.sum():
-        return none
-    none[even] = np.isin(index, shown[differs])
-    return none
-
-
-def _explained(inner: np.ndarray, outer: np.ndarray, in_light: bool) -> np.ndarray:
-    """Return (T, K) bool: True if blends of colours inner (K, 3) with the colour of a shape, or the white of a page,
-    are `outer` (K, 3), for each of the shares that explain one of these. Shares of the background are at most a half,
-    since the drawing begins in the outer half of the pixels.
-    """
-    beneath = np.concatenate([inner, outer, np.full((1, 3), 255.0)])
-    start, end, ends = (_light(v) if in_light else v for v in (inner, outer, beneath))
-    span = ends - start[:, None]
-    square = np.maximum((span * span).sum(axis=-1), 1e-9)
-    shares = (((end - start)[:, None] * span).sum(axis=-1) / square).ravel()
-    shares = np.append(shares[(shares > 0.0) & (shares <= 0.5)], 0.0)
-    mixed = start[:, None] + shares[:, None, None, None] * span
-    mixed = 255.0 * srgb_of_light(mixed / 255.0) if in_light else mixed
-    return np.asarray((largest(np.abs(mixed - outer[:, None])) <= ROUNDED).any(axis=-1))

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.dither import LEFT, without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.linear_light import without_linear_light, without_rim
+from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
@@ -26,7 +26,6 @@ from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.regions.regions import ShadowSides
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
-from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
@@ -97,10 +96,8 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     if unsharp is not whole:
         notes.append("drawn without the halos that sharpening left at its edges")
     levels = without_linear_light(unsharp)
-    in_light = levels is not unsharp
-    if in_light:
+    if levels is not unsharp:
         notes.append("edges drawn where they are in linear light, in which they were blended")
-    levels = without_rim(levels, in_light=in_light)
     levels, lossy = reduced(levels, factor), compression is not None and factor == 1
     condition = condition_of(levels, lossy=lossy) if even is original else Condition(noise=LEFT)
     prepared = _prepared(levels, condition, factor, width, height, lossy=lossy)
@@ -137,10 +134,6 @@ def _prepared(
     if not condition.clean and not lossy and (without := lifted(levels)):
         unshaded = condition_of(flattened(without.levels).levels)
         if unshaded.clean:
-            return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
-    if condition.blur and condition.noise and (without := noisy_lifted(levels, condition)):
-        unshaded = condition_of(without.levels, lossy=lossy)
-        if not unshaded.blur:
             return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
     if condition.only_blurred:
         flat = without_blurred_gradients(levels, condition.blur)
