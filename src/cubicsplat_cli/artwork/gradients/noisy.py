@@ -1,8 +1,7 @@
 """Gradients of pictures with noise, JPEG artefacts or blur: found in the means of windows that a plane explains.
 
 The mean of a window is the colour of a linear ramp at its middle, with much less noise than a pixel. In a picture that
-is only blurred, gradients are sought away from edges as in clean pictures, or in windows if these show clearly more,
-and are followed up to the edges.
+is only blurred, gradients are sought away from edges as in clean pictures, and are followed up to the edges.
 """
 
 from __future__ import annotations
@@ -42,7 +41,6 @@ GROWN = 5  # px by which windows stay away from edges
 NEAR, JPEG_NEAR, RESTORED = 3.0, 6.0, 2.0
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
 TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradient: a block its mean and two slopes
-MORE = 1.5  # times the pixels in which windows must show gradients
 
 
 def without_noisy_gradients(
@@ -202,11 +200,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     rim = max(1, round(blur))
     inner = ndimage.binary_erosion(parts > 0, ndimage.SQUARE, iterations=rim, border_value=1)
     found = [area for area in gradient_areas(levels, *ndimage.label(inner)) if not is_step(area.shade, EDGE * blur)]
-    planes = plane_areas(levels, Condition(blur=blur))
-    if sum(area.patch.size for area in planes) > MORE * sum(area.patch.size for area in found):
-        areas = [_followed(levels, parts, area, GROWN) for area in planes]
-    else:
-        areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
+    areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
     free = (parts > 0) & ~covered(areas, parts.shape)
     return without_areas(levels, ndimage.large_parts(free, LEAST_AREA)[0], areas, STRANGE, blur)
 
