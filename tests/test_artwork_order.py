@@ -11,7 +11,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents
-from cubicsplat_cli.artwork.layers.junctions import junction_votes, round_votes
+from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.stacking import Stack, _without_cycles, stack
 from cubicsplat_cli.artwork.layers.ways import heading
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -64,21 +64,14 @@ def tin(x, y):
     return np.where((x / 30.0) ** 2 + ((y + 15.0) / 10.0) ** 2 < 1.0, 2, np.where(side, 1, 0))
 
 
-def test_a_region_that_is_round_all_the_way_lies_above_its_neighbours():
+def test_the_lid_of_a_tin_is_a_whole_ellipse_on_its_side():
     regions, found = drawn(tin)
-    assert set(round_votes(regions, found, np.zeros(3, dtype=bool))) == {(2, 0), (2, 1)}
     layers = stack(regions, found)
     assert layers.layers == ((0,), (1,), (2,))
     lid = [part for part in extents(regions, layers, found) if part.layer == 2]
     (outline,) = outlines_of(lid[0], (SIZE, SIZE), 1.0)
     assert isinstance(outline, Ellipse)
     assert (outline.cx, outline.cy, outline.rx, outline.ry) == pytest.approx((50.0, 35.0, 30.0, 10.0), abs=0.1)
-
-
-@pytest.mark.parametrize("bite", [3.0, 8.0])
-def test_a_round_region_with_a_bite_taken_out_is_not_known_to_lie_above(bite):
-    regions, found = drawn(lambda x, y: np.where(x > 30.0 - bite, 1, tin(x, y)))
-    assert round_votes(regions, found, np.zeros(3, dtype=bool)) == {}
 
 
 def test_a_heading_is_known_as_well_as_its_points():

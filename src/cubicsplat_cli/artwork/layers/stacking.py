@@ -1,8 +1,8 @@
 """The regions that make one shape, and the order of shapes.
 
 Evidence that a region lies above another: it is enclosed by it; its outline runs straight on where three regions
-meet; it is a whole circle or ellipse; it hides a shadow that falls on the other; little of it lies in the other's
-convex hull. Regions of one fill with only higher regions between them are pieces of one shape that continues beneath.
+meet; it hides a shadow that falls on the other; little of it lies in the other's convex hull. Regions of one fill with
+only higher regions between them are pieces of one shape that continues beneath.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.layers.junctions import VOTE, junction_votes, round_votes
+from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.regions import CONTACT, Regions, ShadowSides
@@ -25,8 +25,9 @@ from cubicsplat_cli.record import record
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
-# Votes: being enclosed outweighs everything, a junction counts at most 1, lying between pieces that are joined less.
-ENCLOSED, JOINED = 1000.0, 0.5
+# Votes: being enclosed outweighs everything, a junction counts at most 1, lying between pieces that are joined less,
+# hiding a shadow more than the two places where the outlines of two regions usually meet a third.
+ENCLOSED, JOINED, VOTE = 1000.0, 0.5, 3.0
 # px of the boxes around hulls that are tried, those of the largest pieces first: 4,000 times 512 x 512, in seconds.
 MOST_HULL_PIXELS = 1_050_000_000
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
@@ -72,9 +73,8 @@ class _Facts:
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
-            votes = [*round_votes(regions, found, clear).items(), *((pair, VOTE) for pair in _shading(regions, shaded))]
-            for pair, vote in votes:
-                self.votes[pair] = self.votes.get(pair, 0.0) + vote
+            for pair in _shading(regions, shaded):
+                self.votes[pair] = self.votes.get(pair, 0.0) + VOTE
         for pair in self.held():
             self.votes[pair] = self.votes.get(pair, 0.0) + ENCLOSED
         # The regions that each one lies above, and those that it is taken to lie above.
