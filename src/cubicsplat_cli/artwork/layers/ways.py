@@ -1,7 +1,7 @@
 """The ways in which a hidden run of an outline may go on, from the shortest description to the longest.
 
 They are the rest of a primitive or of a smooth piece; straight sides that go on until they meet; one cubic that goes on
-smoothly at both ends; the end of a limb; the fewest straight lines that stay hidden; the edge of the upper layers.
+smoothly at both ends; the fewest straight lines that stay hidden; the edge of the upper layers.
 
 The cubic is the one that bends least, by the integral of the squared curvature, of those that stay hidden. The lines
 are the shortest of the fewest (minimum-link paths). Their corners are sought along the run itself, deeper beneath the
@@ -28,13 +28,9 @@ MOST_TRIED = 8  # cubics, those that bend least
 SAMPLES = 33  # places along a cubic where its curvature is measured
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 CURVE_SIGMA = 0.3  # px, standard error of the points of a cubic
-# Radians by which a cubic turns at most: a hidden edge hardly turns by more than a right angle.
-SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
+MOST_TURN = 1.25 * math.pi  # radians by which a cubic turns
 BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # turns of an outline where its sides meet
 LEAST_REACH = 1.0  # px that a side goes on until it meets another
-# Straight sides within this angle belong to a limb or a band, which goes on by DEPTH of its width: ten limbs of artists
-# went 0.25 to 0.87, 0.6 in the median. Beyond FARTHEST px the headings of the sides are too uncertain.
-PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
 DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an outline, at which this is tried
 # Px beneath the run at which corners are tried, and places along it. The second try, at more places near the run,
@@ -94,12 +90,12 @@ def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | No
 
 
 def continued(
-    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, most: float, wrong: Callable[[np.ndarray], int]
+    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, wrong: Callable[[np.ndarray], int]
 ) -> np.ndarray | None:
     """Return points (len(run), 2) along the cubic that continues a closed outline in a hidden run; None without one.
 
-    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
-    that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
+    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. wrong: how many px an
+    outline of points (n, 2) covers or leaves wrongly.
     """
     before, after = ends_of(points, sigma, run)
     first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
@@ -108,7 +104,7 @@ def continued(
         return None
     # Angles between the tangents and the line from one end to the other.
     turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
-    if turns.sum() > most:
+    if turns.sum() > MOST_TURN:
         return None
     cubics = np.array(
         [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
@@ -160,24 +156,12 @@ def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     yield Completion(points[run], np.inf, np.zeros(0, dtype=int))
     if meet is not None and straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    yield from _by_cubic(loop, run, SLIGHT)
+    curve = continued(points, sigma, run, loop.wrong)
+    if curve is not None:
+        yield Completion(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
     if meet is not None and not straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    # Straight sides, as of a stripe, turn back in a bow only where they are longer than they are apart.
-    if not straight or _long(loop, first, last):
-        yield from _by_cubic(loop, run, ROUND)
-    level = _across(first, last) if straight else None
-    if level is not None:
-        yield from _by_lines(loop, run, (first, last), level)
     yield from simply(loop, run, (first, last))
-
-
-def _long(loop: HiddenLoop, first: End, last: End) -> bool:
-    """Return True if the visible part is longer, along the first end's heading, than the ends are apart."""
-    if first.tangent is None:
-        return False
-    along = loop.points[np.isfinite(loop.sigma)] @ first.tangent
-    return bool(np.ptp(along) >= np.hypot(*(last.at - first.at)))
 
 
 def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
@@ -194,12 +178,6 @@ def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = Non
     for corners in min_link_path(points, first, last, loop.room):
         yield from _by_lines(loop, run, (first, last), corners)
     yield from _by_lines(loop, run, (first, last), fewer_points(points, SLACK))
-
-
-def _by_cubic(loop: HiddenLoop, run: np.ndarray, most: float) -> Iterator[Completion]:
-    curve = continued(loop.points, loop.sigma, run, most, loop.wrong)
-    if curve is not None:
-        yield Completion(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
 
 
 def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
@@ -230,21 +208,6 @@ def _meeting(first: End, last: End) -> np.ndarray | None:
     gap = last.at - first.at
     onward, back = (gap[0] * v[1] - gap[1] * v[0]) / cross, (gap[0] * u[1] - gap[1] * u[0]) / cross
     return (first.at + onward * u)[None] if min(onward, back) >= LEAST_REACH else None
-
-
-def _across(first: End, last: End) -> np.ndarray | None:
-    """Return (2, 2) the corners of the straight end of a limb with about parallel sides; None for other sides."""
-    u, v = first.tangent, last.tangent
-    if u is None or v is None or u @ v < math.cos(PARALLEL):
-        return None
-    along = (u + v) / np.hypot(*(u + v))
-    gap = last.at - first.at
-    width = abs(float(gap[0] * along[1] - gap[1] * along[0]))
-    if DEPTH * width > FARTHEST:
-        return None
-    level = 0.5 * float((first.at + last.at) @ along) + DEPTH * width
-    far = [(level - float(at @ along)) / float(way @ along) for at, way in ((first.at, u), (last.at, v))]
-    return np.array([first.at + far[0] * u, last.at + far[1] * v]) if min(far) >= LEAST_REACH else None
 
 
 @record
