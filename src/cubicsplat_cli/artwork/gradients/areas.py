@@ -31,7 +31,6 @@ from cubicsplat_cli.raster.shades import Pixels, part_spreads
 
 EXPLAINED = 0.95  # share of an area's pixels that one gradient must explain
 MOST_TRIES = 800  # gradients sought in a picture, some hundredths of a second each
-MOST_HINTS = 3  # radial gradients found before, whose geometry is tried
 DEEPEST = 2  # divisions of a part into pieces
 SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and the share of the part it must explain
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
@@ -77,8 +76,7 @@ class _Search:
         if self.left <= 0:
             return None
         self.left -= 1
-        radial = [shade for shade in dict.fromkeys(area.shade for area in self.found) if shade.radial]
-        return shade_of(pixels, radial[-MOST_HINTS:])
+        return shade_of(pixels)
 
 
 def _explain(part: Part, search: _Search, depth: int) -> None:
