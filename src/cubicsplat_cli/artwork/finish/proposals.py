@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
-from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import SAME, UNLIKE, modes, ringing
 from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
@@ -31,7 +31,6 @@ from cubicsplat_cli.record import record
 
 SIDE = 5  # px, of the lines along which residuals are averaged
 OWN = 0.5  # of the mean around it that a pixel is off itself
-NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
 MARGIN = 5  # px around an area that are looked at with it
 # Px times levels of an area that people see, in a clean picture; and with noise, with px of a shape: 60 px of what is
 # just unlike, or a short line.
@@ -40,7 +39,6 @@ LINE = 3  # px of a shape from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
 LESS = 0.2  # share from which a pixel on the middle of a line is the new shape's, as others are by half of them
 SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
-CROSSED = 0.05  # share of a new shape that a shape shows in which it lies beneath the new one
 
 
 @record
@@ -79,7 +77,7 @@ class TargetPicture:
 def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
     """The areas in which a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
     condition = picture.condition
-    allowed = UNLIKE + NOISY * condition.noise / SIDE**0.5
+    allowed = UNLIKE + OUTLIER * condition.noise / SIDE**0.5
     # What lies beneath shows through on edges of a clean picture.
     judged = 1 + math.ceil(condition.blur), SEEN if condition.clean else 0.0, UNLIKE, OWN, allowed
     gap, where = unexplained(picture.levels, painted, LUMA_CHROMA, picture.ringing, *judged)
@@ -216,14 +214,11 @@ class _Drawn:
 
 
 def _beneath(owners: np.ndarray, touching: np.ndarray) -> int:
-    """The uppermost shape of the owners (n,) of more than a small part of a new one, and of those that are the
-    uppermost to show (n,) in most of it, as hairlines do.
+    """The uppermost shape of the owners (n,) of a new one, and of those that are the uppermost to show (n,) in most of
+    it, as hairlines do.
     """
-    found = []
-    for numbers, share in ((owners, CROSSED), (touching, 0.5)):
-        names, counts = np.unique(numbers, return_counts=True)
-        found.append(int(names[counts > share * len(numbers)].max(initial=-1)))
-    return max(found)
+    names, counts = np.unique(touching, return_counts=True)
+    return max(int(owners.max()), int(names[counts > 0.5 * len(touching)].max(initial=-1)))
 
 
 def _colours(
