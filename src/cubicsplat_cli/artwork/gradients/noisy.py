@@ -28,17 +28,14 @@ from cubicsplat_cli.raster.shades import IN_LARGE, ON_EDGE, Pixels, grown
 from cubicsplat_cli.raster.unmix import STRANGE
 
 WINDOW = 7  # px
-# Residual of a window from its plane: times the noise, of which white and black show half, but in a JPEG all of it near
-# edges; and levels besides.
-LEFT, JPEG_LEFT, LEFT_LEVELS = 1.6, 1.25, 0.7
+LEFT, LEFT_LEVELS = 1.25, 0.7  # residual of a window from its plane: times the noise, and levels besides
 STEEPEST = 6.0  # levels per px, beyond which a ramp may be two fills
 SHORTEST = 7.0  # px, within which an edge between two fills does half of its change
 # Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
 # picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
 GROWN = 5  # px by which windows stay away from edges
-# Times the noise by which pixels there may differ, which in a JPEG is greater near edges; times the restored error.
-NEAR, JPEG_NEAR, RESTORED = 3.0, 6.0, 2.0
+NEAR, RESTORED = 6.0, 2.0  # times the noise by which pixels there may differ, and times the restored error
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
 TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradient: a block its mean and two slopes
 
@@ -104,7 +101,7 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
         square = ndimage.uniform_filter(along, across, mode="nearest") ** 2
         left -= spread * square
         slope += square
-    most = (JPEG_LEFT if condition.jpeg else LEFT) * condition.noise + LEFT_LEVELS
+    most = LEFT * condition.noise + LEFT_LEVELS
     plane = (left <= most**2) & (slope <= STEEPEST**2)
     return means.astype(np.float32), plane.all(axis=-1)
 
@@ -129,7 +126,7 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np
     """
     shade, mask = area.shade.extended(), np.zeros(levels.shape[:2], dtype=bool)
     mask[area.patch.window] = area.patch.mask
-    off = (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + CLOSE
+    off = NEAR * condition.noise + CLOSE
     edges = RESTORED * (JPEG_TIMES * condition.noise + MISFIT), UNLIKE, seen_as(condition), LUMA_CHROMA
     gradient = shade.frame, shade.radial, shade.ramp.knots, shade.ramp.colours
     wide = patches_of(grown(levels, kinds, gradient, mask, off, edges, on=condition.jpeg).view(np.uint8))[0]
