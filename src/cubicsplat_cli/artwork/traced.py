@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.finish.state import PRICE, SHAPE_PARAMETERS, State, 
 from cubicsplat_cli.artwork.geometry.fitting import few_lines
 from cubicsplat_cli.artwork.geometry.outlines import Outline, pieces_of_rings, polygon
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.input.condition import OUTLIER
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all
 from cubicsplat_cli.artwork.layers.extents import Extent
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS
@@ -41,8 +42,6 @@ FAR_OFF, LETTERS, MORE, LEAST_AREA = 0.3**2, 0.05, 4, 0.5
 # Steps a pixel each way: hardly any program takes more samples. There are fewer if all would be more than MOST_STEPS,
 # for their memory.
 STEPS, MOST_STEPS = 4, 10_000_000
-# A fill that is not near must explain a pixel better than the near ones by so many times the pixel's error.
-FARTHER = 4.0
 # The share of a pixel by which a line's coverage may be off (a line through the middle covers half and more), and the
 # share of a part's pixels that may be off by more: none of a letter below 50 px, several of a long line.
 MOST_OFF, FEW_OFF = 0.75, 0.02
@@ -145,7 +144,8 @@ def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, mo
     # Without a pure pixel near, only the main fill of a pixel is known.
     near[:, 0] = np.where(near[:, 0] < 0, fills.fills[y, x], near[:, 0])
     parts, _ = components((fills.pure < 0).astype(np.int32) - 1)
-    pairs = blend_pairs(levels[y, x], parts[y, x], fills.palette, near, FARTHER * error)
+    # A fill that is not near must explain a pixel better than the near ones by more than chance.
+    pairs = blend_pairs(levels[y, x], parts[y, x], fills.palette, near, OUTLIER * error)
     first[y, x], second[y, x], share[y, x] = pairs
     labels, finer = finer_labels(first, second, share, fills.palette, steps)
     return FlatPicture(finer, fills.palette, labels) if components(labels)[1] <= most else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import SMOOTH_SPECK, CopyParameters, Parameters, RingParameters
+from cubicsplat_cli.artwork.finish.parameters import LEAST, SMOOTH_SPECK, CopyParameters, Parameters, RingParameters
 from cubicsplat_cli.artwork.finish.state import PRICE, State
 from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
 from cubicsplat_cli.progress import work
@@ -24,7 +24,7 @@ ENOUGH, RESTS = 4e-3, 5e-4
 CHANCE = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
 START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
-TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
+TAKEN_BACK = 3  # times that outlines are taken back after a step, for a misfit that has grown
 LONGEST = 1.5  # px that a control point moves at most in a step
 NOTICED = 0.5 / 255.0  # change of the picture, at a pixel of an outline that rests, from which it is looked at again
 
@@ -68,9 +68,9 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     for left in reversed(range(TAKEN_BACK + 1)):
         loss = np.bincount(families, state.growth(trial, moving, state.spread, leaks=True), len(families))[families]
         loss = np.where(refused | ~moving, 0.0, loss)
-        if left == 0 or not (loss > SAME).any():
+        if left == 0 or not (loss > LEAST).any():
             break
-        worse = loss > (SAME if left == 1 else 0.2 * loss.max())
+        worse = loss > (LEAST if left == 1 else 0.2 * loss.max())
         trial, refused = trial.taken_back(state, worse), refused | worse
     changed = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
     damping[moving] = changed[moving]

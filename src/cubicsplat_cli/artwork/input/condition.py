@@ -20,10 +20,9 @@ from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spre
 OUTLIER = 4.0  # standard deviations; what is farther off is no noise
 SECOND = 6.0**0.5  # standard deviation of a second difference of white noise of 1: weights 1, -2 and 1
 ROUGH = 3.0  # levels of a second difference that neither even areas nor gradients have
-# px of the blocks to which planes are fitted; the fewest that tell noise; levels by which nearly all are off, of which
-# rounding makes 0.29, and 0.22 in the flattest places of clean gradients; how many times the noise is larger, half of
-# which such planes follow.
-PLANE, FEWEST_PLANES, LEAST_DRIFT, FOLLOWED = 9, 20, 0.35, 2.0
+# px of the blocks to which planes are fitted; levels by which nearly all are off, of which rounding makes 0.29, and
+# 0.22 in the flattest places of clean gradients; how many times the noise is larger, half of which such planes follow.
+PLANE, LEAST_DRIFT, FOLLOWED = 9, 0.35, 2.0
 BLOCK = 8  # px of a JPEG's block
 # Ripples are within so many levels of a fill; they are more than so large a share of its pixels, of which at least so
 # many must tell. The commonest fills, so many at most, that have so many pixels in the middle of 5 x 5 alike.
@@ -151,7 +150,7 @@ def _drift(levels: np.ndarray) -> float:
     blocks = in_blocks(levels[..., :3], PLANE).reshape(-1, PLANE**2, 3)
     spans = np.ptp(blocks, axis=1).max(axis=1)
     even = (spans < EDGE) & ~_cut_off(blocks).any(axis=1)
-    if even.sum() < FEWEST_PLANES or np.median(spans[even]) <= FLAT_RANGE:
+    if even.sum() < FEWEST or np.median(spans[even]) <= FLAT_RANGE:
         return 0.0
     blocks = blocks[even]
     blocks = blocks - blocks.mean(axis=1, keepdims=True)

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fil
 from cubicsplat_cli.artwork.regions.fills import APART, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
-from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.regions.regions import MOST_SEEN, FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, near_fills, nearest_fills, relabelled
 from cubicsplat_cli.record import record
@@ -27,7 +27,6 @@ from cubicsplat_cli.record import record
 MISFIT, JPEG_TIMES = 1.0, 4.0
 NOWHERE = 3.0  # nats for a fill that is nowhere solid nearby
 NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
-MOST_THICK = 24  # fills, beyond which the fills of thin lines are not sought
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
 THIN = 0.25  # least share of a thin line in the pixels on its middle
 SHARP_MISFIT = 2.0  # levels by which a picture is off its fills when it is made sharp again
@@ -82,7 +81,7 @@ def restored(
     nearest, _ = nearest_fills(seen, palette @ space, straight=True)
     palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])
     thick, squares = len(palette), NONE
-    if thick <= MOST_THICK:
+    if thick <= MOST_SEEN:
         reach = reach_of(condition)
         # What a JPEG's chroma smears beside edges is no fill.
         apart = reach * (FAR if condition.jpeg else 1.0)
@@ -149,7 +148,7 @@ def _with_small_parts(
     space, colours = seen_as(condition, sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
     nearest, gap = nearest_fills(seen, palette @ space, straight=True)
     odd = gap > OUTLIER * sigma
-    if len(palette) <= MOST_THICK:
+    if len(palette) <= MOST_SEEN:
         lines = _nearby_line_fills(seen, palette @ space, np.where(odd, -1, nearest).astype(np.int32), sigma)
         proposed = np.vstack([proposed, np.clip(lines @ np.linalg.inv(space), 0.0, 255.0)])
 
@@ -166,7 +165,7 @@ def _with_small_parts(
 
     best = fitted(palette, labels)
     for fill in proposed:
-        if len(best.palette) <= MOST_THICK and _is_apart(fill, best.palette):
+        if len(best.palette) <= MOST_SEEN and _is_apart(fill, best.palette):
             trial = fitted_of(np.vstack([best.palette, fill]), thick)
             # Smeared chroma makes a colour of its own of a fill, which the fitted one is again.
             if trial.cost < best.cost and _is_apart(trial.palette[-1], trial.palette[:-1]):
@@ -174,7 +173,7 @@ def _with_small_parts(
     for _ in range(4):  # rounds
         # At least 8 pixels of half the size show a fill, within 20 levels.
         new = hidden_fills(np.clip(best.missing, 0.0, 255.0), best.palette, APART, 20.0, 8)
-        if not len(new) or len(best.palette) > MOST_THICK:
+        if not len(new) or len(best.palette) > MOST_SEEN:
             break
         trial = fitted_of(np.vstack([best.palette, new]), thick)
         if trial.cost >= best.cost:
@@ -250,7 +249,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     out = mixture_of(levels, palette, labels, MISFIT, blur).painted(palette)
     for number in range(4):
         sharp = np.clip(out + levels - _blurred(out, blur), 0.0, 255.0)
-        if number == 0 and thick <= MOST_THICK:
+        if number == 0 and thick <= MOST_SEEN:
             new = _line_fills(sharp, palette, SHARP_MISFIT)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
         labels = labelled(sharp, palette, SHARP_MISFIT, thick)

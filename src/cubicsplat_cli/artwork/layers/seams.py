@@ -12,6 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, SAME
+from cubicsplat_cli.artwork.regions.pixel_lines import MOST_GROUNDS
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import MOST
 from cubicsplat_cli.raster import ndimage
@@ -21,7 +22,6 @@ from cubicsplat_cli.raster.unmix import SEAM_STEPS, seam_shares
 ODD = 6.0
 RUN = 9  # px of a level or upright seam
 NEAR = 2  # px from a pixel to the regions of a junction
-MOST_GROUNDS = 8  # fills that may shine through besides nothing: the commonest
 
 
 def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:

@@ -30,7 +30,6 @@ EXPOSED = 0.004
 ENCLOSED, JOINED, VOTE = 1000.0, 0.5, 3.0
 # px of the boxes around hulls that are tried, those of the largest pieces first: 4,000 times 512 x 512, in seconds.
 MOST_HULL_PIXELS = 1_050_000_000
-NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 
 
 @record
@@ -256,7 +255,7 @@ def _net(facts: _Facts, group: np.ndarray, index: dict[int, int]) -> tuple[np.nd
             weight[p, q] = weight.get((p, q), 0.0) + votes
     _settle_enclosures(facts, group, weight)
     net = [(index[p], index[q], votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
-    net = sorted(each for each in net if each[2] > NO_LOAD)
+    net = sorted(each for each in net if each[2] > 0.0)
     upper, lower = (np.array([each[k] for each in net], dtype=int) for k in (0, 1))
     return upper, lower, np.array([each[2] for each in net])
 

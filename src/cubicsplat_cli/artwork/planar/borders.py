@@ -14,12 +14,11 @@ from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import line_chain
 from cubicsplat_cli.artwork.geometry.variables import ROUNDS
-from cubicsplat_cli.artwork.planar.faces import Faces
+from cubicsplat_cli.artwork.planar.faces import LEAST_WIDTH, Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
 from cubicsplat_cli.raster.cubics import newton_steps
 from cubicsplat_cli.record import record
 
-SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter
 ASTRAY = 0.25  # px that a node may lie off the vertex of the map
 
@@ -176,7 +175,7 @@ def _clusters(borders: Borders, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
         return v
 
     for number in np.argsort(lengths, kind="stable").tolist():
-        if lengths[number] >= SHORT:
+        if lengths[number] >= LEAST_WIDTH:
             break
         a, b = (root(int(v)) for v in borders.ends[number])
         # What would leave nothing of a small region stays.

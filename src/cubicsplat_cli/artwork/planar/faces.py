@@ -13,7 +13,8 @@ from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 
 NOTHING = -1
-# A region of less area or mean width is a gap between outlines that were meant to meet.
+# A region of less area or mean width is a gap between outlines that were meant to meet; a shorter run is part of a
+# node.
 LEAST_AREA, LEAST_WIDTH = 0.02, 0.05  # px^2, px
 
 

@@ -13,13 +13,12 @@ from itertools import permutations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED, SEEN
+from cubicsplat_cli.artwork.regions.fills import CLEAR, OPAQUE, ROUNDED, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # fills, and colours tried
 ONE_OF_THREE = 0.6  # ratio of a fill's least distances from blends of three and of two other fills
-LEAST_OPACITY = 64.0  # levels below which a colour says nothing of a fill
 BEYOND = np.linspace(0.02, 0.25, 12)  # shares of the step between two fills by which sharpening goes beyond either
 LEAST_SHARE = 0.1  # of a line's fill in the blends that look like a fill
 FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is no blend
@@ -37,7 +36,7 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
     found: list[np.ndarray] = []
     gap = distance_to_blends(levels, palette)
     # Translucent colours are seams between shapes, or blends of a fill with nothing where nothing is a fill.
-    strange = (gap > least) & (levels[:, 3] >= (LEAST_OPACITY if (palette[:, 3] < 1.0).any() else OPAQUE))
+    strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < CLEAR).any() else OPAQUE))
     levels, gap = levels[strange], gap[strange]
     for _ in range(TRIES):
         if len(found) == MOST or not (gap > least).any():

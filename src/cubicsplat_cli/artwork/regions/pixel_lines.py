@@ -21,7 +21,7 @@ from cubicsplat_cli.record import record
 LONG = 24  # px of a pixel line that shows its fill; px of the corner of a frame between its sides
 SHORT = 5  # px of a pixel line whose fill longer ones show
 FRAMES = 3  # long pixel lines, in both directions, that show a fill where each may be something else
-MOST_GROUNDS = 4  # of one fill's pixel lines
+MOST_GROUNDS = 4  # of one fill's pixel lines, and that may shine through seams besides nothing: the commonest
 # Share of a line's fill in the pixel that joins, over its shares in the two pixels that meet: a line of one px across
 # has a quarter at the corners, one half as wide a quarter of that.
 LEAST_SHARE = 0.15

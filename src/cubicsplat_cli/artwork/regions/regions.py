@@ -20,7 +20,6 @@ from cubicsplat_cli.artwork.regions.fills import (
     has_square,
 )
 from cubicsplat_cli.artwork.regions.hairlines import (
-    CLOSE,
     LESS,
     MOST_RESIDUAL,
     NONE,
@@ -246,7 +245,7 @@ def _strange(
     height, width = levels.shape[:2]
     within = (y > 0) & (x > 0) & (y < height - 1) & (x < width - 1) & (near[:, 0] >= 0)
     strange = within & (residual > STRANGE)
-    strange[strange] = residual_of_three(levels[y[strange], x[strange]], palette, near[strange]) > CLOSE
+    strange[strange] = residual_of_three(levels[y[strange], x[strange]], palette, near[strange]) > BLEND
     return strange
 
 

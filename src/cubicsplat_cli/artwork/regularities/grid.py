@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
+from cubicsplat_cli.artwork.finish.polish import SHOWN
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, following, with_thirds
 from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN
@@ -26,7 +27,7 @@ ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
 EDGE = 0.03  # px, the error of coordinates where edges show their true areas
 CORNER = 0.25  # px, that of the radius of a rectangle's corners
-SHOWS, FEWEST_SEEN = 0.1, 3  # change of the picture with a pixel's coverage, and pixels, from which an edge is seen
+FEWEST_SEEN = 3  # pixels that SHOWN of a change with their coverage, from which an edge is seen
 
 Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y, 2 for a length; value; error, px
 
@@ -51,7 +52,7 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
 def _seen_edges(state: State, error: float) -> list[Mark]:
     """Return the x of the upright lines and the y of the level ones that show in the picture."""
     crossings, cubics = state.crossings, state.drawn.cubics
-    shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWS, len(cubics))
+    shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWN, len(cubics))
     good = state.drawn.lines & (shown >= FEWEST_SEEN)
     level = np.ptp(cubics, axis=1) < EXACT
     return [(axis, value, error) for axis in (0, 1) for value in cubics[good & level[:, axis], 0, axis].tolist()]

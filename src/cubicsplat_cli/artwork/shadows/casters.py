@@ -33,7 +33,7 @@ from cubicsplat_cli.raster.shades import part_spreads
 from cubicsplat_cli.record import record
 
 LEAST_RANGE = 5.0  # levels that a shaded ground spans
-MOST_GROUNDS = 6  # the largest
+MOST_GROUNDS = 40  # the largest, that are examined
 ON_LINE = 0.98  # share of a ground's pixels that must lie on the line of its colours
 LEAST_CASTER, MOST_CASTERS = 16, 60  # px of what covers a shadow, and silhouettes beyond which none is examined
 MOST_COVERED = 0.9  # share of a picture that a ground covers at most to cast a shadow itself
@@ -77,14 +77,12 @@ class Shaded:
         return np.asarray(ndimage.binary_dilation(inner, ndimage.SQUARE, iterations=RING - 1))
 
 
-def even_grounds(
-    levels: np.ndarray, parts: np.ndarray, count: int, most: int
-) -> Iterator[tuple[Part, np.ndarray, np.ndarray]]:
-    """Yield uneven parts of a picture, of the largest so many, that have an even ground: its colour (4,) in whole
+def even_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, np.ndarray]]:
+    """Yield uneven parts of a picture, of the largest MOST_GROUNDS, that have an even ground: its colour (4,) in whole
     levels, and (n,) bool, the pixels of the part that show it. parts, count: as of `smooth_parts`.
     """
     sizes, boxes, spreads = part_spreads(levels, parts, count)
-    for number in uneven_parts(sizes, spreads, LARGE_AREA, LEAST_RANGE)[:most]:
+    for number in uneven_parts(sizes, spreads, LARGE_AREA, LEAST_RANGE)[:MOST_GROUNDS]:
         part = part_of(levels, parts, number, boxes)
         fill, even = plateau(part)
         if even.mean() >= LEAST_PLATEAU:
@@ -97,7 +95,7 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
     parts, count: as of `smooth_parts`.
     """
     found: list[tuple[Ground, np.ndarray]] = []
-    for part, fill, _ in even_grounds(levels, parts, count, MOST_GROUNDS):
+    for part, fill, _ in even_grounds(levels, parts, count):
         direction = direction_from(part.pixels.values, fill)
         if direction is not None:
             found.append((Ground(fill, parts == parts[part.rows[0], part.columns[0]]), direction))

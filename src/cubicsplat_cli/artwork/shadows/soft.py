@@ -24,7 +24,6 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
 from cubicsplat_cli.record import record
 
-MOST_TRIED = 40  # grounds, the largest
 LEAST_AREA = 200  # px of an area
 REACH = 6  # px from the visible pixels of an area, or of its ground, in which it goes on as it changes there
 BESIDE = 32  # px around the visible pixels of an area, beyond which it ends
@@ -115,7 +114,7 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
 
 def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, Part]]:
     """Yield parts, their even grounds (4,), and the pieces of them that are not even."""
-    for part, fill, even in even_grounds(levels, parts, count, MOST_TRIED):
+    for part, fill, even in even_grounds(levels, parts, count):
         for piece in part.pieces(~even):
             if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE:
                 yield part, fill, piece

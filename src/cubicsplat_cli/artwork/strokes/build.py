@@ -29,7 +29,6 @@ REACH = 3.0  # widths along a branch from which its direction at a junction is t
 BESIDE, ROUND_DROP = 0.35, 0.07
 SLIT = 1.6  # steps of the outline: half of how wide a look ahead is
 AHEAD = 0.6  # cosine
-COARSE = 0.02  # widths between points that tell where a stroke is on both sides of
 RUN = 10  # points that tell the direction of an end
 ROUND_MEAN = (0.5 + 2.0 * (0.25 - BESIDE**2) ** 0.5) / 3.0  # widths: the three reaches of a half disc
 
@@ -45,7 +44,7 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
     width = 2.0 * area / max(around, 1e-9)
     if not width > 0.5:
         return []
-    graph, sides = skeleton_of(rings, width), Sides.of(rings, width)
+    graph, sides = skeleton_of(rings, width), Sides.of(rings)
     centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
     widths = np.array([_width(own) for own in centres])
     even = sum(int(own.even(w).sum()) for own, w in zip(centres, widths, strict=True) if np.isfinite(w))
@@ -145,7 +144,7 @@ def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> 
         out = out / size
         half_turn = math.asin(min(0.5 * size, 1.0))
         off = sides.points - line[i]
-        ahead = (np.abs(off @ np.array([-out[1], out[0]])) < SLIT * sides.step) & (off @ out > 0.0)
+        ahead = (np.abs(off @ np.array([-out[1], out[0]])) < SLIT * PRECISION) & (off @ out > 0.0)
         if not ahead.any():
             continue
         reach = float((off @ out)[ahead].min()) / (0.5 * width)
@@ -264,7 +263,7 @@ def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
     along, across = off @ tip.direction, off @ np.array([-tip.direction[1], tip.direction[0]])
     found = []
     for side in (0.0, -BESIDE * width, BESIDE * width):
-        near = (np.abs(across - side) < SLIT * sides.step) & (along > -0.2 * width) & (along < 2.0 * width)
+        near = (np.abs(across - side) < SLIT * PRECISION) & (along > -0.2 * width) & (along < 2.0 * width)
         found.append(float(along[near].min()) if near.any() else 0.0)
     return np.array(found)
 
@@ -273,7 +272,7 @@ def _to_middle(tip: _Tip, width: float, beside: float, sides: Sides) -> float:
     """The distance ahead to the middle of the stroke, `beside` px wide, that this one ends in: half of that from its
     far side."""
     off = sides.points - tip.place
-    off = off[np.hypot(*off.T) < 2.0 * (width + beside)][:: max(1, int(COARSE * beside / sides.step))]
+    off = off[np.hypot(*off.T) < 2.0 * (width + beside)]
     for reach in np.arange(0.0, width + beside, max(0.02 * width, 0.1)):
         rest = off - reach * tip.direction
         distance = np.hypot(*rest.T)

@@ -34,14 +34,13 @@ from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.strokes import evenly_wide
 
-# px by which an outline is off for each of the error, of full scale, of its pixels, up to a most.
-SLACK, MOST_SLACK = 1.2, 0.15
+MOST_SLACK = 0.15  # px by which an outline may be off: the error of its pixels, of full scale, up to this
 BESIDE = 2.0  # widths, of an outline, that are uneven at the ends of a stroke and where it meets others
 # Where the px by which widths may differ are a larger part of the width, any thin shape would be even.
 LEAST_TOLD = 8.0
 LEAST_LENGTH = 2.0 * SHAPE_PARAMETERS + 5.0  # numbers: of a shape with one straight stroke
 LEAST_ASPECT = 3.0  # of a bar that is a stroke
-ALIKE_PX, ALIKE_SHARE = 0.08, 0.015  # widths that differ by less are one
+ALIKE = 0.08  # px; widths that differ by less are one
 
 
 def as_strokes(
@@ -54,7 +53,7 @@ def as_strokes(
     error: of the pixels that it was fitted to, of full scale. shorter: only where their description is shorter, and
     widths are told well enough.
     """
-    slack, shapes = min(SLACK * error, MOST_SLACK), drawing.shapes
+    slack, shapes = min(error, MOST_SLACK), drawing.shapes
     hopeful = _hopeful(shapes, slack) if shorter else range(len(shapes))
     by_shape = {n: _strokes(shapes[n], detail, slack, shorter) for n in hopeful if shapes[n].gradient is None}
     width_of = _common([stroke for strokes in by_shape.values() for stroke in strokes])
@@ -160,7 +159,7 @@ def _common(strokes: list[Stroke]) -> dict[float, float]:
     """For each width the one that it and those like it become, their mean by length."""
     groups: list[list[Stroke]] = []
     for stroke in sorted(strokes, key=lambda stroke: stroke.width):
-        if groups and stroke.width - groups[-1][0].width <= ALIKE_PX + ALIKE_SHARE * stroke.width:
+        if groups and stroke.width - groups[-1][0].width <= ALIKE:
             groups[-1].append(stroke)
         else:
             groups.append([stroke])

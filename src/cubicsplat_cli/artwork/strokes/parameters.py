@@ -24,7 +24,6 @@ from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.strokes import STEP
 
-FIRST_ROUNDS = 24  # of strokes, whose widths are free
 MOST_WIDER = 0.5  # px, of a stroke in a step
 MOST_PIECES = 6000  # of centre lines
 
@@ -144,7 +143,7 @@ def _fitted(state: State, drawing: Drawing) -> State:
         log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
     if not 0 < pieces <= MOST_PIECES:
         return state
-    state = settle(state, FIRST_ROUNDS, changed=free)
+    state = settle(state, changed=free)
     fitted = [own.stroke for own in state.outlines if isinstance(own, StrokeParameters)]
     lengths = np.array([polygon_lengths(pieces_of(stroke.path)[0]).sum() for stroke in fitted])
     _, alike = np.unique([stroke.width for stroke in before.values()], return_inverse=True)

@@ -18,9 +18,7 @@ from cubicsplat_cli.record import record
 
 FINEST = 8  # pixels of the skeleton per px at most, and across a stroke at least
 SPUR, BRIDGE = 0.75, 0.9  # of the width: shorter branches to an end, and between junctions, are none
-STEPS_ACROSS = 256.0  # points of an outline over its width, at most, unless they are PRECISION px apart
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
-MOST_MOVED = 0.3  # widths, that such a point lies off the skeleton at the most
 
 
 @dataclass(eq=False)
@@ -142,22 +140,20 @@ def _joined(branches: list[Branch], places: np.ndarray) -> list[Branch]:
 
 @record
 class Sides:
-    """The outline of a shape as points (n, 2) no more than `step` px apart, with a tree to find the nearest."""
+    """The outline of a shape as points (n, 2) no more than PRECISION px apart, with a tree to find the nearest."""
 
     points: np.ndarray
     tree: PointTree
-    step: float
 
     @classmethod
-    def of(cls, rings: tuple[Ring, ...], width: float) -> Sides:
-        """Return the sides of the rings of a stroke about so wide."""
-        step = max(PRECISION, width / STEPS_ACROSS)
+    def of(cls, rings: tuple[Ring, ...]) -> Sides:
+        """Return the sides of the rings of a stroke."""
         found = []
         for cubic in pieces_of_rings(rings)[0]:
-            count = max(1, int(np.ceil(float(np.hypot(*np.diff(cubic, axis=0).T).sum()) / step)))
+            count = max(1, int(np.ceil(float(np.hypot(*np.diff(cubic, axis=0).T).sum()) / PRECISION)))
             found.append(points_at(cubic[None], np.arange(count)[None] / count)[0])
         points = np.concatenate(found)
-        return cls(points, PointTree(points), step)
+        return cls(points, PointTree(points))
 
     def nearest(self, places: np.ndarray) -> np.ndarray:
         """(n, 2) the points of the outline nearest to places (n, 2)."""
@@ -193,6 +189,4 @@ def centres_of(places: np.ndarray, sides: Sides, slack: float = 0.0) -> Centres:
     # The other side is opposite where a disc between the two reaches the outline nowhere else.
     radius = np.hypot(*(sides.nearest(middle) - middle).T)
     widths = np.hypot(*(near - far).T)
-    moved = np.hypot(*(middle - places).T)
-    true = (widths > 0.0) & (radius > REST * widths) & (moved < MOST_MOVED * np.maximum(widths, 1.0))
-    return Centres(middle, widths, true, slack)
+    return Centres(middle, widths, (widths > 0.0) & (radius > REST * widths), slack)
