@@ -70,7 +70,7 @@ def half_hidden(bend: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_an_arc_goes_on_as_the_arc_that_it_was():
     points, sigma, run = half_hidden(1.2)
-    found = continued(points, sigma, run, lambda _: 0)
+    found = continued(points, sigma, run, math.pi / 2.0, lambda _: 0)
     assert found is not None
     assert np.abs(np.hypot(*(found - 60.0).T) - 40.0).max() < 0.8
     # In order, and evenly.
@@ -78,15 +78,14 @@ def test_an_arc_goes_on_as_the_arc_that_it_was():
 
 
 def test_what_turns_too_far_or_does_not_stay_hidden_is_not_continued():
-    points, sigma, run = half_hidden(4.2)
-    assert continued(points, sigma, run, lambda _: 0) is None
     points, sigma, run = half_hidden(2.6)
-    assert continued(points, sigma, run, lambda _: 5) is None
+    assert continued(points, sigma, run, math.pi / 2.0, lambda _: 0) is None
+    assert continued(points, sigma, run, math.pi, lambda _: 5) is None
     # Of the cubics the first is taken that stays hidden, here below a height.
-    free = continued(points, sigma, run, lambda _: 0)
+    free = continued(points, sigma, run, math.pi, lambda _: 0)
     assert free is not None
     highest = float(free[:, 1].min()) + 2.0
-    low = continued(points, sigma, run, lambda trial: int((trial[:, 1] < highest).sum()))
+    low = continued(points, sigma, run, math.pi, lambda trial: int((trial[:, 1] < highest).sum()))
     assert low is not None
     assert low[:, 1].min() >= highest - 0.5
 
@@ -96,7 +95,7 @@ def test_nothing_is_continued_from_too_few_points():
     sigma[40:215] = np.inf
     sigma[[38, 39, 216]] = np.inf
     runs = hidden_runs(sigma)
-    assert continued(points, np.where(np.arange(250) < 36, np.inf, sigma), runs[0], lambda _: 0) is None
+    assert continued(points, np.where(np.arange(250) < 36, np.inf, sigma), runs[0], math.pi, lambda _: 0) is None
 
 
 def corners_of(found, fill):

@@ -28,7 +28,8 @@ MOST_TRIED = 8  # cubics, those that bend least
 SAMPLES = 33  # places along a cubic where its curvature is measured
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 CURVE_SIGMA = 0.3  # px, standard error of the points of a cubic
-MOST_TURN = 1.25 * math.pi  # radians by which a cubic turns
+# Radians by which a cubic turns at most: a hidden edge hardly turns by more than a right angle.
+SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
 BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # turns of an outline where its sides meet
 LEAST_REACH = 1.0  # px that a side goes on until it meets another
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
@@ -90,12 +91,12 @@ def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | No
 
 
 def continued(
-    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, wrong: Callable[[np.ndarray], int]
+    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, most: float, wrong: Callable[[np.ndarray], int]
 ) -> np.ndarray | None:
     """Return points (len(run), 2) along the cubic that continues a closed outline in a hidden run; None without one.
 
-    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. wrong: how many px an
-    outline of points (n, 2) covers or leaves wrongly.
+    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
+    that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
     """
     before, after = ends_of(points, sigma, run)
     first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
@@ -104,7 +105,7 @@ def continued(
         return None
     # Angles between the tangents and the line from one end to the other.
     turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
-    if turns.sum() > MOST_TURN:
+    if turns.sum() > most:
         return None
     cubics = np.array(
         [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
@@ -156,11 +157,10 @@ def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     yield Completion(points[run], np.inf, np.zeros(0, dtype=int))
     if meet is not None and straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    curve = continued(points, sigma, run, loop.wrong)
-    if curve is not None:
-        yield Completion(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
+    yield from _by_cubic(loop, run, SLIGHT)
     if meet is not None and not straight:
         yield from _by_lines(loop, run, (first, last), meet)
+    yield from _by_cubic(loop, run, ROUND)
     yield from simply(loop, run, (first, last))
 
 
@@ -178,6 +178,12 @@ def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = Non
     for corners in min_link_path(points, first, last, loop.room):
         yield from _by_lines(loop, run, (first, last), corners)
     yield from _by_lines(loop, run, (first, last), fewer_points(points, SLACK))
+
+
+def _by_cubic(loop: HiddenLoop, run: np.ndarray, most: float) -> Iterator[Completion]:
+    curve = continued(loop.points, loop.sigma, run, most, loop.wrong)
+    if curve is not None:
+        yield Completion(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
 
 
 def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
