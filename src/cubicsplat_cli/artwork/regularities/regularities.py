@@ -1,5 +1,5 @@
-"""Regularities of a finished drawing: coordinates on the artist's grid, rings that are their own mirror images, and
-copies.
+"""Regularities of a finished drawing: coordinates on the artist's grid, ellipses that are circles, rings that are their
+own mirror images, and copies.
 
 Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
 more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
@@ -23,14 +23,15 @@ from cubicsplat_cli.artwork.finish.parameters import (
     Parameters,
     PrimitiveParameters,
     RingParameters,
+    parametrised,
     ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn, layer_of
-from cubicsplat_cli.artwork.geometry.outlines import FINE, Ring, level_box
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
-from cubicsplat_cli.artwork.regularities.alike import SYSTEMATIC, Track
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import (
@@ -60,9 +61,20 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
         goal = replace(goal, grid=grid)
         state = settle(begin(done, goal, pins), TRIAL_ROUNDS)
     constraints = Constraints(drawing.width, drawing.height, pins)
+    state = with_circles(state, constraints, detail)
     state = with_symmetries(state, constraints, detail)
     state = with_copies(state, constraints, detail)
     return drawn(done, state)
+
+
+def with_circles(state: State, constraints: Constraints, detail: float) -> State:
+    """The state with the ellipses that hardly are none made circles; the same without any."""
+    tied: dict[int, Parameters] = {}
+    for k, parameters in enumerate(state.outlines):
+        one = parameters.outline()
+        if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
+            tied[k] = parametrised(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), constraints)
+    return _tied(state, tied, detail)
 
 
 def with_symmetries(state: State, constraints: Constraints, detail: float) -> State:
