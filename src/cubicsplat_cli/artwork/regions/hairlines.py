@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import ALIKE, BLEND, OPAQUE, SEEN
+from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, SEEN
 from cubicsplat_cli.artwork.regions.hidden_fills import MOST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
 
+CLOSE = 10.0  # levels, the residual of a blend with the fill of a line
 MOST_FILLS = 32  # the commonest, of which lines are sought
 WINDOW = 7  # px around a pixel in which a line keeps its fill
 # A pixel belongs to a line that covers half of it, or a share of LESS if its neighbours on either side have less.
@@ -31,7 +32,7 @@ def missing_fills(
     place: tuple[np.ndarray, np.ndarray],
     size: tuple[int, ...],
     step: float = 1.0,
-    close: float = BLEND,
+    close: float = CLOSE,
 ) -> np.ndarray:
     """Return (k, 4) the fills of lines that the palette lacks: common colours of unexplained values (n, 4), at rows and
     columns (n,) of a picture of a size, of which the others nearby are blends with the fills beside them (n, 4).
@@ -64,7 +65,7 @@ def nearest_line_fills(
     palette: np.ndarray,
     near: np.ndarray,
     standing: np.ndarray,
-    close: float = BLEND,
+    close: float = CLOSE,
     less: float = LESS,
     window: int = WINDOW,
     faint: float = 0.0,
@@ -129,7 +130,7 @@ def with_lines(
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
-    search = standing, max(BLEND, off), less, 3 * LENGTH, SEEN
+    search = standing, max(CLOSE, off), less, 3 * LENGTH, SEEN
     fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, *search)
     # Pixels beside an area of the line's colour are its edge.
     own &= away[y, x] | (solid[y, x] < 0)
