@@ -31,12 +31,6 @@ def light_of_srgb(values: np.ndarray) -> np.ndarray:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def srgb_of_light(light: np.ndarray) -> np.ndarray:
-    """Return the sRGB values in [0, 1] of linear light, clipped to [0, 1]: the inverse of `light_of_srgb`."""
-    light = np.clip(light, 0.0, 1.0)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
-
-
 def in_blocks(values: np.ndarray, side: int) -> np.ndarray:
     """Return the whole blocks of side x side px of values (H, W, ...): (H // side, W // side, side, side, ...)."""
     rows, columns = (length // side for length in values.shape[:2])

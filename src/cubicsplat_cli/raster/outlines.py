@@ -41,25 +41,15 @@ class EdgePositions(NamedTuple):
         return self.columns.shape[0], self.rows.shape[1], *self
 
 
-def loop_points(cracks: np.ndarray, edges: EdgePositions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return sub-pixel points (m, 2) px along a closed loop of cracks (n, 3) int64, as of `borders.Loops`; their
-    standard errors (m,); and the index (m,) of the crack of each.
-
-    The points of a rather level border come from the horizontal cracks, those of a steep one from the vertical cracks,
-    so that there is one point a column or a row.
-    """
-    n = len(cracks)
-    out = Out((n, 2)), Out(n), Out(n, np.int64)
-    return _native("cs_loop_points", n, int64s(cracks), *edges.given, *out, result=c_int64)
-
-
 def contours_of(
     part: np.ndarray, shown: np.ndarray, corner: tuple[int, int], edges: EdgePositions
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """Return the loops around a part of a window (h, w) bool with its top and left at a corner, px, those that enclose
-    most first: points (n, 2) px and their standard errors (n,), as of `loop_points`, and the px^2 that each encloses,
-    below 0 for a hole. At a pixel of the part that is not `shown` (h, w) bool, the points are the middles of cracks,
-    and the errors inf.
+    most first: points (n, 2) px and their standard errors (n,), and the px^2 that each encloses, below 0 for a hole.
+
+    The points of a rather level border come from the horizontal cracks, those of a steep one from the vertical cracks,
+    so that there is one point a column or a row. At a pixel of the part that is not `shown` (h, w) bool, the points are
+    the middles of cracks, and the errors inf.
     """
     room, count = 4 * sum(part.shape) + 64, c_int64(0)  # as many as loops have that are little longer than the box
     while True:
@@ -196,15 +186,6 @@ class FittedContour:
     lines: np.ndarray
     smooth: np.ndarray
     doubtful: bool
-
-
-def independent(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the weights (n,) 1/px^2 of a loop of points (n, 2), less for neighbouring points that err together.
-
-    Drawing programs sample edges on a grid of about quarter pixels. So the points of a nearly level or upright stretch
-    err together over the length that it takes to cross a row of samples, and count as one.
-    """
-    return _native("cs_independent", len(points), doubles(points), doubles(weights), Out(len(points)), result=None)
 
 
 def fitted_contours(

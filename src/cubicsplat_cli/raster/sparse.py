@@ -33,11 +33,6 @@ class SparseRows:
         row, column = np.divmod(places, max(shape[1], 1))
         return cls(np.searchsorted(row, np.arange(shape[0] + 1)), column, sums, shape[1])
 
-    @classmethod
-    def identity(cls, count: int) -> SparseRows:
-        """Return the matrix that changes nothing."""
-        return cls(np.arange(count + 1), np.arange(count), np.ones(count), count)
-
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""

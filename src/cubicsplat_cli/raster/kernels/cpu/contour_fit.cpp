@@ -167,23 +167,23 @@ bool sound(const std::vector<Point>& loop, const Outline& outline) {
   return std::fabs(std::fabs(outline.area()) - std::fabs(area)) <= allowed(loop);
 }
 
+// Drawing programs sample edges on a grid of about quarter pixels. So the points of a nearly level or upright stretch
+// err together over the length that it takes to cross a row of samples, and count as one.
+std::vector<double> Contour::independent() const {
+  std::vector<double> out(count());
+  for (int64_t i = 0, n = count(); i < n; i++) {
+    const Point &a = at[(i + n - kSlopeReach % n) % n], &b = at[(i + kSlopeReach) % n];
+    const double x = std::fabs(b.x - a.x), y = std::fabs(b.y - a.y);
+    const double slope = std::min(x, y) / std::max(std::max(x, y), 1e-9);
+    out[i] = weights[i] / (1.0 + kGrid / std::max(slope, kFlattest));
+  }
+  return out;
+}
+
 }  // namespace
 }  // namespace cs
 
 extern "C" {
-
-// out: the weights of a loop of points (x 2), less where neighbours err together: see `independent` in
-// raster/outlines.py.
-CS_EXPORT void cs_independent(int64_t count, const double* points, const double* weights, double* out) {
-  using namespace cs;
-  for (int64_t i = 0; i < count; i++) {
-    const double* a = points + 2 * ((i + count - kSlopeReach % count) % count);
-    const double* b = points + 2 * ((i + kSlopeReach) % count);
-    const double x = std::fabs(b[0] - a[0]), y = std::fabs(b[1] - a[1]);
-    const double slope = std::min(x, y) / std::max(std::max(x, y), 1e-9);
-    out[i] = weights[i] / (1.0 + kGrid / std::max(slope, kFlattest));
-  }
-}
 
 // Fits an outline to each of some loops of points (x 2): see `fitted_contours` in raster/outlines.py. ends: loops, where
 // the points of each end; weights: 1/px^2; known: whether a hidden point is a corner; prices: loops, of a parameter, nats.

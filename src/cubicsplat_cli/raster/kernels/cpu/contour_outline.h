@@ -41,11 +41,8 @@ struct Contour {
   int64_t count() const { return int64_t(at.size()); }
   const double* places() const { return &at[0].x; }
 
-  std::vector<double> independent() const {
-    std::vector<double> out(count());
-    cs_independent(count(), places(), weights.data(), out.data());
-    return out;
-  }
+  // The weights, less for neighbouring points that err together.
+  std::vector<double> independent() const;
 };
 
 // Corners of a loop: the first point after each, position, turn, and whether nothing may take it away.

@@ -57,7 +57,7 @@ struct EdgePoint {
   int64_t crack;
 };
 
-// Adds the points along a closed loop: see `loop_points` in raster/outlines.py.
+// Adds the points along a closed loop: see `contours_of` in raster/outlines.py.
 void add_points(const Crack* loop, int64_t count, const Positions& at, std::vector<EdgePoint>& out);
 
 }  // namespace cs

@@ -125,28 +125,6 @@ CS_EXPORT void cs_parabolas(int64_t count, const double* points, const double* w
     windows[i] = parabola(count, points, weights, along, i, {kinds, halves, most}, terms + 6 * i, errors + 2 * i);
 }
 
-// The points along a closed loop of cracks (x 3, x, y and direction): see `loop_points` in raster/outlines.py. points:
-// x 2; sigma, crack: of each, room for `count`. Returns their number, -1 where there is no memory.
-CS_EXPORT int64_t cs_loop_points(int64_t count, const int64_t* cracks, int64_t height, int64_t width,
-                                 const double* rows, const double* row_sigma, const double* columns,
-                                 const double* column_sigma, double rim, double* points, double* sigma,
-                                 int64_t* crack) {
-  using namespace cs;
-  try {
-    std::vector<Crack> loop(count);
-    for (int64_t n = 0; n < count; n++) loop[n] = {cracks[3 * n], cracks[3 * n + 1], int(cracks[3 * n + 2])};
-    std::vector<EdgePoint> found;
-    add_points(loop.data(), count, {rows, row_sigma, columns, column_sigma, height, width, rim}, found);
-    for (size_t n = 0; n < found.size(); n++) {
-      points[2 * n] = found[n].x, points[2 * n + 1] = found[n].y;
-      sigma[n] = found[n].sigma, crack[n] = found[n].crack;
-    }
-    return int64_t(found.size());
-  } catch (const std::exception&) {
-    return -1;
-  }
-}
-
 // The contours of a part (high x wide bytes) with its corner at (left, top): see `contours_of` in raster/outlines.py.
 // told: x 2 of each loop, the px^2 that it encloses, below 0 for a hole, and how many cracks it has; points: room x 2.
 // Returns the number of loops; *count: of the points, of which those beyond the room are missing. -1 where there is no

@@ -9,7 +9,6 @@ extern "C" {
 
 CS_EXPORT int64_t cs_corners(int64_t count, const double* points, const double* weights, int64_t* indices,
                              double* positions, double* turns);
-CS_EXPORT void cs_independent(int64_t count, const double* points, const double* weights, double* out);
 CS_EXPORT int64_t cs_lay_out(int64_t count, const double* points, const double* weights, int64_t corners,
                              const int64_t* index, const double* position, const double* turn, const uint8_t* sure,
                              double price, uint8_t* kept, int64_t* start, double* chosen, int64_t* sizes,
