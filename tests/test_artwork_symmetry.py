@@ -10,8 +10,13 @@ from red_rings import assert_jacobian, red_outline, red_picture
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
 from cubicsplat_cli.artwork.regularities.alike import Track
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_parameters, mirrored_rings, symmetry_of
-from cubicsplat_cli.artwork.regularities.ties import null_basis
+from cubicsplat_cli.artwork.regularities.mirrored import (
+    Axis,
+    mirrored_parameters,
+    mirrored_rings,
+    null_basis,
+    symmetry_of,
+)
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.svg.drawing_reader import read_drawing

@@ -99,8 +99,8 @@ class Visibility:
         """Return (n,) bool, which weights of `weights` are those of points that show."""
         return weights > 0.5 * self.sigma**-2
 
-    def weights(self, piece: np.ndarray | int, t: np.ndarray) -> np.ndarray:
-        """Return (n,) 1/px^2 at parameters (n,) of pieces (n,), or of one piece: that of the nearest crossing."""
+    def weights(self, piece: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Return (n,) 1/px^2 at parameters (n,) of pieces (n,): that of the nearest crossing."""
         if not len(self.piece):
             return np.full(len(t), HIDDEN_SIGMA**-2)
         # Crossings of other pieces are farther away than those of the same one.

@@ -33,7 +33,6 @@ PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than 
 FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
 HIDDEN_SIGMA = 3.0  # px: a point of a larger standard error tells nothing, it is hidden or unknown
 TOLERANCE = 0.3  # px that lines are off the points where nothing else can be said of them
-PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which nothing else need be tried
 WHOLE = 0.1  # px that the points around a dot may be off the edges of whole pixels
 
 

@@ -19,7 +19,8 @@ TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
 FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean,
 # to which middles and radii are known too
-SYSTEMATIC = 0.02  # px, the error of an axis, a shift or the end of a line besides that by chance
+SYSTEMATIC = 0.02  # px, the error of an axis or a shift besides that by chance
+EXACT = 1e-6  # px by which what is alike and held so may be off
 SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
 

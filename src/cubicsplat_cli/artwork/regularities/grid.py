@@ -16,8 +16,7 @@ from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
 from cubicsplat_cli.artwork.finish.polish import SHOWN
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, following, with_thirds
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN
-from cubicsplat_cli.artwork.regularities.ties import EXACT
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, EXACT, MEAN
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into: once or thrice by 3, 5 or 7, and often by 2.

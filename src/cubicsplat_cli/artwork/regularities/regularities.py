@@ -31,7 +31,7 @@ from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, dra
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
+from cubicsplat_cli.artwork.regularities.alike import EXACT, FARTHEST, SYSTEMATIC, Track
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import (
@@ -41,7 +41,6 @@ from cubicsplat_cli.artwork.regularities.mirrored import (
     mirrored_parameters,
     mirrored_rings,
 )
-from cubicsplat_cli.artwork.regularities.ties import EXACT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
