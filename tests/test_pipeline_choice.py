@@ -32,13 +32,12 @@ from cubicsplat_cli.pipeline import choose
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_outlines
 from cubicsplat_cli.pipeline.choose import (
     ENOUGH_DB,
-    SKETCH_DB,
     candidates,
-    check_worth_finishing,
+    photo_is_nearer,
 )
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
-from cubicsplat_cli.pipeline.photo import QuickPhoto, is_smaller
-from cubicsplat_cli.pipeline.task import DrawingGivenUp, Made, Task
+from cubicsplat_cli.pipeline.photo import is_smaller
+from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
@@ -80,19 +79,6 @@ def speckled(levels: float) -> np.ndarray:
 
 def task_for(pixels: np.ndarray, **settings: Any) -> Task:
     return task_of(as_picture(pixels), Request(FitSettings(threads=1, **settings)), StageTimer())
-
-
-class Quick:
-    """Stands for a quick photo: notes the level that it is to exceed, and what happens then."""
-
-    def __init__(self, error: Exception | None = None) -> None:
-        self.asked: list[float] = []
-        self.error = error
-
-    def beyond(self, least: float) -> None:
-        self.asked.append(least)
-        if self.error is not None:
-            raise self.error
 
 
 def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo():
@@ -305,29 +291,23 @@ def test_the_sketch_of_a_blurred_picture_is_compared_blurred():
         drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), see)
 
 
-@pytest.mark.parametrize(("level", "looks"), [(0.0, 4), (60.0, 1)])
-def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, looks):
-    seen: list[Scene] = []
-    task = task_for(blotches())
-    quick = QuickPhoto(task, 4, lambda scene: seen.append(scene) or level_db(task, scene, 48))
-    found = quick.beyond(level)
-    # At 60 dB it is plain at the first look that four curves will not get there; then nothing more is done.
-    assert (found is None) == (level == 60.0)
-    assert len(seen) == looks
-    assert quick.beyond(level) == found
-    assert len(seen) == looks
-
-
-def test_a_sketch_is_finished_where_no_quick_photo_is_beyond_what_it_may_rise_to():
-    quick = Quick()
-    task = replace(task_for(blotches(), curves=8), quick_photos={8: quick})
+def test_soft_shading_of_few_pixels_is_nearer_as_a_photo():
+    y, x = np.mgrid[0:64, 0:64] - 31.5
+    alpha = np.rint(255 * np.clip(28.0 - np.hypot(x, y), 0.0, 1.0))
+    ball = np.dstack([200 + 0.05 * x * y, 120 + 0.08 * (x**2 - y**2), 40 + 0.05 * y**2, alpha])
+    task = task_for(np.rint(np.clip(ball, 0, 255)).astype(np.uint8), curves=48)
     drawing = drawn_outlines(task)
-    check_worth_finishing(task, drawing)
-    drawn = seen_db(task, drawing.scene, drawing.samples, drawing.blur)
-    assert quick.asked == [pytest.approx(drawn + SKETCH_DB - 1.0)]
-    task.quick_photos[8] = QuickPhoto(task, 8, lambda scene: seen_db(task, scene, drawing.samples))
-    with pytest.raises(DrawingGivenUp, match="a quick photo of 8 curves has"):
-        check_worth_finishing(task, drawing)
+    assert "a quick photo of" in str(photo_is_nearer(task, drawing))
+
+
+def test_a_photo_is_nearer_if_it_is_beyond_what_the_drawing_may_rise_to():
+    task = task_for(blotches(), curves=8)
+    drawing = drawn_outlines(task)
+    assert "a quick photo of 6 curves has" in str(photo_is_nearer(task, drawing))
+    photo = seen_db(task, task.quick_photos[6], drawing.samples)
+    lead = photo - seen_db(task, drawing.scene, drawing.samples, drawing.blur)
+    assert photo_is_nearer(task, drawing, lead + 0.9) is not None
+    assert photo_is_nearer(task, drawing, lead + 1.1) is None
 
 
 def fails(*_) -> None:
@@ -346,8 +326,11 @@ def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, mo
 
 
 @pytest.mark.parametrize("error", [MemoryError(), ZeroDivisionError("by nothing")])
-def test_a_finished_drawing_stays_where_the_photo_fails(error):
-    task = replace(task_for(blotches(), curves=4), quick_photos={4: Quick(error)})
-    *_, made = candidates(task, FLAT)
+def test_a_finished_drawing_stays_where_the_photo_fails(error, monkeypatch):
+    def fail(*_) -> None:
+        raise error
+
+    monkeypatch.setattr(choose, "quick_photo", fail)
+    *_, made = candidates(task_for(blotches(), curves=4), FLAT)
     assert made.style.name == "artwork"
     assert any("the drawing stays" in note and ("memory" in note or "bug" in note) for note in made.notes)

@@ -23,7 +23,7 @@ from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, curves_of_equal_bytes, fitted_photo, is_smaller
+from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, is_smaller, quick_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
@@ -264,13 +264,13 @@ def _enough_db(drawing: Made) -> float:
 
 
 def _level_db(task: Task, made: Made) -> float:
-    """Return the level of a result; see `likeness.level_db`."""
-    return level_db(task, made.scene, made.samples, made.blur)
+    """Return the level of a result, sharp or as blurred as its picture, if that is nearer; see `likeness.level_db`."""
+    return max(level_db(task, made.scene, made.samples, blur) for blur in {0.0, made.blur})
 
 
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
-    """Return the level of a result as people see it; see `likeness.seen_db`."""
-    return seen_db(task, made.scene, made.samples, made.blur, enough_db)
+    """Return the level of a result as people see it, blurred like `_level_db`; see `likeness.seen_db`."""
+    return max(seen_db(task, made.scene, made.samples, blur, enough_db) for blur in {0.0, made.blur})
 
 
 def check_worth_finishing(task: Task, sketch: Made) -> None:
@@ -292,9 +292,9 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> str | No
         return None
     curves = curves_of_equal_bytes(task, drawing)
     if curves not in task.quick_photos:
-        task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, drawing.samples))
-    photo_db = task.quick_photos[curves].beyond(drawn_db + rise_db + MARGIN_DB - QUICK_BEHIND_DB)
-    if photo_db is None:
+        task.quick_photos[curves] = quick_photo(task, curves)
+    photo_db = seen_db(task, task.quick_photos[curves], drawing.samples)
+    if photo_db <= drawn_db + rise_db + MARGIN_DB - QUICK_BEHIND_DB:
         return None
     near = "is identical" if math.isinf(photo_db) else f"has {photo_db:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn_db:.1f} dB, as pixels and as tones"

@@ -33,11 +33,7 @@ if TYPE_CHECKING:
 # as long. Both cost less than 0.1 dB: see docs/lab/cpu.md.
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
-# A quick fit: px of its copy's longer side; its steps; the shares of the steps before the finish at which its level is
-# measured, each with the most dB by which the level then rises to the end (for airbrush; photos rise by half of that).
-QUICK_SIDE, QUICK_STEPS = 192, 300
-QUICK_LOOKS = ((0.15, 11.0), (0.4, 6.0), (0.65, 3.0), (1.0, 0.0))
-FEWEST = 8  # curves of a quick fit; it has no more than the photo would
+QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: px of its copy's longer side; its steps
 BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
 
@@ -84,10 +80,10 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     most = task.request.settings.curves or USUAL_CURVES
     if drawing.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
         return most
-    size = len(drawing.write(task.title, task.comment()).encode())
+    size = len(drawing.write("", "").encode())
     if task.request.max_bytes is not None and not task.request.counts_compressed:
         most = min(most, max(1, int((task.request.max_bytes - HEADER_BYTES) / BYTES_PER_CURVE)))
-    return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
+    return min(max(round(size / BYTES_PER_CURVE), 1), most)
 
 
 def is_smaller(task: Task, drawing: Made) -> bool:
@@ -95,34 +91,16 @@ def is_smaller(task: Task, drawing: Made) -> bool:
     return curves_of_equal_bytes(task, drawing) < _with_curves(task).curves
 
 
-class QuickPhoto:
-    """A fit of some curves in few steps to a small copy of a picture, done as far as its level matters.
+def quick_photo(task: Task, curves: int) -> Scene:
+    """Return a fit of some curves in few steps to a small copy of a picture.
 
-    level_of: returns the level of a scene, dB; infinite for one like the picture.
+    Raises the errors of a fit, and KeyboardInterrupt.
     """
-
-    def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float]) -> None:
-        self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
-        small = resize_picture(task.target, QUICK_SIDE).target()
-        self._fitting = begin_fit(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
-
-    def beyond(self, least: float) -> float | None:
-        """Return the level, dB; None if it is `least` or less, which may be clear long before the end.
-
-        Raises the errors of a fit, and KeyboardInterrupt.
-        """
-        while self._looks and self._most > least:
-            share, rise = self._looks.pop(0)
-            scene = self._fitting.scene() if rise and self._fitting.relax(share) else self._end()
-            self._most = self._level_of(scene) + rise
-        return self._most if self._most > least else None
-
-    def _end(self) -> Scene:
-        self._looks.clear()
-        fitted = self._fitting.finish()
-        if fitted.interrupted:
-            raise KeyboardInterrupt
-        return fitted.scene
+    small = resize_picture(task.target, QUICK_SIDE).target()
+    fitted = begin_fit(small, task.settings().with_(curves=curves, steps=QUICK_STEPS)).finish()
+    if fitted.interrupted:
+        raise KeyboardInterrupt
+    return fitted.scene
 
 
 def _prepared(task: Task) -> tuple[Photo, FitSettings]:

@@ -163,7 +163,7 @@ class Task:
     recorder: FrameRecorder | None
     title: str
     logged: list[str] = field(default_factory=list)
-    quick_photos: dict[int, Any] = field(default_factory=dict)
+    quick_photos: dict[int, Scene] = field(default_factory=dict)
 
     @cached_property
     def pixels(self) -> np.ndarray:
