@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import resvg_py
+from image_files import encode, recoded
 from PIL import Image
 from scipy import ndimage
 from skimage import data
@@ -44,6 +45,20 @@ def test_a_drawing_whose_colours_are_a_little_off_is_doubtful_and_a_photo_is_not
     drawn = choose_style(pixels.astype(np.float32) / 255)
     assert drawn.name == "artwork" or drawn.doubtful, drawn.reason
     assert not choose_style(load_picture(SAMPLES / "chelsea.png").target()).doubtful
+
+
+def test_a_small_logo_in_a_jpeg_is_drawn():
+    y, x = (np.mgrid[:896, :896] + 0.5) / 896 - 0.5
+    logo = np.full((896, 896, 3), 255.0)
+    logo[np.hypot(x, y) < 0.49] = 32, 197, 202
+    logo[(np.abs(np.hypot(x, y) - 0.2) < 0.05) & (np.abs(x - y) > 0.08)] = 255
+    for side in (-1, 1):
+        logo[np.hypot(x - side * 0.27, y + side * 0.25) < 0.07] = 255
+    small = np.rint(logo.reshape(112, 8, 112, 8, 3).mean(axis=(1, 3))).astype(np.uint8)
+    found = choose_style(recoded(small, quality=60).astype(np.float32) / 255, lossy=True)
+    assert (found.name, found.doubtful) == ("photo", True)
+    fitted = vectorize(encode(Image.fromarray(small), "JPEG", quality=60), threads=1)
+    assert (fitted.report.style, len(fitted.svg) < 2000) == ("artwork", True)
 
 
 def test_a_window_with_a_soft_shadow_is_doubtful():

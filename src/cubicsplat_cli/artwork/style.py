@@ -28,6 +28,9 @@ LEAST_SHADED = 0.75  # share of a drawing's pixels in flat fills and gradients, 
 # least share of the pixels in common colours or gradients of a possible drawing: two illustrations have 0.58 and 0.70,
 # photos of little texture at most 0.28, emoji with soft shading at most 0.40.
 UNSEEN, COLOUR, LEAST_DOUBTFUL = 6.0, 8, 0.5
+# The commonest colours, as wide as a JPEG rings near strong edges, in levels, and the least share of the pixels in them
+# of a possible drawing: small logos in JPEGs have 0.66 and more, photos without an even ground at most 0.57.
+FEW_COLOURS, RINGING, LEAST_IN_FEW = 4, 32, 0.6
 # Paper: px of the blocks that are tested; their least light as a share of the lightest ones'; the most difference of
 # tints, in shares of the light; the least share of such blocks, since ink covers the others.
 PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
@@ -76,9 +79,8 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
         reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
         if shaded >= LEAST_SHADED:
             return _unless_soft(levels, drawn, reason, lossy=lossy)
-    if _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
-        return Style(PHOTO, reason)
-    if _in_possible_fills(levels, drawn) < LEAST_DOUBTFUL:
+    textured = _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE
+    if (textured or _in_possible_fills(levels, drawn) < LEAST_DOUBTFUL) and not _in_very_few(levels, drawn):
         return Style(PHOTO, reason)
     suits = _unless_soft(levels, drawn, reason, lossy=lossy)
     return suits if suits.name == PHOTO else Style(PHOTO, reason, doubtful=True)
@@ -169,6 +171,15 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
 def _in_possible_fills(levels: np.ndarray, drawn: np.ndarray) -> float:
     """Return the share of the drawn pixels in common colours that change less than people, or a JPEG, would tell."""
     return float((_in_few_colours(levels, drawn, UNSEEN) & drawn).sum() / drawn.sum())
+
+
+def _in_very_few(levels: np.ndarray, drawn: np.ndarray) -> bool:
+    """Return True if most of the drawn pixels are in very few colours, but for the ringing of a JPEG."""
+    shares = []
+    for start in (0, RINGING // 2):  # a colour may lie where two of a row of them meet
+        _, counts = np.unique(packed((levels[drawn] + start) // RINGING), return_counts=True)
+        shares.append(np.sort(counts)[-FEW_COLOURS:].sum() / drawn.sum())
+    return bool(max(shares) >= LEAST_IN_FEW)
 
 
 def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR) -> np.ndarray:
