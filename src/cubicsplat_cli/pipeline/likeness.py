@@ -65,7 +65,7 @@ def _drawn(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -
         sigma = blur * picture.width / task.target.width
         values = ndimage.gaussian_filter(values, (sigma, sigma, 0.0), mode="nearest")
     compression = picture.compression
-    if compression is not None and compression.tables:
+    if compression is not None and compression.known:
         again = compression.again(255.0 * values[..., :3]) / np.float32(255.0)
         values = np.concatenate([again, values[..., 3:]], axis=2)
     return picture, of_values(values)
