@@ -80,7 +80,8 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
         if shaded >= LEAST_SHADED:
             return _unless_soft(levels, drawn, reason, lossy=lossy)
     textured = _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE
-    if (textured or _in_possible_fills(levels, drawn) < LEAST_DOUBTFUL) and not _in_very_few(levels, drawn):
+    in_few = lossy and _in_very_few(levels, drawn)
+    if not in_few and (textured or _in_possible_fills(levels, drawn) < LEAST_DOUBTFUL):
         return Style(PHOTO, reason)
     suits = _unless_soft(levels, drawn, reason, lossy=lossy)
     return suits if suits.name == PHOTO else Style(PHOTO, reason, doubtful=True)
