@@ -65,12 +65,6 @@ def test_a_webp_is_compressed_again_about_as_it_was(quality):
     assert abs(read.compression.quality - quality) <= 10
     file = np.rint(255.0 * read.rgb)
     assert np.std(read.compression.again(levels) - file) < 0.7 * np.std(levels - file)
-    turned = Image.Exif()
-    turned[0x0112] = 6
-    large = encode(Image.new("RGB", (1100, 1000)), "WEBP")
-    for unknown in (large, encode(Image.fromarray(levels), "WEBP", exif=turned)):
-        compression = load_picture(unknown).compression
-        assert compression is None or not compression.known
 
 
 def test_a_file_says_nothing_of_pixels_that_were_turned_nor_of_other_channels():

@@ -12,7 +12,8 @@ import importlib
 import io
 import math
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,6 @@ READ_WHOLE_PIXELS = 2**25  # larger pictures may be read smaller; those up to he
 MOST_PIXELS = 2**24  # of a picture that is read smaller, which has a quarter of them at least
 MAX_DECODED_PIXELS = 2**29  # in Pillow's memory: 2 GiB
 BAND_PIXELS = 2**22
-MOST_WEBP_PIXELS = 2**20  # of a WebP whose quality is measured, in seven compressions of 50 ns a pixel each
 _UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -51,17 +51,28 @@ _PROFILES = {"RGB": ("RGB", ("RGB", "RGBX", "L", "YCbCr")), "GRAY": ("L", ("L",)
 class Compression:
     """Lossy compression. tables: (64,) quantisation steps of a JPEG's luma and chroma; empty if they are unknown, or do
     not apply to the pixels as read. sampling: of chroma, by Pillow's number: 0 for 4:4:4, 1 for 4:2:2, 2 for 4:2:0.
-    quality: of a WebP, 1 to 100; 0 if it is unknown.
+    webp: the file of a WebP, empty for others and for pixels that are not as in the file.
     """
 
     tables: tuple[tuple[int, ...], ...] = ()
     sampling: int = 0
-    quality: int = 0
+    webp: bytes = field(default=b"", repr=False)
 
     @property
     def known(self) -> bool:
         """True if it can be applied to another picture."""
-        return bool(self.tables or self.quality)
+        return bool(self.tables or self.webp)
+
+    @cached_property
+    def quality(self) -> int:
+        """The quality, 1 to 100, at which the picture of a WebP takes as many bytes again: within about five of that of
+        most files. Seven compressions find it.
+        """
+        with Image.open(io.BytesIO(self.webp)) as image:
+            image.load()
+        return 1 + bisect_left(
+            range(1, 100), len(self.webp), key=lambda quality: len(_saved(image, "WEBP", quality=quality))
+        )
 
     @property
     def halved(self) -> tuple[int, ...]:
@@ -76,7 +87,7 @@ class Compression:
     def again(self, levels: np.ndarray) -> np.ndarray:
         """Compress a picture (H, W, 3) in levels like this, and decode it: (H, W, 3) uint8."""
         image = Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
-        if self.quality:
+        if self.webp:
             data = _saved(image, "WEBP", quality=self.quality)
         else:
             tables = [list(table) for table in self.tables]
@@ -88,7 +99,7 @@ class Compression:
 def compression_of(image: Image.Image, data: bytes) -> Compression | None:
     """Return the compression of a JPEG, or of a WebP that holds nothing but a lossy picture; None for other files."""
     if image.format == "WEBP" and data[12:16] == b"VP8 ":
-        return Compression(quality=_webp_quality(image, len(data)))
+        return Compression(webp=data)
     if not isinstance(image, JpegImageFile):
         return None
     sampling = get_sampling(image)
@@ -96,15 +107,6 @@ def compression_of(image: Image.Image, data: bytes) -> Compression | None:
         return Compression()
     tables = tuple(tuple(image.quantization[component[3]]) for component in image.layer[:2])
     return Compression(tables, sampling) if max(map(max, tables)) <= 255 else Compression()  # as in baseline files
-
-
-def _webp_quality(image: Image.Image, size: int) -> int:
-    """Return the quality, 1 to 100, at which a picture read from a WebP takes `size` bytes again: within about five of
-    that of most files. 0 for a large picture, whose copies are compared.
-    """
-    if image.width * image.height > MOST_WEBP_PIXELS:
-        return 0
-    return 1 + bisect_left(range(1, 100), size, key=lambda quality: len(_saved(image, "WEBP", quality=quality)))
 
 
 def _saved(image: Image.Image, file_format: str, **options: Any) -> bytes:
