@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, wi
 from cubicsplat_cli.artwork.input.chroma import mixture_of
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput
-from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, before_compression
+from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, SMOOTHED, before_compression
 from cubicsplat_cli.artwork.input.restore import MISFIT, restored
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
@@ -49,8 +49,9 @@ def flat_fills(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Flat
     if banded := banded_areas(levels, picture, flat, condition) if condition.jpeg and own_fills else []:
         flat = without_noisy_gradients(levels, condition, banded, flat.areas)
         picture = as_if_clean(flat, prepared, settings)
-    if compression is not None and compression.tables and own_fills:
-        return flat, *before_compression(levels, flat, picture, condition, compression), EDGE_ERROR / 255.0
+    if compression is not None and compression.known and own_fills:
+        error = EDGE_ERROR * (SMOOTHED if compression.webp else 1.0)
+        return flat, *before_compression(levels, flat, picture, condition, compression), error / 255.0
     return flat, picture, flat.levels, condition.edge_error / 255.0
 
 

@@ -81,7 +81,11 @@ class Compression:
 
     @property
     def rounding(self) -> float:
-        """The standard deviation, in levels, of the error of luma rounded to the steps of its table."""
+        """The standard deviation, in levels, of the error of luma rounded to the steps of its table; of a WebP, whose
+        steps are in its code only, that of a JPEG of quality 84.
+        """
+        if not self.tables:
+            return 6.0
         return float(np.sqrt(np.mean(np.square(self.tables[0], dtype=float)) / 12.0))
 
     def again(self, levels: np.ndarray) -> np.ndarray:

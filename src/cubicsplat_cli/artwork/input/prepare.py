@@ -40,7 +40,7 @@ class PreparedInput:
     factor by which the picture had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made
     white and evenly lit; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated
     from these. lifted: levels without their soft shadow, if the condition was estimated from these; with_shadow: the
-    condition estimated with it. compression: that of the levels' file, if it is a JPEG. shaded: the sides of the
+    condition estimated with it. compression: that of the levels' file, if it has any loss. shaded: the sides of the
     shadows that levels lack. edge_notes: notes on how edges had been blended.
     """
 

@@ -1,4 +1,4 @@
-"""Reconstruct a JPEG's picture before its compression from its restored picture and the file's quantisation.
+"""Reconstruct the picture before a JPEG or WebP from its restored picture and the file's quantisation.
 
 A hypothesis is compressed just as the file was. Where its coefficients round to those of the file, nothing differs,
 however much both ring. The difference is added to the hypothesis, which is divided into fills and their shares again,
@@ -34,12 +34,13 @@ from cubicsplat_cli.scene.paint import painted
 
 # Levels by which pixels are off their fills, and those on edges: half a step of the coefficients that matter.
 MISFIT, EDGE_ERROR = 3.0, 4.0
+SMOOTHED = 2.0  # times the error of edges in a WebP, which are smoothed as it is decoded
 
 
 def before_compression(
     levels: np.ndarray, flat: Flattened, even: FlatPicture, condition: Condition, compression: Compression
 ) -> tuple[FlatPicture, np.ndarray]:
-    """Return a JPEG's picture before its compression, in flat fills, and the levels (H, W, 4) that its outlines are
+    """Return the picture before its compression, in flat fills, and the levels (H, W, 4) that its outlines are
     fitted to, corrected by what the file lacks of it; both with placeholders for gradients.
 
     levels: (H, W, 4) the file's; flat: the same without gradients; even: that restored, with palette and labels.
