@@ -176,20 +176,20 @@ def _in_possible_fills(levels: np.ndarray, drawn: np.ndarray) -> float:
 
 def _in_very_few(levels: np.ndarray, drawn: np.ndarray) -> bool:
     """Return True if most of the drawn pixels are in very few colours, but for the ringing of a JPEG."""
-    shares = []
-    for start in (0, RINGING // 2):  # a colour may lie where two of a row of them meet
-        _, counts = np.unique(packed((levels[drawn] + start) // RINGING), return_counts=True)
-        shares.append(np.sort(counts)[-FEW_COLOURS:].sum() / drawn.sum())
-    return bool(max(shares) >= LEAST_IN_FEW)
+    starts = (0, RINGING // 2)  # a colour may lie where two of a row of them meet
+    few = (_in_few_colours(levels + start, drawn, 255.0, RINGING, FEW_COLOURS) for start in starts)
+    return max((within & drawn).sum() for within in few) >= LEAST_IN_FEW * drawn.sum()
 
 
-def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR) -> np.ndarray:
-    """Return (H, W) bool, true for pixels in one of the commonest colours, each `width` levels wide, that differ from
-    their neighbours by at most `flat` levels.
+def _in_few_colours(
+    levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR, most: int = MOST_PALETTE
+) -> np.ndarray:
+    """Return (H, W) bool, true for pixels in one of the `most` commonest colours, each `width` levels wide, that differ
+    from their neighbours by at most `flat` levels.
     """
     code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
-    commonest = colours[np.argsort(-counts, kind="stable")[:MOST_PALETTE]]
+    commonest = colours[np.argsort(-counts, kind="stable")[:most]]
     return np.isin(code, commonest) & (spread(levels, 3, 3) <= flat)
 
 

@@ -15,7 +15,6 @@ from bisect import bisect_left
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image, ImageCms
@@ -24,6 +23,7 @@ from PIL.JpegImagePlugin import JpegImageFile, get_sampling
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.names import reads_heic
 from cubicsplat_cli.files.paths import is_file, read_head
+from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.record import record
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
@@ -71,7 +71,7 @@ class Compression:
         with Image.open(io.BytesIO(self.webp)) as image:
             image.load()
         return 1 + bisect_left(
-            range(1, 100), len(self.webp), key=lambda quality: len(_saved(image, "WEBP", quality=quality))
+            range(1, 100), len(self.webp), key=lambda quality: len(encoded(image, "WEBP", quality=quality))
         )
 
     @property
@@ -92,10 +92,10 @@ class Compression:
         """Compress a picture (H, W, 3) in levels like this, and decode it: (H, W, 3) uint8."""
         image = Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
         if self.webp:
-            data = _saved(image, "WEBP", quality=self.quality)
+            data = encoded(image, "WEBP", quality=self.quality)
         else:
             tables = [list(table) for table in self.tables]
-            data = _saved(image, "JPEG", qtables=tables, subsampling=self.sampling)
+            data = encoded(image, "JPEG", qtables=tables, subsampling=self.sampling)
         with Image.open(io.BytesIO(data)) as read:
             return np.array(read)
 
@@ -111,12 +111,6 @@ def compression_of(image: Image.Image, data: bytes) -> Compression | None:
         return Compression()
     tables = tuple(tuple(image.quantization[component[3]]) for component in image.layer[:2])
     return Compression(tables, sampling) if max(map(max, tables)) <= 255 else Compression()  # as in baseline files
-
-
-def _saved(image: Image.Image, file_format: str, **options: Any) -> bytes:
-    buffer = io.BytesIO()
-    image.save(buffer, file_format, **options)
-    return buffer.getvalue()
 
 
 @record

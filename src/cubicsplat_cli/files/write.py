@@ -29,6 +29,7 @@ from cubicsplat_cli.formatting import one_line, printable
 
 if TYPE_CHECKING:
     import numpy as np
+    from PIL import Image
 
 STDOUT = "standard output"  # as messages call it
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
@@ -203,6 +204,13 @@ def write_stdout(data: bytes) -> None:
         raise InputError(f"{STDOUT}: cannot be written ({reason}); free some space or use -o") from error
 
 
+def encoded(image: Image.Image, file_format: str, **options: object) -> bytes:
+    """Return the file of an image in a format of Pillow, written with the format's options."""
+    buffer = io.BytesIO()
+    image.save(buffer, file_format, **options)
+    return buffer.getvalue()
+
+
 def encode_png(pixels: np.ndarray) -> bytes:
     """Return the PNG of (H, W, 4) uint8 straight RGBA, stored as RGB if every pixel is opaque."""
     import numpy as np
@@ -216,7 +224,5 @@ def encode_png(pixels: np.ndarray) -> bytes:
         image = image.convert("RGB")
     info = PngInfo()
     info.add_text("Software", f"{PROGRAM} {__version__}")
-    buffer = io.BytesIO()
     # Drawings are runs of one colour. Searching for runs alone takes two thirds of the time, and makes smaller files.
-    image.save(buffer, "PNG", pnginfo=info, compress_type=zlib.Z_RLE)
-    return buffer.getvalue()
+    return encoded(image, "PNG", pnginfo=info, compress_type=zlib.Z_RLE)

@@ -4,7 +4,6 @@ animated clip: a player beside the clip, and the quality of each frame.
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable
 
@@ -15,6 +14,7 @@ from cubicsplat_cli.clip_request import ClipReport
 from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import made_mark
+from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.formatting import counted, duration, file_size
 from cubicsplat_cli.html_report.embed import eight_bit_pixels, picture_data_url, rendered
 from cubicsplat_cli.html_report.page import Fact, course, setting_texts
@@ -44,9 +44,8 @@ def animation(recorder: FrameRecorder, last: Scene, *, form: str, about: str, th
     exif = Image.Exif()
     exif[0x0131] = mark  # Software
     of_form = {"WEBP": {"quality": _QUALITY, "exif": exif}, "GIF": {"comment": mark.encode(), "disposal": 2}}
-    buffer = io.BytesIO()
-    frames[0].save(buffer, form, save_all=True, append_images=frames[1:], duration=durations, loop=0, **of_form[form])
-    return buffer.getvalue()
+    several = {"save_all": True, "append_images": frames[1:], "duration": durations, "loop": 0}
+    return encoded(frames[0], form, **several, **of_form[form])
 
 
 def _frame(scene: Scene, width: int, height: int, threads: int | None) -> Image.Image:

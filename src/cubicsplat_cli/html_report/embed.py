@@ -23,6 +23,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.raster.engines import leave_one_out_importance
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, scaled_scene
@@ -49,20 +50,20 @@ def picture_url(picture: Picture, data: bytes) -> str:
     if mime is not None:
         return data_url(mime, data)
     image = Image.fromarray(eight_bit_pixels(picture))
-    exact = _webp(image, lossless=True)
-    return data_url("image/webp", exact if len(exact) <= len(data) else _webp(image, quality=_QUALITY))
+    exact = encoded(image, "WEBP", lossless=True)
+    return data_url("image/webp", exact if len(exact) <= len(data) else encoded(image, "WEBP", quality=_QUALITY))
 
 
 def thumbnail_url(pixels: np.ndarray) -> str:
     """Return a data: URL of (H, W, 3 or 4) uint8, scaled to at most THUMBNAIL px a side."""
     image = Image.fromarray(pixels)
     image.thumbnail((THUMBNAIL, THUMBNAIL))
-    return data_url("image/webp", _webp(image, quality=80))
+    return data_url("image/webp", encoded(image, "WEBP", quality=80))
 
 
 def picture_data_url(pixels: np.ndarray) -> str:
     """Return a data: URL of (H, W, 3 or 4) uint8 as WebP, with little loss."""
-    return data_url("image/webp", _webp(Image.fromarray(pixels), quality=_QUALITY))
+    return data_url("image/webp", encoded(Image.fromarray(pixels), "WEBP", quality=_QUALITY))
 
 
 def data_url(mime: str, data: bytes) -> str:
@@ -93,12 +94,6 @@ def _mime(picture: Picture, data: bytes) -> str | None:
     visible = plain[..., 3:] > 0
     same = bool((plain[..., 3] == alpha).all()) and np.array_equal(plain[..., :3] * visible, ours[..., :3] * visible)
     return mime if same else None
-
-
-def _webp(image: Image.Image, **options: object) -> bytes:
-    buffer = io.BytesIO()
-    image.save(buffer, "WEBP", **options)
-    return buffer.getvalue()
 
 
 def rendered(template: str, **values: Any) -> bytes:

@@ -264,13 +264,13 @@ def _enough_db(drawing: Made) -> float:
 
 
 def _level_db(task: Task, made: Made) -> float:
-    """Return the level of a result, sharp or as blurred as its picture, if that is nearer; see `likeness.level_db`."""
-    return max(level_db(task, made.scene, made.samples, blur) for blur in {0.0, made.blur})
+    """Return the level of a result; see `likeness.level_db`."""
+    return level_db(task, made.scene, made.samples, made.blur)
 
 
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
-    """Return the level of a result as people see it, blurred like `_level_db`; see `likeness.seen_db`."""
-    return max(seen_db(task, made.scene, made.samples, blur, enough_db) for blur in {0.0, made.blur})
+    """Return the level of a result as people see it; see `likeness.seen_db`."""
+    return seen_db(task, made.scene, made.samples, made.blur, enough_db)
 
 
 def check_worth_finishing(task: Task, sketch: Made) -> None:

@@ -30,9 +30,13 @@ def file_db(task: Task, svg: str) -> float:
 
 def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float:
     """Return the PSNR of a scene against the target, both at most LIKENESS_SIDE px wide and high; infinite without a
-    scene. samples: edges per cubic. blur: px of the target by which the scene is blurred first.
+    scene. samples: edges per cubic. blur: px of the target by which its picture is blurred; the scene counts sharp or
+    blurred alike, whichever is nearer.
     """
-    return math.inf if scene is None else _level_db(task, *_drawn(task, scene, samples, blur))
+    if scene is None:
+        return math.inf
+    picture, drawn = _drawn(task, scene, samples, blur)
+    return max(_level_db(task, picture, each) for each in drawn)
 
 
 def seen_db(
@@ -47,28 +51,34 @@ def seen_db(
     if scene is None:
         return math.inf
     picture, drawn = _drawn(task, scene, samples, blur)
+    return max(_seen_db(task, picture, each, enough_db) for each in drawn)
+
+
+def _drawn(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -> tuple[Picture, list[ImageSource]]:
+    """Return a copy of the target, and the engine's pictures of a scene at its size: sharp, and blurred if there is a
+    blur.
+
+    The scene is compressed as the target was, so that it is not blamed for artefacts that it lacks.
+    """
+    picture, threads = resize_picture(task.target, LIKENESS_SIDE), task.request.settings.threads
+    sharp = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
+    drawn = [sharp]
+    if blur:
+        sigma = blur * picture.width / task.target.width
+        drawn.append(ndimage.gaussian_filter(sharp, (sigma, sigma, 0.0), mode="nearest"))
+    compression = picture.compression
+    if compression is not None and compression.known:
+        again = [compression.again(255.0 * values[..., :3]) / np.float32(255.0) for values in drawn]
+        drawn = [np.concatenate([rgb, values[..., 3:]], axis=2) for rgb, values in zip(again, drawn, strict=True)]
+    return picture, [of_values(values) for values in drawn]
+
+
+def _seen_db(task: Task, picture: Picture, drawn: ImageSource, enough_db: float) -> float:
     pixels_db = _level_db(task, picture, drawn)
     off = np.subtract(*map(_over_black_and_white, (of_picture(picture), drawn)))
     tones = np.square(ndimage.uniform_filter(off, (COARSE, COARSE, 1))).mean(axis=(0, 1))
     tones_db = decibels(max(float(tones[:3].mean()), float(tones[3:].mean()), 1e-12))
     return math.inf if min(pixels_db, tones_db - TONES_DB) >= enough_db else 0.5 * (pixels_db + tones_db)
-
-
-def _drawn(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
-    """Return a copy of the target, and the engine's picture of a scene at its size.
-
-    The scene is compressed as the target was, so that it is not blamed for artefacts that it lacks.
-    """
-    picture, threads = resize_picture(task.target, LIKENESS_SIDE), task.request.settings.threads
-    values = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
-    if blur:
-        sigma = blur * picture.width / task.target.width
-        values = ndimage.gaussian_filter(values, (sigma, sigma, 0.0), mode="nearest")
-    compression = picture.compression
-    if compression is not None and compression.known:
-        again = compression.again(255.0 * values[..., :3]) / np.float32(255.0)
-        values = np.concatenate([again, values[..., 3:]], axis=2)
-    return picture, of_values(values)
 
 
 def _level_db(task: Task, picture: Picture, drawn: ImageSource) -> float:

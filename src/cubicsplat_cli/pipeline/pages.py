@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -21,6 +20,7 @@ from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.weights import Mask
+from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.options import IMAGE, NONE
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
@@ -128,10 +128,9 @@ def _image(page: Page, part: PhotoPart) -> EmbeddedImage:
     """Return the picture of a part in the smaller of a PNG and a JPEG file."""
     height, width = part.mask.shape
     image = Image.fromarray(np.rint(255.0 * page.picture[part.window]).astype(np.uint8))
-    png, jpeg = io.BytesIO(), io.BytesIO()
-    image.save(png, "PNG", optimize=True)
-    image.save(jpeg, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
-    data = min(png.getvalue(), jpeg.getvalue(), key=len)
+    png = encoded(image, "PNG", optimize=True)
+    jpeg = encoded(image, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    data = min(png, jpeg, key=len)
     return EmbeddedImage(page.flat.shape[1::-1], part.left, part.top, width, height, data)
 
 
