@@ -41,7 +41,8 @@ def scene(program: Program, device: torch.device | str, *, logits: bool = False)
     shapes = []
     for i in range(CURVES):
         if program.mode is Mode.CLOSED:
-            turn = 2.0 * math.pi * along + 0.7 * i
+            # No side lies level, where rounding alone would decide on which side of it the shape is.
+            turn = 2.0 * math.pi * along + 0.7 * i + 0.2
             shape = torch.stack((5.0 * turn.cos(), 4.0 * turn.sin()), -1)
         else:
             shape = torch.stack((12.0 * along - 6.0, 4.0 * (5.0 * along + i).sin()), -1)
