@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from emulated import EmulatedDriver, compiler
+from engines import CUDA, ENGINES, open_kind, packed
 from reference_spikes import sliver_gradient, spike_gradient
 from test_fit import settings
 from test_fit_pieces import crossing_penalty
@@ -15,8 +15,6 @@ from test_fit_pieces import crossing_penalty
 from benchmarks.spikes import spikes_of
 from cubicsplat_cli.photo.geometric import HELD, SLIVERS, SPIKES_FROM, TURNS, Regulariser, crossing_gradient
 from cubicsplat_cli.photo.loop import fit
-from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState, Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import pack_rings
@@ -32,12 +30,9 @@ def spikes(points: torch.Tensor) -> int:
     return int((cosine < math.cos(math.radians(150))).sum())
 
 
-@pytest.fixture(scope="module", params=["cpu", "cuda"])
+@pytest.fixture(scope="module", params=[ENGINES[0], *CUDA])
 def engine(request):
-    """Each engine; CUDA's on the emulator."""
-    if request.param == "cuda" and compiler() is None:
-        pytest.skip("needs a C++ compiler")
-    engine = CpuEngine(2) if request.param == "cpu" else CudaEngine(driver=EmulatedDriver())
+    engine = open_kind(request.param)
     yield engine
     engine.close()
 
@@ -51,17 +46,18 @@ def blunted(
     slivers: float = 1.0,
 ) -> torch.Tensor:
     """(N, K, 2): the gradient of both penalties with these weights, in a step that moves nothing."""
-    points, n = torch.as_tensor(points).float().contiguous(), len(points)
+    points, n, device = torch.as_tensor(points).float().contiguous(), len(points), engine.device
     ends = None if ends is None else torch.as_tensor(ends).int().contiguous()
-    white, one = torch.ones(SIZE[1], SIZE[0], 3), torch.ones(n)
-    scene = EngineScene(mode, *SIZE, points, torch.ones(n, 3), one, one, (1, 1, 1), ends)
+    white, one = torch.ones(SIZE[1], SIZE[0], 3, device=device), torch.ones(n)
+    scene = packed(EngineScene(mode, *SIZE, points, torch.ones(n, 3), one, one, (1, 1, 1), ends), device)
+    loss = torch.ones((), device=device) if engine.runs_ahead else 1.0
     regulariser = Regulariser(settings(spike_penalty=1.0).recipe, mode, SIZE, 1)
-    blunting = regulariser.blunting(points, progress=1.0, loss=torch.ones(()) if engine.runs_ahead else 1.0)
+    blunting = regulariser.blunting(scene.points, progress=1.0, loss=loss)
     blunting.turns, blunting.slivers = turns, slivers
-    training = Training(white, OptimiserState.zeros_for(points), Rates(0.0, 0.0, 0.0, 0.0), blunting=blunting)
+    training = Training(white, OptimiserState.zeros_for(scene.points), Rates(0.0, 0.0, 0.0, 0.0), blunting=blunting)
     engine.step(scene, RasterSettings(), training)
     assert blunting.left == HELD - 1
-    return regulariser.spikes.clone()
+    return regulariser.spikes.to("cpu", copy=True)
 
 
 @pytest.mark.parametrize("mode", list(Mode))
@@ -192,15 +188,17 @@ def test_a_gradient_is_good_for_some_steps_and_found_anew_where_the_curves_are_o
     thin, wide = (torch.from_numpy(strip(thickness)) @ aslant for thickness in (0.2, 0.6))
     regulariser = Regulariser(settings(spike_penalty=1.0).recipe, Mode.CLOSED, SIZE, 4)
     assert regulariser.blunting(thin, progress=SPIKES_FROM, loss=2.0) is None
-    loss = torch.full((), 2.0) if engine.runs_ahead else 2.0
-    white, one, points = torch.ones(SIZE[1], SIZE[0], 3), torch.ones(1), thin.clone()
-    scene = EngineScene(Mode.CLOSED, *SIZE, points, torch.ones(1, 3), one, one, (1, 1, 1))
+    device = engine.device
+    loss = torch.full((), 2.0, device=device) if engine.runs_ahead else 2.0
+    white, one = torch.ones(SIZE[1], SIZE[0], 3, device=device), torch.ones(1)
+    scene = packed(EngineScene(Mode.CLOSED, *SIZE, thin, torch.ones(1, 3), one, one, (1, 1, 1)), device)
+    points = scene.points
     training = Training(white, OptimiserState.zeros_for(points), Rates(0.0, 0.0, 0.0, 0.0))
 
     def step() -> torch.Tensor:
         training.blunting = regulariser.blunting(points, progress=0.9, loss=loss)
         engine.step(scene, RasterSettings(), training)
-        return regulariser.spikes.clone()
+        return regulariser.spikes.to("cpu", copy=True)
 
     first = step()
     expected = 2.0 * TURNS / 4 * spike_gradient(thin, Mode.CLOSED, 1.0, SIZE)

@@ -38,7 +38,7 @@ EXACT_BYTES = THREADS * 4
 FIXED_SHARED = 4 * (
     LISTED + BATCH * ATTRIBUTES + MASK_WORDS + BATCH * STRIPS + BATCH + 2 * STRIPS + BATCH * (STRIPS * 8 + 8)
 )
-SIDE_BYTES = 4 * 12  # of an edge in spikes.h
+SIDE_BYTES = 4 * 13  # of an edge in spikes.h
 RESERVED_SHARED = 1024  # bytes of each block that the system keeps for itself
 BLOCKS_PER_SM = {"relaxed": 4, "exact": 3}  # what the kernels' registers allow (launch bounds)
 

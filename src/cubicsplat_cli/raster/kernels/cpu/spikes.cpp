@@ -10,8 +10,6 @@
 namespace cs {
 namespace {
 
-constexpr int kUnknown = -1000;  // winding number that nobody has asked for yet
-
 struct Box {
   float left, top, right, bottom;
   bool near(float x, float y, float distance) const {
@@ -49,8 +47,7 @@ class Slivers {
  public:
   Slivers(const Frame& frame, const Blunting& penalty)
       : frame_(frame), penalty_(penalty), basis_(4 * (penalty.edges + 1)),
-        all_(size_t(frame.scene.segments) * penalty.edges), left_(all_.size()), lines_(all_.size()),
-        boxes_(frame.scene.segments) {
+        all_(size_t(frame.scene.segments) * penalty.edges), lines_(all_.size()), boxes_(frame.scene.segments) {
     for (int s = 0; s <= penalty.edges; ++s) bernstein(float(s) / float(penalty.edges), &basis_[4 * s]);
   }
 
@@ -60,7 +57,6 @@ class Slivers {
     for (int r = 0; r < rings.count; ++r)
       for (int m = rings.begin(r); m < rings.end(r); ++m) flatten(m, rings.end_point(r, m, true), points);
     lines_.set(all_.data(), count_);
-    std::fill(left_.begin(), left_.end(), kUnknown);
     bool any = false;
     for (int first = 0; first < count_; first += edges)
       for (int i = 0; i < count_; ++i) {
@@ -111,9 +107,10 @@ class Slivers {
   // Adds what two close edges do to each other to the gradients of their ends.
   void push(Side& one, Side& other) {
     const auto left = [&](const Side& side) {
-      int& known = left_[&side - all_.data()];
-      if (known == kUnknown) known = winding_left(all_.data(), count_, side);
-      return known;
+      if (side.left != kUnknown) return side.left;
+      side.left = 0;
+      for (int i = 0; i < count_; ++i) side.left += wound_by(all_[i], side);
+      return side.left;
     };
     Push push;
     if (!pushes(one, other, frame_.scene.width, frame_.scene.height, left, &push)) return;
@@ -139,8 +136,7 @@ class Slivers {
   const Blunting& penalty_;
   std::vector<float> basis_;  // (edges + 1) x 4
   std::vector<Side> all_;
-  int count_ = 0;          // edges of the present curve
-  std::vector<int> left_;  // the winding numbers to the left of their middles
+  int count_ = 0;  // edges of the present curve
   Lines lines_;
   std::vector<Box> boxes_;  // of the segments
 };

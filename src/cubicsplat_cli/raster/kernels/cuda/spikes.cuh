@@ -1,7 +1,7 @@
 // Stage spikes: the gradient of the penalty on spikes and slivers, whose formulas stand in spikes.h.
 #pragma once
 
-#include "frame.cuh"
+#include "warp.cuh"
 
 namespace cs {
 
@@ -38,9 +38,20 @@ CS_INLINE void vertex_of(const Rings& rings, const float* points, int m, float t
                w[3] * points[2 * end_point + axis];
 }
 
+// Finds the winding numbers of all edges, each by a warp.
+CS_INLINE void find_windings(const Side* all, int count) {
+  const int lane = threadIdx.x % kWarp;
+  for (int i = threadIdx.x / kWarp; i < count; i += kSmallThreads / kWarp) {
+    int wound = 0;
+    for (int j = lane; j < count; j += kWarp) wound += wound_by(all[j], all[i]);
+    const float sum = warp_sum(float(wound));
+    if (lane == 0) all[i].left = int(sum);
+  }
+}
+
 // Adds what two close edges do to each other to the gradients of their ends.
-CS_INLINE void push(const Frame& f, const Side* all, int count, Side& one, Side& other) {
-  const auto left = [&](const Side& side) { return winding_left(all, count, side); };
+CS_INLINE void push(const Frame& f, Side& one, Side& other) {
+  const auto left = [](const Side& side) { return side.left; };
   Push push;
   if (!pushes(one, other, f.width, f.height, left, &push)) return;
   for (int c = 0; c < 2; c++) {
@@ -82,10 +93,11 @@ CS_INLINE void add_slivers(const Frame& f, const Rings& rings, const Blunting& p
     all[i] = side_between(a, b);
   }
   __syncthreads();
-  for (int pair = threadIdx.x; pair < count * count; pair += kSmallThreads) {
-    const int i = pair / count, j = pair - i * count;
-    if (runs_against(penalty, all[i], all[j])) push(f, all, count, all[i], all[j]);
-  }
+  find_windings(all, count);
+  __syncthreads();
+  for (int i = threadIdx.x / kWarp; i < count; i += kSmallThreads / kWarp)
+    for (int j = threadIdx.x % kWarp; j < count; j += kWarp)
+      if (runs_against(penalty, all[i], all[j])) push(f, all[i], all[j]);
   __syncthreads();
   const float weight = float(penalty.slivers) * loss;
   for (int i = threadIdx.x; i < 6 * rings.total(); i += kSmallThreads)

@@ -23,16 +23,19 @@ struct Blunting {
 };
 
 constexpr float kShortestSide = 1e-6f;  // px, as a divisor
+constexpr int kUnknown = -1000;         // winding number that nobody has asked for yet
 
 // An edge of the polylines, and the gradients of its ends.
 struct Side {
   float ax, ay, by, ux, uy, length, mx, my;  // start, the end's y, direction, length, middle
   float of_start[2], of_end[2];
+  mutable int left;  // the winding number to the left of the middle
 };
 
 CS_INLINE Side side_between(const float* a, const float* b) {
   const float x = b[0] - a[0], y = b[1] - a[1], length = fmaxf(root(x * x + y * y), kShortestSide);
-  return {a[0], a[1], b[1], x / length, y / length, length, 0.5f * (a[0] + b[0]), 0.5f * (a[1] + b[1]), {0, 0}, {0, 0}};
+  return {a[0],   a[1],   b[1],    x / length, y / length, length, 0.5f * (a[0] + b[0]), 0.5f * (a[1] + b[1]),
+          {0, 0}, {0, 0}, kUnknown};
 }
 
 CS_INLINE bool on_canvas(float x, float y, int width, int height) {
@@ -42,17 +45,13 @@ CS_INLINE bool on_canvas(float x, float y, int width, int height) {
 // The distance in px of the point x, y from an edge's line, positive to the left of it.
 CS_INLINE float beside(const Side& edge, float x, float y) { return edge.ux * (y - edge.ay) - edge.uy * (x - edge.ax); }
 
-// The winding number to the left of the middle of an edge, by the edges that a ray from it towards +x crosses. The ray
-// begins just left of the edge itself.
-CS_INLINE int winding_left(const Side* all, int count, const Side& edge) {
-  int winding = edge.uy > 0 ? 1 : 0;
-  for (const Side* other = all; other != all + count; ++other) {
-    if (other == &edge || (other->ay <= edge.my) == (other->by <= edge.my)) continue;
-    const float side = beside(*other, edge.mx, edge.my);
-    if (other->uy > 0 && side > 0) ++winding;
-    if (other->uy < 0 && side < 0) --winding;
-  }
-  return winding;
+// What an edge adds to the winding number to the left of the middle of an edge, as one that a ray from there towards +x
+// may cross. The ray begins just left of the edge itself.
+CS_INLINE int wound_by(const Side& other, const Side& edge) {
+  if (&other == &edge) return edge.uy > 0 ? 1 : 0;
+  if ((other.ay <= edge.my) == (other.by <= edge.my)) return 0;
+  const float side = beside(other, edge.mx, edge.my);
+  return other.uy > 0 && side > 0 ? 1 : (other.uy < 0 && side < 0 ? -1 : 0);
 }
 
 // True if the line of the other edge runs against the one and is close to its middle.
