@@ -129,6 +129,9 @@ class EmulatedDriver(Driver):
     def stream(self) -> int:
         return 0
 
+    def wait(self) -> None:
+        pass
+
     def late_copy(self, source: Tensor) -> LateCopy:
         return LateCopy(source, torch.empty_like(source), None)
 

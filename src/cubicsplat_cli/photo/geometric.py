@@ -69,7 +69,7 @@ class Regulariser:
         if isinstance(loss, float):
             self._blunting.loss = loss
         else:
-            self._loss = namespace(loss).astype(loss, namespace(loss).float64)
+            self._loss = namespace(loss).asarray(loss, dtype=namespace(loss).float64)
             self._blunting.loss_at = address_on(points.device, self._loss, "loss", (), "float64")
         return self._blunting
 

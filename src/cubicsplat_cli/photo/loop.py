@@ -260,7 +260,7 @@ class FitLoop:
         progress = self.progress
         phases = self._phases(progress, until)
         if len(phases) > 1:
-            best = self.best if phases[0].exact else None
+            best = self.best if phases[0].exact and not self.engine.runs_ahead else None
             self.step += self.stepper.steps(phases, progress, RUN_SECONDS, best)
             self.stepper.check_loss(self.step - 1)
         else:
@@ -275,8 +275,8 @@ class FitLoop:
         schedule, elapsed, due = self.schedule, self.log.elapsed, self.stepper.regulariser.due
         phases = [first := schedule.phase(progress)]
         single = not self.stepper.runs or self.recorder is not None or schedule.reallocation_due(progress)
-        ahead = self.engine.runs_ahead  # then there is nothing to compare the best curves with
-        if single or (first.exact and (ahead or self.best.empty)):
+        ahead = self.engine.runs_ahead  # then the best curves are looked for between the calls
+        if single or (first.exact and (self.best.empty or (ahead and self._looks()))):
             return phases
         while len(phases) < self.engine.at_once:
             then = schedule.progress(self.step + len(phases), elapsed)
@@ -304,10 +304,12 @@ class FitLoop:
 
     def _psnr_db(self) -> float:
         """Return the PSNR of the picture before the last step."""
+        self.engine.wait()
         return self.evaluator.psnr_db(self.stepper.loss, self.stepper.image)
 
     def reallocate(self, progress: float) -> None:
         """Replace the least important curves by new ones at places with a high error."""
+        self.engine.wait()
         found = as_numpy(self.stepper.importance)
         self.log.inequality = gini(found)
         frozen = self.inputs.frozen_curves

@@ -210,7 +210,8 @@ def serve_fit(connection: Connection, opened: Callable[..., Engine]) -> None:
                         stack.callback(lambda fit: fit.engine.close(), loop)
                         result = None
                     else:
-                        result = getattr(loop, name)(*arguments)
+                        with loop.engine.turn():
+                            result = getattr(loop, name)(*arguments)
             except Exception as error:
                 connection.send(("error", ExceptionWithTraceback(error, error.__traceback__)))
             else:

@@ -234,6 +234,15 @@ class Engine(ABC):
         """Return a context in which torch's errors of a failing device become EngineErrors, for reads of results."""
         return nullcontext()
 
+    def turn(self) -> AbstractContextManager[Any]:
+        """Return a context for one thread at a time of those with an engine on this device. Threads that alternate with
+        every call to it would mostly wait for Python's lock.
+        """
+        return nullcontext()
+
+    def wait(self) -> None:  # noqa: B027  # nothing to do on the CPU
+        """Before a look at values: within a `turn`, let others have theirs until the device has done its work."""
+
     def fault(self, wait: bool = True) -> tuple[int, int] | None:
         """Return (curve, step) of the first parameter that ceased to be finite, if the engine itself looks for it.
 

@@ -40,7 +40,7 @@ class Driver(ABC):
 
     device: torch's. shared_per_block: bytes of shared memory that a block may take without asking. shared_per_sm: bytes
     that the blocks of a multiprocessor share. tested: programs that have passed the self-test. lock: held while a
-    program is loaded and tested, and while a graph is captured or dropped.
+    program is loaded and tested, and while a graph is captured or dropped. turns: of `Engine.turn`.
     """
 
     device: torch.device
@@ -50,6 +50,7 @@ class Driver(ABC):
     def __init__(self) -> None:
         self.tested: set[Program] = set()
         self.lock = threading.RLock()
+        self.turns = threading.Lock()
         self._loaded: dict[Program, Kernels] = {}
 
     def kernels(self, program: Program) -> Kernels:
@@ -66,6 +67,10 @@ class Driver(ABC):
     @abstractmethod
     def stream(self) -> int:
         """Return the address of the queue that launches go to now. Buffers of a queue must not be reused in another."""
+
+    @abstractmethod
+    def wait(self) -> None:
+        """Wait until all that was launched in this queue is done."""
 
     @abstractmethod
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
@@ -207,6 +212,9 @@ class CudaDriver(Driver):
 
     def stream(self) -> int:
         return torch.cuda.current_stream(self.device).cuda_stream
+
+    def wait(self) -> None:
+        torch.cuda.current_stream(self.device).synchronize()
 
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
         # torch.cuda.graph() would collect garbage and wait for the device first, which costs more than many steps.

@@ -11,8 +11,8 @@ from __future__ import annotations
 import ctypes
 import math
 from collections import OrderedDict
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,6 +84,7 @@ class CudaEngine(Engine):
         self.device = self._driver.device
         self._plans: OrderedDict[bytes, _Plan] = OrderedDict()
         self._number = 0
+        self._has_turn = False
         with self._driver.active():
             self._status = self._allocate("the status", 2, torch.int32).zero_()
             self._late_status = self._driver.late_copy(self._status)
@@ -102,6 +103,24 @@ class CudaEngine(Engine):
 
     def guarded(self) -> AbstractContextManager[Any]:
         return self._driver.active()
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        with self._driver.turns:
+            self._has_turn = True
+            try:
+                yield
+            finally:
+                self._has_turn = False
+
+    def wait(self) -> None:
+        if not self._has_turn:
+            return
+        self._driver.turns.release()
+        try:
+            self._driver.wait()
+        finally:
+            self._driver.turns.acquire()
 
     def describe(self) -> dict[str, object]:
         return {"name": self.name, **self._driver.describe()}
