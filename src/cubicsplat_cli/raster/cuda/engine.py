@@ -160,7 +160,10 @@ class CudaEngine(Engine):
         values = self._training_values(scene, settings, training)
         kept = (scene, *training.pictures.values(), *training.out.values(), training.state)
         with self._driver.active():
-            blunted = 0 if training.blunting is None else training.blunting.edges
+            penalty, blunted = training.blunting, 0
+            if penalty is not None:
+                values.blunting, blunted = penalty, penalty.edges
+            blunting = values.blunting
             plan = self._plan(frame, scene, blunted, kept)
             if training.importance == "loo" and training.image is None:
                 image = self._picture(scene)
@@ -168,11 +171,11 @@ class CudaEngine(Engine):
             losses = torch.empty(len(paces), dtype=torch.float64, device=self.device)
             for index, (edge_width, *rates) in enumerate(paces.tolist()):
                 values.edge_width, values.rates[:RATED], values.number = edge_width, rates, self._number
-                if (penalty := training.blunting) is not None:
-                    values.blunting = penalty
+                if penalty is not None:
+                    blunting.left = penalty.left
                     penalty.left = (penalty.left or penalty.every) - 1
                     if index > 0:
-                        values.blunting.loss_at = values.loss  # of the step before
+                        blunting.loss_at = values.loss  # of the step before
                 values.loss = losses.data_ptr() + index * losses.itemsize
                 self._set_step(plan.kernels, values, plan.step)
                 self._repeat(plan)
@@ -219,9 +222,10 @@ class CudaEngine(Engine):
 
     def _launch(self, kernels: Kernels, frame: StepFrame, blunted: int = 0) -> None:
         """Queue the kernels of one step, render or gradient. blunted: as of `_Plan`."""
+        join = None
         if blunted:
-            shared = frame.segments * blunted * SIDE_BYTES
-            kernels.launch("blunt", (max(1, frame.curves), 1), SMALL_THREADS, shared, frame)
+            given = (max(1, frame.curves), 1), SMALL_THREADS, frame.segments * blunted * SIDE_BYTES, frame
+            join = self._driver.beside(lambda: kernels.launch("blunt", *given))
         per_block = SMALL_THREADS // WARP
         coverage = "exact" if frame.exact else "relaxed"
         curves = blocks(frame.curves, per_block)
@@ -231,6 +235,8 @@ class CudaEngine(Engine):
             kernels.launch("bin", (blocks(frame.words, per_block), supers), SMALL_THREADS, 0, frame)
         shared = shared_bytes(coverage, frame.slots)
         kernels.launch(f"raster_{coverage}", (frame.tiles_x * frame.tiles_y, 1), THREADS, shared, frame)
+        if join is not None:
+            join()
         if frame.backward:
             kernels.launch("update", (1 + curves, 1), SMALL_THREADS, 0, frame)
 

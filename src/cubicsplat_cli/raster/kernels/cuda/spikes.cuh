@@ -49,16 +49,27 @@ CS_INLINE void find_windings(const Side* all, int count) {
   }
 }
 
-// Adds what two close edges do to each other to the gradients of their ends.
-CS_INLINE void push(const Frame& f, Side& one, Side& other) {
+// Adds what close edges do to one another to the gradients of their ends. A warp takes the edges that one is close to.
+CS_INLINE void push_all(const Frame& f, const Blunting& penalty, Side* all, int count) {
   const auto left = [](const Side& side) { return side.left; };
-  Push push;
-  if (!pushes(one, other, f.width, f.height, left, &push)) return;
-  for (int c = 0; c < 2; c++) {
-    atomicAdd(&one.of_start[c], 0.5f * push.by[c]);
-    atomicAdd(&one.of_end[c], 0.5f * push.by[c]);
-    atomicAdd(&other.of_start[c], (push.share - 1.0f) * push.by[c]);
-    atomicAdd(&other.of_end[c], -push.share * push.by[c]);
+  const int lane = threadIdx.x % kWarp;
+  for (int i = threadIdx.x / kWarp; i < count; i += kSmallThreads / kWarp) {
+    float by[2] = {0.0f, 0.0f};
+    for (int j = lane; j < count; j += kWarp) {
+      Push push;
+      if (!runs_against(penalty, all[i], all[j]) || !pushes(all[i], all[j], f.width, f.height, left, &push)) continue;
+      for (int c = 0; c < 2; c++) {
+        by[c] += push.by[c];
+        atomicAdd(&all[j].of_start[c], (push.share - 1.0f) * push.by[c]);
+        atomicAdd(&all[j].of_end[c], -push.share * push.by[c]);
+      }
+    }
+    for (int c = 0; c < 2; c++) {
+      const float sum = 0.5f * warp_sum(by[c]);
+      if (lane != 0 || sum == 0.0f) continue;
+      atomicAdd(&all[i].of_start[c], sum);
+      atomicAdd(&all[i].of_end[c], sum);
+    }
   }
 }
 
@@ -95,9 +106,7 @@ CS_INLINE void add_slivers(const Frame& f, const Rings& rings, const Blunting& p
   __syncthreads();
   find_windings(all, count);
   __syncthreads();
-  for (int i = threadIdx.x / kWarp; i < count; i += kSmallThreads / kWarp)
-    for (int j = threadIdx.x % kWarp; j < count; j += kWarp)
-      if (runs_against(penalty, all[i], all[j])) push(f, all[i], all[j]);
+  push_all(f, penalty, all, count);
   __syncthreads();
   const float weight = float(penalty.slivers) * loss;
   for (int i = threadIdx.x; i < 6 * rings.total(); i += kSmallThreads)
