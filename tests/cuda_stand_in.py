@@ -184,7 +184,6 @@ def install(monkeypatch) -> FakeGpu:
         "device": lambda device: gpu.use(gpu.streams[-1]), "synchronize": lambda: gpu.asked("synchronize"),
         "get_device_properties": lambda device: properties, "current_stream": lambda device: gpu.streams[-1],
         "Stream": lambda device: OTHER_STREAM, "stream": gpu.use, "CUDAGraph": gpu.graph, "Event": FakeEvent,
-        "is_current_stream_capturing": lambda: gpu.captured is not None,
     }  # fmt: skip
     empty_like, text = torch.empty_like, "{0.mode.value} {0.channels}"
     places = [

@@ -135,10 +135,6 @@ class EmulatedDriver(Driver):
     def late_copy(self, source: Tensor) -> LateCopy:
         return LateCopy(source, torch.empty_like(source), None)
 
-    def beside(self, body: Callable[[], None]) -> Callable[[], None]:
-        body()
-        return lambda: None
-
     def active(self) -> nullcontext:
         return nullcontext()
 

@@ -80,12 +80,6 @@ class Driver(ABC):
         """
 
     @abstractmethod
-    def beside(self, body: Callable[[], None]) -> Callable[[], None]:
-        """Queue the launches of `body`, while captured beside those that follow. Return a function that makes what
-        follows it wait for them.
-        """
-
-    @abstractmethod
     def active(self) -> AbstractContextManager[Any]:
         """Return a context in which the device is torch's current one, and its failures are EngineErrors."""
 
@@ -239,17 +233,6 @@ class CudaDriver(Driver):
             graph.capture_end()
         torch.cuda.current_stream(self.device).wait_stream(stream)
         return graph.replay
-
-    def beside(self, body: Callable[[], None]) -> Callable[[], None]:
-        # Outside a capture another thread might capture what this stream, which torch hands out again, is given.
-        if not torch.cuda.is_current_stream_capturing():
-            body()
-            return lambda: None
-        stream, other = torch.cuda.current_stream(self.device), torch.cuda.Stream(self.device)
-        other.wait_stream(stream)
-        with torch.cuda.stream(other):
-            body()
-        return lambda: stream.wait_stream(other)
 
     @contextmanager
     def active(self) -> Iterator[None]:

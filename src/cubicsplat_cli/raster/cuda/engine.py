@@ -222,10 +222,9 @@ class CudaEngine(Engine):
 
     def _launch(self, kernels: Kernels, frame: StepFrame, blunted: int = 0) -> None:
         """Queue the kernels of one step, render or gradient. blunted: as of `_Plan`."""
-        join = None
         if blunted:
-            given = (max(1, frame.curves), 1), SMALL_THREADS, frame.segments * blunted * SIDE_BYTES, frame
-            join = self._driver.beside(lambda: kernels.launch("blunt", *given))
+            shared = frame.segments * blunted * SIDE_BYTES
+            kernels.launch("blunt", (max(1, frame.curves), 1), SMALL_THREADS, shared, frame)
         per_block = SMALL_THREADS // WARP
         coverage = "exact" if frame.exact else "relaxed"
         curves = blocks(frame.curves, per_block)
@@ -235,8 +234,6 @@ class CudaEngine(Engine):
             kernels.launch("bin", (blocks(frame.words, per_block), supers), SMALL_THREADS, 0, frame)
         shared = shared_bytes(coverage, frame.slots)
         kernels.launch(f"raster_{coverage}", (frame.tiles_x * frame.tiles_y, 1), THREADS, shared, frame)
-        if join is not None:
-            join()
         if frame.backward:
             kernels.launch("update", (1 + curves, 1), SMALL_THREADS, 0, frame)
 
