@@ -8,6 +8,7 @@ is a channel like the others.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache, partial
 from itertools import permutations
 
 import numpy as np
@@ -58,8 +59,10 @@ def with_covered(
     What lies beneath one overlay only where another one lies too meets it in no X of its own.
     """
     while overlays:
+        boxes = ndimage.find_objects(regions.labels + 1)
+        beside = cache(partial(_beside, regions, overlays, boxes))
         for above, below in zip(regions.borders.first.tolist(), regions.borders.second.tolist(), strict=True):
-            over = () if fixed[[above, below]].any() else _over(regions, overlays, above, below)
+            over = () if fixed[[above, below]].any() else _over(regions, overlays, beside(above), above, below)
             if over:
                 mask = regions.labels == above
                 overlays = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(overlays, over)]
@@ -70,12 +73,22 @@ def with_covered(
     return regions, fixed, overlays
 
 
-def _over(regions: Regions, overlays: list[Overlay], region: int, ground: int) -> tuple[Overlay, ...]:
-    """The overlays beside a region that make its colour of another one's, uppermost first; () where none do."""
-    window = widened(ndimage.find_objects(regions.labels == region)[0], 1, regions.labels.shape)
+def _beside(
+    regions: Regions, overlays: list[Overlay], boxes: list[tuple[slice, slice]], region: int
+) -> list[Overlay]:
+    """The overlays that touch a region, of these boxes, and cover nothing of it."""
+    window = widened(boxes[region], 1, regions.labels.shape)
     mask = regions.labels[window] == region
     rim = ndimage.binary_dilation(mask) & ~mask
-    beside = [s for s in overlays if s.cover[window][rim].any() and not s.cover[window][mask].any()]
+    return [s for s in overlays if s.cover[window][rim].any() and not s.cover[window][mask].any()]
+
+
+def _over(
+    regions: Regions, overlays: list[Overlay], beside: list[Overlay], region: int, ground: int
+) -> tuple[Overlay, ...]:
+    """Those of the overlays beside a region that make its colour of another one's, uppermost first; () where none
+    do.
+    """
     if len(beside) > MOST_BESIDE:
         return ()
     fill, under = regions.fills[region], regions.fills[ground]
