@@ -172,7 +172,9 @@ def test_what_lies_between_shapes_keeps_them_apart():
     first, *rest = letters(3)
     apart = shape(Ellipse(5, 80, 5, 3), fill=BLACK)
     assert len(written(first, apart, *rest)) == 2
-    over_second = shape(Ellipse(15, 8, 5, 3), fill=BLACK)
+    within_second = shape(Ellipse(15, 8, 5, 3), fill=BLACK)
+    assert len(written(first, within_second, *rest)) == 2, "it shares no pixel with the first"
+    over_second = shape(Ellipse(15, 8, 9, 3), fill=BLACK)
     assert len(written(first, over_second, *rest)) == 3
     assert len(written(first, over_second, *rest, *OTHERS)) == 4 + len(OTHERS)
     first, *rest = letters(4)
@@ -180,6 +182,12 @@ def test_what_lies_between_shapes_keeps_them_apart():
     orders = ((first, apart, *rest), (first, *rest, apart))
     drawn = [rerender(svg_of(*order).encode(), 800, 400, renderer="resvg").pixels for order in orders]
     assert np.array_equal(*drawn)
+
+
+def test_dots_join_paths_of_their_fill_since_pixels_do_not_tell_their_form():
+    small, large = (shape(Circle(150, 50, radius)) for radius in (0.9, 3))
+    assert len(written(*letters(3), small, *OTHERS)) == 1 + len(OTHERS)
+    assert len(written(*letters(4), large, *OTHERS)) == 2 + len(OTHERS)
 
 
 def test_nests_beside_each_other_are_written_together():

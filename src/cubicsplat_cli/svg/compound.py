@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT
 LEAST_SHAPES = 4
 # A drawing of so few colours is a sign, a logo or lettering, in which all shapes of a colour are one path.
 FEW_PAINTS = 4
+_DOT = 4.0  # px^2 of the box of a shape, of the few pixels that show no form
 _LOOP = 1.0  # px^2, the least area of a visible loop
 _COPY = 512  # px, the longer side of the copy of a ring in which loops are searched
 
@@ -27,11 +29,12 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     Where LEAST_SHAPES paths or more have one opaque fill or gradient, or are strokes by one pen, all that can join
     become groups: how many each group has depends on the order of layers, which little may change. In a drawing of at
     most FEW_PAINTS fills and gradients, one path and anything else that can join it is enough. Well rounded boxes join
-    paths too, as they are written as paths, and whether a shape is one is a close decision.
+    paths too, as they are written as paths, and dots, since pixels do not tell their form: whether a shape is one is a
+    close decision.
 
     The rings of a group cover what its shapes cover, since every outer ring runs clockwise as seen and every hole the
-    other way. A shape joins another one only if no shape of another fill that touches it is drawn between them, so the
-    picture stays the same. Shapes of different groups in the file, and those with shading, stay apart.
+    other way. A shape joins another one only if no shape of another fill that shares a pixel with it is drawn between
+    them, so the picture stays the same. Shapes of different groups in the file, and those with shading, stay apart.
     """
     boxes = boxes_of(shapes).T.copy()
     paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
@@ -39,17 +42,29 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     sign = len({paint[:1] + paint[2:] for paint in paints}) <= FEW_PAINTS  # with any pens
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
-    joins = paths | np.array([(sign or _rounded(shape)) and shape.stroke is None for shape in shapes], dtype=bool)
-    free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
+    dots = (boxes[2:] - boxes[:2]).prod(axis=0) <= _DOT
+    closed = dots | np.array([(sign or _rounded(shape)) and shape.stroke is None for shape in shapes], dtype=bool)
+    free = (paths | closed) & np.array([_opaque(shape) for shape in shapes], dtype=bool)
     for k in np.flatnonzero(free).tolist():
         if _crosses(shapes[k]):
             beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
             free[k] = not _cuts(shapes[k], [shapes[n] for n in np.flatnonzero(beside).tolist() if n != k])
     free &= sign | (np.bincount(numbers, free)[numbers] >= LEAST_SHAPES)
+    last, pieces = len(shapes) - 1, cache(lambda k: pieces_of_rings(shapes[k].oriented()))
+
+    @cache
+    def meet(first: int, second: int) -> bool:
+        left, top = np.floor(np.maximum(boxes[:2, first], boxes[:2, second])).astype(int).tolist()
+        right, bottom = np.ceil(np.minimum(boxes[2:, first], boxes[2:, second])).astype(int).tolist()
+        if right <= left or bottom <= top:
+            return False
+        one, other = (coverage(*pieces(k), top, left, bottom - top, right - left) > 0.0 for k in (first, second))
+        return bool((one & other).any())
+
     while True:
         # From the back to the front, or the other way round, where each joins a later one.
-        forth = _leaders(boxes, numbers, free)
-        back = len(shapes) - 1 - _leaders(boxes[:, ::-1], numbers[::-1], free[::-1])[::-1]
+        forth = _leaders(boxes, numbers, free, meet)
+        back = last - _leaders(boxes[:, ::-1], numbers[::-1], free[::-1], lambda a, b: meet(last - b, last - a))[::-1]
         leaders = min(forth, back, key=lambda each: len(np.unique(each)))
         # Groups of primitives alone are dissolved.
         loose = (np.bincount(leaders, paths, len(shapes)) == 0)[leaders] & (leaders != np.arange(len(shapes)))
@@ -58,19 +73,22 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
         free &= ~loose
 
 
-def _leaders(boxes: np.ndarray, numbers: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _leaders(boxes: np.ndarray, numbers: np.ndarray, free: np.ndarray, meet: Callable[[int, int], bool]) -> np.ndarray:
     """Return the first shape (n,) of the group of each shape.
 
     That is the first of its paint after which no shape is drawn that must stay beneath it. boxes: (4, n). numbers: (n,)
-    of the paints. free: (n,) whether a shape may join others.
+    of the paints. free: (n,) whether a shape may join others. meet: whether two shapes share a pixel, the lower first.
     """
     leaders = np.arange(len(numbers))
     leaders_of: dict[int, list[int]] = {}
     for index in np.flatnonzero(free).tolist():
         same = leaders_of.setdefault(int(numbers[index]), [])
         if same:
-            beneath = near_box(boxes[:, :index], boxes[:, index]) & (numbers[:index] != numbers[index])
-            lowest = leaders[:index][beneath].max(initial=-1)
+            near = near_box(boxes[:, :index], boxes[:, index]) & (numbers[:index] != numbers[index])
+            # Only what is drawn after the first of the group keeps it from that, what is drawn last first of all.
+            after = np.flatnonzero(near & (leaders[:index] > same[0]))
+            after = after[np.argsort(-leaders[after], kind="stable")]
+            lowest = next((int(leaders[k]) for k in after.tolist() if meet(k, index)), -1)
             leaders[index] = next((other for other in same if other > lowest), index)
         if leaders[index] == index:
             same.append(index)

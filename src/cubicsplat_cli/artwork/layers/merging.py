@@ -73,9 +73,7 @@ def with_covered(
     return regions, fixed, overlays
 
 
-def _beside(
-    regions: Regions, overlays: list[Overlay], boxes: list[tuple[slice, slice]], region: int
-) -> list[Overlay]:
+def _beside(regions: Regions, overlays: list[Overlay], boxes: list[tuple[slice, slice]], region: int) -> list[Overlay]:
     """The overlays that touch a region, of these boxes, and cover nothing of it."""
     window = widened(boxes[region], 1, regions.labels.shape)
     mask = regions.labels[window] == region
