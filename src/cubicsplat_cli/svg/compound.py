@@ -66,8 +66,8 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
         forth = _leaders(boxes, numbers, free, meet)
         back = last - _leaders(boxes[:, ::-1], numbers[::-1], free[::-1], lambda a, b: meet(last - b, last - a))[::-1]
         leaders = min(forth, back, key=lambda each: len(np.unique(each)))
-        # Groups of primitives alone are dissolved.
-        loose = (np.bincount(leaders, paths, len(shapes)) == 0)[leaders] & (leaders != np.arange(len(shapes)))
+        # Groups of primitives alone that show their form are dissolved.
+        loose = (np.bincount(leaders, paths | dots, len(shapes)) == 0)[leaders] & (leaders != np.arange(len(shapes)))
         if not loose.any():
             return [[shapes[k] for k in np.flatnonzero(leaders == leader).tolist()] for leader in np.unique(leaders)]
         free &= ~loose
