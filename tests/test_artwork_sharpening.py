@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import Image, ImageDraw, ImageFilter
+from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.input.sharpening import without_halos
+from cubicsplat_cli.evaluate.rerender import rerender
 
 TIMES, SIDE = 6, 120
 NOTE = "drawn without the halos that sharpening left at its edges"
@@ -81,3 +82,16 @@ def test_a_sharpened_gradient_is_one_shape():
     report = vectorize(np.asarray(small), style="artwork", threads=1).report
     assert NOTE in " ".join(report.notes)
     assert report.quality.svg.psnr_db > 42.0
+
+
+def test_small_letters_of_a_reduced_picture_keep_their_dots():
+    image = Image.new("RGB", (2 * TIMES * SIDE, TIMES * SIDE), "#dddddd")
+    image.paste(icon())
+    for row in range(6):
+        place = TIMES * (SIDE + 5), TIMES * (10 + 18 * row)
+        ImageDraw.Draw(image).text(place, "Senior, trains. If", fill="#5f5f73", font=ImageFont.load_default(56))
+    small = image.resize((2 * SIDE, SIDE), Image.Resampling.LANCZOS)
+    result = vectorize(np.asarray(small), style="artwork", threads=1)
+    assert NOTE in " ".join(result.report.notes)
+    drawn = rerender(result.svg.encode(), 2 * SIDE, SIDE, renderer="resvg").pixels[..., :3].astype(float)
+    assert np.abs(drawn - np.asarray(small, float)).max() < 80.0

@@ -68,7 +68,7 @@ class TargetPicture:
     def of(cls, levels: np.ndarray, condition: Condition, min_area: float) -> TargetPicture:
         """The picture in a condition. min_area: px^2 that a shape has at least."""
         seen, rings = levels @ LUMA_CHROMA, condition.jpeg or condition.sharpened
-        sharp = condition.clean and not (condition.aliased or rings)
+        sharp = condition.clean and not (condition.aliased or condition.jpeg)
         least, smallest = (LEAST_CLEAN, 1) if sharp else (LEAST, SMALLEST)
         off = ringing(seen) if rings else np.zeros(seen.shape, np.float32)
         return cls(levels, condition, least, max(smallest, min_area), off)
