@@ -20,7 +20,7 @@ LEAST_SHAPES = 4
 FEW_PAINTS = 4
 _DOT = 4.0  # px^2 of the box of a shape, of the few pixels that show no form
 _LOOP = 1.0  # px^2, the least area of a visible loop
-_COPY = 512  # px, the longer side of the copy of a ring in which loops are searched
+_COPY = 512  # px, the longer side of the copy of a window in which loops and shared pixels are searched
 
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
@@ -42,9 +42,10 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     sign = len({paint[:1] + paint[2:] for paint in paints}) <= FEW_PAINTS  # with any pens
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
-    dots = (boxes[2:] - boxes[:2]).prod(axis=0) <= _DOT
-    closed = dots | np.array([(sign or _rounded(shape)) and shape.stroke is None for shape in shapes], dtype=bool)
-    free = (paths | closed) & np.array([_opaque(shape) for shape in shapes], dtype=bool)
+    filled = np.array([shape.stroke is None for shape in shapes], dtype=bool)
+    dots = filled & ((boxes[2:] - boxes[:2]).prod(axis=0) <= _DOT)
+    joins = paths | dots | (filled & np.array([sign or _rounded(shape) for shape in shapes], dtype=bool))
+    free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
     for k in np.flatnonzero(free).tolist():
         if _crosses(shapes[k]):
             beside = free & near_box(boxes, boxes[:, k]) & (numbers == numbers[k])
@@ -54,11 +55,11 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
 
     @cache
     def meet(first: int, second: int) -> bool:
-        left, top = np.floor(np.maximum(boxes[:2, first], boxes[:2, second])).astype(int).tolist()
-        right, bottom = np.ceil(np.minimum(boxes[2:, first], boxes[2:, second])).astype(int).tolist()
-        if right <= left or bottom <= top:
+        low = np.floor(np.maximum(boxes[:2, first], boxes[:2, second]))
+        extent = np.ceil(np.minimum(boxes[2:, first], boxes[2:, second])) - low
+        if (extent <= 0.0).any():
             return False
-        one, other = (coverage(*pieces(k), top, left, bottom - top, right - left) > 0.0 for k in (first, second))
+        one, other = (_copy(*pieces(k), low, extent) > 0.0 for k in (first, second))
         return bool((one & other).any())
 
     while True:
@@ -108,7 +109,7 @@ def _primitive(shape: Shape) -> bool:
 
 
 def _rounded(shape: Shape) -> bool:
-    """Return whether a shape is a box that is written as a path, for its round corners."""
+    """Return whether a filled shape is a box that is written as a path, for its round corners."""
     return isinstance(shape.outlines[0], Rectangle) and shape.outlines[0].radius > MOST_ON_RECT
 
 
@@ -136,8 +137,16 @@ def _cuts(shape: Shape, others: Sequence[Shape]) -> bool:
 def _reversed_area(ring: Ring) -> float:
     """Return the area in px^2 of the loops in which a ring that crosses itself runs the other way round."""
     points = ring.cubics.reshape(-1, 2)
-    low, extent = points.min(axis=0), np.ptp(points, axis=0)
-    factor = max(1.0, float(extent.max()) / _COPY)
-    width, height = np.ceil(extent / factor).astype(int).tolist()
-    covered = coverage((ring.cubics - low) / factor, ring.lines, 0, 0, height, width).sum()
-    return 0.5 * (factor**2 * float(covered) - abs(signed_area(ring)))
+    extent = np.ptp(points, axis=0)
+    covered = _copy(ring.cubics, ring.lines, points.min(axis=0), extent).sum()
+    return 0.5 * (_times(extent) ** 2 * float(covered) - abs(signed_area(ring)))
+
+
+def _copy(cubics: np.ndarray, lines: np.ndarray, low: np.ndarray, extent: np.ndarray) -> np.ndarray:
+    """Return the coverage (h, w) of a window of an extent (2,) px by outlines, each side `_times` smaller."""
+    width, height = np.ceil(extent / _times(extent)).astype(int).tolist()
+    return coverage((cubics - low) / _times(extent), lines, 0, 0, height, width)
+
+
+def _times(extent: np.ndarray) -> float:
+    return max(1.0, float(extent.max()) / _COPY)
