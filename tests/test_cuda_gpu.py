@@ -158,15 +158,16 @@ def test_a_fit_ends_where_the_cpu_ends(engine, way):
     elif way in ("start", "frozen"):
         few = FitSettings.from_preset("draft", curves=32, steps=100, device="cpu")
         inputs = FitInputs(start=fit(picture, few).scene, frozen=way == "frozen")
+    seeds = range(2 * SEEDS if way == "gradients" else SEEDS)  # those differ twice as much
     for device in ("cpu", "cuda"):
         levels = []
-        for seed in range(SEEDS):
+        for seed in seeds:
             options = {"curves": 64, "steps": 300, "seed": seed, "device": device, **WAYS[way]}
             result = fit(picture, FitSettings.from_preset("draft", **options), inputs=inputs)
             assert result.device["name"] == device
             levels.append(result.history[-1]["psnr_db"])
-        means.append(sum(levels) / SEEDS)
-    assert means[1] == pytest.approx(means[0], abs=0.2)
+        means.append(sum(levels) / len(levels))
+    assert means[1] == pytest.approx(means[0], abs=0.15)
 
 
 LOSES_ITS_GPU = """

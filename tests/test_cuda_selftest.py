@@ -38,8 +38,9 @@ class Rounding(CpuEngine):
 
 @pytest.mark.parametrize("program", PROGRAMS[:4], ids=lambda program: program.name)
 def test_rounding_does_not_decide_the_self_test(program):
-    with closing(Rounding(1)) as engine:
-        selftest.self_test(engine, program)
+    with closing(Rounding(1)) as engine, closing(CpuEngine(1)) as cpu:
+        assert list(selftest.numbers(engine, program)) != list(selftest.numbers(cpu, program))
+        selftest.self_test(engine, program)  # which raises EngineError if the numbers are others
 
 
 class Broken(EmulatedDriver):

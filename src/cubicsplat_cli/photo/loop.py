@@ -25,7 +25,9 @@ from cubicsplat_cli.scene import Scene, points_from_segments, scaled_scene
 from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, like, namespace, one_torch_thread, with_channels
 from cubicsplat_cli.settings import FitSettings
 
-LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
+# Steps between two looks on a GPU for values that are not finite, and for the best curves of the exact finish: the one
+# waits for it, the other takes the host as long as several steps.
+LOOK_EVERY = 16
 RUN_SECONDS = 0.05  # of steps in a row, after which Ctrl-C and time limits have their turn
 
 
