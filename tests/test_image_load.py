@@ -11,7 +11,7 @@ from image_files import NOISE, encode, png_chunk, png_of
 from PIL import Image, ImageCms
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files.load import Picture, as_picture, load_picture, resize_picture
+from cubicsplat_cli.files.load import Picture, as_picture, enlarge_picture, load_picture, resize_picture
 
 
 def test_rgb_png_is_exact(tmp_path):
@@ -351,3 +351,27 @@ def test_resize_stays_in_range_although_lanczos_overshoots():
     scaled = resize_picture(flat_picture(rgb), 20)
     assert scaled.rgb.min() >= 0
     assert scaled.rgb.max() <= 1
+
+
+@pytest.mark.parametrize("factor", [2, 3, 4])
+@pytest.mark.parametrize("transparent", [False, True])
+def test_an_enlarged_picture_has_the_pixels_as_its_means(factor, transparent):
+    y, x = np.mgrid[0:12, 0:20]
+    rgb = np.stack([0.5 + 0.3 * np.sin(x / 2), 0.5 + 0.3 * np.cos(y / 3), np.full((12, 20), 0.25)], -1)
+    alpha = 0.5 + 0.4 * np.cos((x + y) / 4) if transparent else None
+    picture = flat_picture(rgb, alpha)
+    enlarged = enlarge_picture(picture, factor)
+    assert enlarged.size == (20 * factor, 12 * factor)
+    means = enlarged.target().reshape(12, factor, 20, factor, -1).mean(axis=(1, 3))
+    assert np.abs(means - picture.target()).max() < 0.01
+    assert np.allclose(enlarged.rgb[..., 2], 0.25, atol=0.01)
+
+
+def test_an_enlarged_picture_stays_in_range_and_hides_what_is_transparent():
+    alpha = np.zeros((8, 8))
+    alpha[2:5, 2:5] = 1
+    enlarged = enlarge_picture(flat_picture(np.random.default_rng(2).random((8, 8, 3)), alpha), 4)
+    assert enlarged.rgb.min() >= 0
+    assert enlarged.rgb.max() <= 1
+    assert (enlarged.alpha.min(), enlarged.alpha.max()) == (0, 1)
+    assert (enlarged.rgb[enlarged.alpha == 0] == 0).all()

@@ -14,6 +14,7 @@ from PIL import Image
 
 from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.evaluate import metrics as measuring
+from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.files.load import as_picture, resize_picture
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
@@ -21,7 +22,9 @@ from cubicsplat_cli.pipeline import photo as photo_style
 from cubicsplat_cli.pipeline.choose import candidates
 from cubicsplat_cli.pipeline.vectorize import measured, task_of, vectorize_picture
 from cubicsplat_cli.progress import COMMAND_BEGAN, Progress, StageTimer, Work
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import FitSettings
 
 SETTINGS = FitSettings(curves=6, steps=12, threads=1)
@@ -148,10 +151,37 @@ def test_a_large_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(f
         done = vectorize_picture(picture, Request(settings, style="photo"))
         assert (done.scene.width, done.scene.height) == picture.size
         levels[curves] = done.report.quality.svg.psnr_db, done.report.notes
-    assert fitted == [((29, 24), (15, 12)), ((48, 40), None)]
+    assert fitted == [((29, 24), (15, 12)), ((192, 160), None)]
     assert levels[6][1] == ["fitted on a copy of 15 x 12 pixels, with the exact finish at 29 x 24"]
     assert levels[200][1] == []
     assert levels[6][0] > 25.0
+
+
+@pytest.mark.parametrize(("side", "used"), [(40, 160), (129, 387), (256, 512), (257, 257)])
+def test_a_small_picture_is_fitted_on_an_enlarged_copy(fitted, side, used):
+    settings = SETTINGS.with_(curves=4000, steps=1)
+    picture = as_picture(np.random.default_rng(5).integers(0, 255, (side, 8, 3), dtype=np.uint8))
+    done = vectorize_picture(picture, Request(settings, style="photo", measure=False))
+    assert fitted == [((8 * used // side, used), None)]
+    assert (done.scene.width, done.scene.height) == (8, side)
+    assert done.report.notes == []
+
+
+def test_a_small_picture_shows_no_scribbles_when_it_is_enlarged(monkeypatch):
+    """Rings as fine as its pixels, whose fit to the pixels themselves has shapes between them."""
+    y, x = np.mgrid[0:128, 0:128] + 0.5
+    rings = np.cos(np.hypot(x - 60, y - 70) ** 1.5 / 70)
+    truth = np.stack([128 + 90 * rings, 140 + 60 * np.cos(x / 30), 110 + 70 * np.sin(y / 25)], -1)
+    small = np.rint(truth.reshape(32, 4, 32, 4, 3).mean(axis=(1, 3))).astype(np.uint8)
+
+    def level() -> float:
+        made = vectorize(small, style="photo", steps=300, threads=1, measure=False)
+        drawn = render_scene(scaled_scene(made.scene, 128, 128), threads=1)[..., :3]
+        return decibels(float(np.square(drawn - truth / 255).mean()))
+
+    enlarged = level()
+    monkeypatch.setattr(photo_style, "MOST_ENLARGED", 1)
+    assert enlarged > level() + 1.0
 
 
 def test_a_fit_that_goes_on_at_another_size_is_where_it_was():

@@ -38,6 +38,8 @@ from cubicsplat_cli.formatting import counted, one_line, printable
 from cubicsplat_cli.record import record
 from cubicsplat_cli.settings import MAX_PIXELS
 
+_ENLARGED_IN = 4  # rounds; more change a fit by less than 0.3 dB
+
 _pillow_lock = threading.Lock()
 
 
@@ -254,23 +256,45 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
     if max(sides) <= max_size:
         return picture
     width, height = (max(1, round(side * max_size / max(sides))) for side in sides)
-    channels = picture.target()
-    scaled = np.stack([_resample(channels[..., k], width, height) for k in range(channels.shape[2])], axis=2)
-    rgb, alpha = scaled[..., :3], None
+    scaled = np.clip(_resampled(picture.target(), (width, height), Image.Resampling.LANCZOS), 0.0, 1.0)
+    note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
+    return replace(_with_channels(picture, scaled), notes=(*picture.notes, note))
+
+
+def enlarge_picture(picture: Picture, factor: int) -> Picture:
+    """Return the picture, `factor` times as large, smooth between the pixels, so that the means over factor x factor
+    pixels are about the pixels of the picture: as if a finer sensor had seen it.
+
+    What bicubic enlargements lack is enlarged and added in turn (Irani and Peleg, "Improving resolution by image
+    registration", 1991).
+    """
+    channels, size = picture.target(), (factor * picture.width, factor * picture.height)
+    enlarged = np.zeros((size[1], size[0], channels.shape[2]), np.float32)
+    for _ in range(_ENLARGED_IN):
+        means = enlarged.reshape(picture.height, factor, picture.width, factor, -1).mean(axis=(1, 3))
+        enlarged += _resampled(channels - means, size, Image.Resampling.BICUBIC)
+        enlarged = np.clip(enlarged, 0.0, 1.0)
     if picture.alpha is not None:
-        alpha = scaled[..., 3]
+        enlarged[..., :3] = np.minimum(enlarged[..., :3], enlarged[..., 3:])
+    return _with_channels(picture, enlarged)
+
+
+def _resampled(channels: np.ndarray, size: tuple[int, int], kernel: Image.Resampling) -> np.ndarray:
+    """Scale (H, W, C) float32 channels to a size (width, height); values may overshoot."""
+    images = (Image.fromarray(np.ascontiguousarray(channels[..., k])) for k in range(channels.shape[2]))
+    return np.stack([np.asarray(image.resize(size, kernel)) for image in images], axis=2)
+
+
+def _with_channels(picture: Picture, channels: np.ndarray) -> Picture:
+    """Return the picture with other pixels: (H, W, 3) or (H, W, 4) float32, premultiplied."""
+    rgb, alpha = channels[..., :3], None
+    if picture.alpha is not None:
+        alpha = channels[..., 3]
         # Below half a step of 16 bits the division would only amplify the filter's ringing.
         alpha[alpha < 0.5 / 65535] = 0.0
         rgb = np.where(alpha[..., None] > 0, rgb / np.maximum(alpha, 1e-6)[..., None], 0.0)
         rgb = np.clip(rgb, 0.0, 1.0).astype(np.float32)
-    note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
-    return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, notes=(*picture.notes, note), compression=None)
-
-
-def _resample(channel: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Scale one (H, W) float32 channel; clip it to [0, 1], since Lanczos overshoots."""
-    image = Image.fromarray(np.ascontiguousarray(channel, dtype=np.float32))
-    return np.clip(np.asarray(image.resize((width, height), Image.Resampling.LANCZOS)), 0.0, 1.0)
+    return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, compression=None)
 
 
 def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS, max_size: int | None = None) -> Picture:

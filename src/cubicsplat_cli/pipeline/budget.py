@@ -56,7 +56,7 @@ ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 class Photo:
     """The fits of one picture, and the files of their scenes.
 
-    rough: the picture, or a smaller copy, for most of a fit. fine: the one for its exact finish.
+    rough: the picture, or a smaller or larger copy, for most of a fit. fine: the one for its exact finish.
     """
 
     task: Task
@@ -155,7 +155,8 @@ def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Phot
 
 def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult:
     """Fit the fewest curves whose file has `least` dB; a note gives the level if that is out of reach."""
-    limit = max(1, min(1_000_000, photo.fine.width * photo.fine.height // LEAST_PIXELS_PER_CURVE))
+    width, height = photo.task.target.size
+    limit = max(1, min(1_000_000, width * height // LEAST_PIXELS_PER_CURVE))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
     for share, rise in LOOKS:
         if not fitting.relax(share):

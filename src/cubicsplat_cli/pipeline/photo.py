@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.load import Picture, resize_picture
+from cubicsplat_cli.files.load import Picture, enlarge_picture, resize_picture
 from cubicsplat_cli.metrics import Timing
 from cubicsplat_cli.photo.remote import begin_fit
 from cubicsplat_cli.pipeline.budget import (
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 # as long. Both cost less than 0.1 dB: see docs/lab/cpu.md.
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
+# A small picture is looked at enlarged, and shapes finer than its pixels would then show as scribbles. So its fit uses
+# a copy with a longer side of at most so many px, and at most so many times as large: 8 times gains nothing more.
+ENLARGED_SIDE, MOST_ENLARGED = 512, 4
 QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: px of its copy's longer side; its steps
 BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
@@ -112,10 +115,10 @@ def _prepared(task: Task) -> tuple[Photo, FitSettings]:
 
 
 def _made_of(photo: Photo, fitted: FitResult) -> Made:
-    """Return a fit as a result, with notes on the initial drawing and on the copies that were fitted."""
+    """Return a fit as a result, with notes on the initial drawing and on the smaller copies that were fitted."""
     picture, rough, fine, init = photo.task.target, photo.rough, photo.fine, photo.task.request.init
     notes = [] if init is None else list(init.notes)
-    if fine is not picture or rough is not picture:
+    if rough.width < picture.width:
         finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
         notes.append(f"fitted on a copy of {rough.width} x {rough.height} pixels{finish}")
     scene = scaled_scene(fitted.scene, *photo.task.picture.size)
@@ -176,14 +179,19 @@ def _with_curves(task: Task) -> FitSettings:
 
 
 def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:
-    """Return the pictures for most of a fit and for its exact finish: copies of a large one, or the same one twice.
+    """Return the pictures for most of a fit and for its exact finish: copies of a large one, the same one twice, or an
+    enlarged copy of a small one.
 
     A recipe whose lengths are fractions of the canvas is a published one, and works on the picture.
     """
     if settings.recipe.length_unit == "canvas" or settings.recipe.finish == 0.0:
         return picture, picture
     rough = _with_pixels(picture, ROUGH_PIXELS_PER_CURVE * max(settings.curves, USUAL_CURVES))
-    return rough, picture if rough is picture else _with_pixels(picture, FINISH_SCALE**2 * rough.width * rough.height)
+    if rough is not picture:
+        return rough, _with_pixels(picture, FINISH_SCALE**2 * rough.width * rough.height)
+    factor = min(MOST_ENLARGED, ENLARGED_SIDE // max(picture.size))
+    larger = enlarge_picture(picture, factor) if factor > 1 else picture
+    return larger, larger
 
 
 def _with_pixels(picture: Picture, enough: int) -> Picture:
