@@ -36,7 +36,7 @@ from cubicsplat_cli.pipeline.choose import (
     photo_is_nearer,
 )
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
-from cubicsplat_cli.pipeline.photo import is_smaller
+from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, usual_curves
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
@@ -223,7 +223,7 @@ def test_a_photo_is_not_fitted_to_the_end_where_one_of_as_many_bytes_is_no_neare
 def test_only_a_drawing_of_fewer_bytes_replaces_a_photo_at_sight(curves, smaller):
     task = task_for(speckled(2.0), curves=curves)
     with task.working():
-        assert is_smaller(task, drawn_artwork(task)) == smaller
+        assert (curves_of_equal_bytes(task, drawn_artwork(task)) < usual_curves(task)) == smaller
 
 
 def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
@@ -304,11 +304,18 @@ def test_soft_shading_of_few_pixels_is_nearer_as_a_photo():
 def test_a_photo_is_nearer_if_it_is_beyond_what_the_drawing_may_rise_to():
     task = task_for(blotches(), curves=8)
     drawing = drawn_outlines(task)
-    assert "a quick photo of 6 curves has" in str(photo_is_nearer(task, drawing))
-    photo = seen_db(task, task.quick_photos[6], drawing.samples)
+    assert "a quick photo of 8 curves has" in str(photo_is_nearer(task, drawing))
+    photo = seen_db(task, task.quick_photos[8], drawing.samples)
     lead = photo - seen_db(task, drawing.scene, drawing.samples, drawing.blur)
     assert photo_is_nearer(task, drawing, lead + 0.9) is not None
     assert photo_is_nearer(task, drawing, lead + 1.1) is None
+
+
+def test_only_a_drawing_that_has_lost_much_is_compared_with_a_photo_of_more_bytes():
+    task = task_for(blotches(), curves=8)
+    drawing = drawn_outlines(task)
+    assert photo_is_nearer(task, drawing) is not None and list(task.quick_photos) == [8]
+    assert photo_is_nearer(task, drawing, 10.0) is None and list(task.quick_photos) == [8, 6]
 
 
 def fails(*_) -> None:

@@ -23,7 +23,13 @@ from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, is_smaller, quick_photo
+from cubicsplat_cli.pipeline.photo import (
+    PhotoFit,
+    curves_of_equal_bytes,
+    fitted_photo,
+    quick_photo,
+    usual_curves,
+)
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
@@ -32,6 +38,7 @@ FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 # finished one.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
 SKETCH_DB = 6.0  # the most that its details add to a sketch
+LOST_DB = 32.0  # of a drawing that has lost much of what people see: a mean error of 2.5 % of full scale
 
 
 # The function of each style. A new one needs a line here, a name in `request.STYLES`, and its file in this package.
@@ -203,7 +210,11 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
         far = expected < FAR_DB
         if drawing.interrupted or (far and _level_db(task, drawing) > expected + MARGIN_DB):
             return _drawing_instead(drawing, f"a photo has only {expected:.1f} dB")
-        if not far and is_smaller(task, drawing) and photo_is_nearer(task, drawing) is None:
+        if (
+            not far
+            and curves_of_equal_bytes(task, drawing) < usual_curves(task)
+            and photo_is_nearer(task, drawing) is None
+        ):
             return _drawing_instead(drawing, "no photo of as many bytes is nearer")
     return _nearer_of(task, replace(fit.finished(), style=style), drawing)
 
@@ -290,7 +301,9 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> str | No
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    curves = curves_of_equal_bytes(task, drawing)
+    # A drawing is worth more than a photo of as many bytes, but none that has lost much is worth its few bytes.
+    usual = usual_curves(task) if drawn_db + rise_db < LOST_DB else 0
+    curves = max(usual, curves_of_equal_bytes(task, drawing))
     if curves not in task.quick_photos:
         task.quick_photos[curves] = quick_photo(task, curves)
     photo_db = seen_db(task, task.quick_photos[curves], drawing.samples)

@@ -89,9 +89,9 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     return min(max(round(size / BYTES_PER_CURVE), 1), most)
 
 
-def is_smaller(task: Task, drawing: Made) -> bool:
-    """True if a drawing takes fewer bytes than the photo."""
-    return curves_of_equal_bytes(task, drawing) < _with_curves(task).curves
+def usual_curves(task: Task) -> int:
+    """Return the curves of the photo of a picture."""
+    return _with_curves(task).curves
 
 
 def quick_photo(task: Task, curves: int) -> Scene:
