@@ -16,6 +16,7 @@ from test_svg_viewers import AGREEMENT_DB, agreement
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.photo_parts import page_of
+from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
@@ -61,7 +62,7 @@ def floats(pixels: np.ndarray) -> np.ndarray:
     return pixels.astype(np.float32) / np.float32(255.0)
 
 
-def boxes_of(pixels: np.ndarray) -> list[tuple[int, int, int, int]]:
+def photos_in(pixels: np.ndarray) -> list[tuple[int, int, int, int]]:
     """Left, top, right and bottom of the photographs of a page."""
     found = page_of(floats(pixels))
     windows = [part.window for part in found.parts] if found else []
@@ -91,18 +92,18 @@ def embedded():
 def test_a_photo_in_a_frame_is_found_to_the_pixel():
     found = page_of(floats(page()))
     assert found is not None
-    assert boxes_of(page()) == [(LEFT, TOP, RIGHT, BOTTOM)]
+    assert photos_in(page()) == [(LEFT, TOP, RIGHT, BOTTOM)]
     assert found.parts[0].rectangular
     assert len(np.unique(found.flat[TOP:BOTTOM, LEFT:RIGHT].reshape(-1, 3), axis=0)) == 1
     assert np.array_equal(found.flat[:TOP], floats(page())[:TOP])
 
 
 def test_photos_at_the_edges_of_the_picture_are_found():
-    assert boxes_of(page((0, 90, 130, HEIGHT), frame=False)) == [(0, 90, 130, HEIGHT)]
+    assert photos_in(page((0, 90, 130, HEIGHT), frame=False)) == [(0, 90, 130, HEIGHT)]
 
 
 def test_a_jpeg_of_a_page_ends_its_photo_at_the_strongest_steps():
-    ((left, top, right, bottom),) = boxes_of(recoded(page(frame=False), quality=85))
+    ((left, top, right, bottom),) = photos_in(recoded(page(frame=False), quality=85))
     assert np.abs(np.array([left, top, right, bottom]) - (LEFT, TOP, RIGHT, BOTTOM)).max() <= 1
 
 
@@ -139,7 +140,29 @@ def test_a_small_photo_on_a_card_with_a_soft_shadow_is_found():
     pixels[50:150, 60:240] = 255
     pixels[70:76, 140:220] = pixels[90:96, 140:200] = 40
     pixels[70:118, 76:124] = photo(48, 48)
-    assert boxes_of(pixels) == [(76, 70, 124, 118)]
+    assert photos_in(pixels) == [(76, 70, 124, 118)]
+
+
+def test_a_round_portrait_of_few_pixels_is_a_photo_and_a_round_drawing_is_none():
+    """Neighbouring pixels of both differ as in drawings."""
+    side, y, x = 44, *(np.mgrid[:44, :44] + 0.5 - 22)
+    with Image.open("samples/chelsea.png") as image:
+        cat = np.asarray(image.convert("RGB").crop((90, 20, 300, 230)).resize((side, side), Image.Resampling.LANCZOS))
+    sign = np.where((np.abs(x) < 4) | (np.abs(y) < 4), 250, np.where(x * y > 0, 60, 160))[..., None]
+    pixels = np.full((120, 200, 3), 255, np.uint8)
+    pixels[:20] = 35, 95, 140
+    for row in (30, 38, 76, 84):
+        pixels[row : row + 4, 70:180] = 50, 60, 70
+    inside = np.hypot(x, y) < 21.5
+    for top, what in ((24, cat), (70, np.broadcast_to(sign, (side, side, 3)))):
+        pixels[top : top + side, 12 : 12 + side][inside] = what[inside]
+    result = vectorize(pixels, **QUICK)
+    (one,) = (shape for shape in read_drawing(result.svg).shapes if shape.shading is not None)
+    (box,) = boxes_of([one])
+    assert np.abs(box - (12, 24, 56, 68)).max() < 2
+    off = np.abs(rerender(result.svg.encode(), 200, 120).pixels[..., :3].astype(float) - pixels)
+    assert off[24:68, 12:56].mean() < 10
+    assert off[70:].mean() < 1
 
 
 def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):
@@ -175,7 +198,7 @@ def test_two_photos_are_two_parts():
     pixels = page(frame=False)
     pixels[60:160, 168:290] = 255
     pixels[70:170, 180:290] = photo(110, 100)[:, ::-1]
-    assert sorted(boxes_of(pixels)) == [(LEFT, TOP, RIGHT, BOTTOM), (180, 70, 290, 170)]
+    assert sorted(photos_in(pixels)) == [(LEFT, TOP, RIGHT, BOTTOM), (180, 70, 290, 170)]
     first, second = page_of(floats(pixels)).parts
     assert (first.stand_in != second.stand_in).any()
 

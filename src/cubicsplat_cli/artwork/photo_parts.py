@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
+from cubicsplat_cli.artwork.input.evenness import ALIKE, SMALL, TILE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import bends_and_steps
@@ -263,6 +263,8 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
     ringing = RINGING * float(np.median(spread(seen, REACH, REACH)[part.mask]))
     if grain < (ringing if part.rectangular else max(GRAINY, 2.0 * ringing)):
         return False
+    if max(part.mask.shape) <= SMALL:
+        return True  # neighbours in it differ as in a drawing, so only the drawing tells
     if not part.rectangular:
         crop = with_channels(crop, 4) * part.mask[..., None]
     style = choose_style(crop)

@@ -36,7 +36,7 @@ SAMPLE = 64  # px a side of what is drawn of a part, to see if that suits it; a 
 JPEG_QUALITY = 92  # of an embedded photo: hardly anybody sees what it loses
 NAME = "photo"  # of the shapes and their masks
 NEAR = 64  # levels between the placeholder of a part and the fill of its shape, at most; other fills differ by far more
-LEAST_COMMON = 0.7  # intersection over union of the boxes of a part and its shape
+LEAST_COMMON = 0.5  # intersection over union of the boxes of a part and its shape
 
 
 def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
