@@ -161,7 +161,7 @@ def _photos(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
         else:
             window = whole
             mask = _mask_of(own, even, window)
-        if min(mask.shape) >= LEAST_SIDE and mask.sum() >= LEAST_SIDE**2:
+        if min(mask.shape) >= LEAST_SIDE and 2 * mask.sum() >= LEAST_SIDE**2:
             rows, columns = window
             part = PhotoPart(rows.start, columns.start, mask, _stand_in(levels, window, mask, parts))
             if _is_photo(levels, part):
