@@ -200,7 +200,7 @@ def test_where_the_style_is_doubtful_a_drawing_is_tried(doubtful, made):
 
 
 def test_a_doubtful_drawing_is_given_up_where_its_sketch_is_no_nearer_than_an_early_look_at_the_photo():
-    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0.0, 200.0, (64, 64, 3)), (1.0, 1.0, 0.0))
+    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(0.0, 200.0, (64, 64, 3)), (1.5, 1.5, 0.0))
     mottled = (128.0 + noise).clip(0, 255).astype(np.uint8)
     only, told = only_made(task_for(mottled, steps=60), replace(MEASURED, doubtful=True))
     assert only.style.name == "photo" and is_finished(told)

@@ -302,8 +302,8 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> str | No
     if math.isinf(drawn_db):
         return None
     # A drawing is worth more than a photo of as many bytes, but none that has lost much is worth its few bytes.
-    usual = usual_curves(task) if drawn_db + rise_db < LOST_DB else 0
-    curves = max(usual, curves_of_equal_bytes(task, drawing))
+    lost = drawn_db + rise_db < LOST_DB and task.request.max_bytes is None
+    curves = max(usual_curves(task) if lost else 1, curves_of_equal_bytes(task, drawing))
     if curves not in task.quick_photos:
         task.quick_photos[curves] = quick_photo(task, curves)
     photo_db = seen_db(task, task.quick_photos[curves], drawing.samples)
