@@ -58,7 +58,11 @@ def test_what_is_no_scan_stays_as_it_is():
     # A gradient with a kink, which no polynomial follows, and a dark shape on it.
     kinked = np.full((256, 256, 3), 140.0) + 100.0 * np.abs(np.linspace(-1.0, 1.0, 256))[:, None, None]
     kinked[60:90, 60:90] = 20.0
-    for picture in (clean, gradient(), clean + noisy, bright, kinked):
+    # Soft tones in facets, as a JPEG keeps them, and a dark shape.
+    y, x = np.mgrid[:256, :256]
+    facets = gradient() - 40.0 + 9.0 * np.sign(np.sin(x / 19.0) * np.sin(y / 23.0 + x / 60.0))[..., None] + 0.25 * noisy
+    facets[60:90, 60:90] = 20.0
+    for picture in (clean, gradient(), clean + noisy, bright, kinked, facets):
         assert scan_of(as_levels(np.clip(np.rint(picture), 0, 255).astype(np.float32) / 255.0)) is None
     seethrough = as_levels(target_of(scan(PENS, 200)))
     seethrough[:10, :, 3] = 0.0

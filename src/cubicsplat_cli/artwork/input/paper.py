@@ -47,7 +47,7 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     if not LEAST_GRAIN <= grain <= MOST_GRAIN:
         return None
     paper = np.abs(luma - light) <= OUTLIER * grain
-    if _fine_grain(luma, paper) < LEAST_GRAIN:
+    if _fine_grain(luma, paper) < max(LEAST_GRAIN, 0.25 * grain):  # the rest are edges, not paper
         return None
     surface = np.stack([_surface(colours[..., k], paper, cell) for k in range(3)], axis=-1)
     light = surface @ LUMA
