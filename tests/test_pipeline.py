@@ -151,19 +151,18 @@ def test_a_large_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(f
         done = vectorize_picture(picture, Request(settings, style="photo"))
         assert (done.scene.width, done.scene.height) == picture.size
         levels[curves] = done.report.quality.svg.psnr_db, done.report.notes
-    assert fitted == [((29, 24), (15, 12)), ((192, 160), None)]
+    assert fitted == [((29, 24), (15, 12)), ((48, 40), None)]
     assert levels[6][1] == ["fitted on a copy of 15 x 12 pixels, with the exact finish at 29 x 24"]
     assert levels[200][1] == []
     assert levels[6][0] > 25.0
 
 
-@pytest.mark.parametrize(("side", "used"), [(40, 160), (129, 387), (256, 512), (257, 257)])
-def test_a_small_picture_is_fitted_on_an_enlarged_copy(fitted, side, used):
-    settings = SETTINGS.with_(curves=4000, steps=1)
-    picture = as_picture(np.random.default_rng(5).integers(0, 255, (side, 8, 3), dtype=np.uint8))
-    done = vectorize_picture(picture, Request(settings, style="photo", measure=False))
-    assert fitted == [((8 * used // side, used), None)]
-    assert (done.scene.width, done.scene.height) == (8, side)
+@pytest.mark.parametrize(("side", "used"), [(40, 160), (156, 624), (157, 471), (313, 626), (314, 314)])
+def test_a_small_picture_is_fitted_on_an_enlarged_copy(side, used):
+    picture = as_picture(np.random.default_rng(5).integers(0, 255, (side, side, 3), dtype=np.uint8))
+    assert {copy.size for copy in photo_style.copies_of(picture, SETTINGS)} == {(used, used)}
+    done = vectorize_picture(picture, Request(SETTINGS.with_(steps=1), style="photo", measure=False))
+    assert (done.scene.width, done.scene.height) == (side, side)
     assert done.report.notes == []
 
 
