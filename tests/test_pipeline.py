@@ -157,10 +157,13 @@ def test_a_large_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(f
     assert levels[6][0] > 25.0
 
 
-@pytest.mark.parametrize(("side", "used"), [(40, 160), (156, 624), (157, 471), (313, 626), (314, 314)])
-def test_a_small_picture_is_fitted_on_an_enlarged_copy(side, used):
+@pytest.mark.parametrize(
+    ("side", "rough", "fine"),
+    [(40, 80, 160), (156, 312, 624), (157, 314, 471), (313, 626, 626), (314, 314, 314)],
+)
+def test_a_small_picture_is_fitted_on_enlarged_copies(side, rough, fine):
     picture = as_picture(np.random.default_rng(5).integers(0, 255, (side, side, 3), dtype=np.uint8))
-    assert {copy.size for copy in photo_style.copies_of(picture, SETTINGS)} == {(used, used)}
+    assert [copy.size for copy in photo_style.copies_of(picture, SETTINGS)] == [(rough, rough), (fine, fine)]
     done = vectorize_picture(picture, Request(SETTINGS.with_(steps=1), style="photo", measure=False))
     assert (done.scene.width, done.scene.height) == (side, side)
     assert done.report.notes == []

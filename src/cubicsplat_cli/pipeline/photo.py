@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
 # A small picture is looked at enlarged, and shapes finer than its pixels would then show as scribbles. So its fit uses
-# a copy up to so many times as large, with at most half of those pixels for each curve; 8 times gains nothing more.
-MOST_ENLARGED = 4
+# a larger copy, with at most half of those pixels for each curve: most of it one of so many times the sides, and the
+# finish one of at most so many. More gain nothing.
+ENLARGED, MOST_ENLARGED = 2, 4
 QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: px of its copy's longer side; its steps
 BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
@@ -191,8 +192,10 @@ def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture
         return rough, _with_pixels(picture, FINISH_SCALE**2 * rough.width * rough.height)
     most = ROUGH_PIXELS_PER_CURVE // 2 * USUAL_CURVES
     factor = min(MOST_ENLARGED, math.isqrt(most // (picture.width * picture.height)))
-    larger = enlarge_picture(picture, factor) if factor > 1 else picture
-    return larger, larger
+    if factor < ENLARGED:
+        return picture, picture
+    rough = enlarge_picture(picture, ENLARGED)
+    return rough, rough if factor == ENLARGED else enlarge_picture(picture, factor)
 
 
 def _with_pixels(picture: Picture, enough: int) -> Picture:
