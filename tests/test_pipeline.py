@@ -143,7 +143,7 @@ def fitted(monkeypatch):
     return sizes
 
 
-def test_a_large_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(fitted):
+def test_a_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(fitted):
     picture = as_picture(flat_picture())
     levels = {}
     for curves in (6, 200):
@@ -151,20 +151,26 @@ def test_a_large_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(f
         done = vectorize_picture(picture, Request(settings, style="photo"))
         assert (done.scene.width, done.scene.height) == picture.size
         levels[curves] = done.report.quality.svg.psnr_db, done.report.notes
-    assert fitted == [((29, 24), (15, 12)), ((48, 40), None)]
+    assert fitted == [((29, 24), (15, 12)), ((192, 160), (96, 80))]
     assert levels[6][1] == ["fitted on a copy of 15 x 12 pixels, with the exact finish at 29 x 24"]
     assert levels[200][1] == []
     assert levels[6][0] > 25.0
 
 
 @pytest.mark.parametrize(
-    ("side", "rough", "fine"),
-    [(40, 80, 160), (156, 312, 624), (157, 314, 471), (313, 626, 626), (314, 314, 314)],
+    ("side", "curves", "rough", "fine"),
+    [
+        *((40, 23, 80, 160), (40, 22, 80, 120), (40, 5, 40, 40)),
+        *((156, 400, 312, 624), (157, 400, 314, 471), (313, 400, 626, 626), (314, 400, 314, 314)),
+    ],
 )
-def test_a_small_picture_is_fitted_on_enlarged_copies(side, rough, fine):
+def test_a_small_picture_of_many_curves_is_fitted_on_enlarged_copies(side, curves, rough, fine):
     picture = as_picture(np.random.default_rng(5).integers(0, 255, (side, side, 3), dtype=np.uint8))
-    assert [copy.size for copy in photo_style.copies_of(picture, SETTINGS)] == [(rough, rough), (fine, fine)]
-    done = vectorize_picture(picture, Request(SETTINGS.with_(steps=1), style="photo", measure=False))
+    assert [copy.size for copy in photo_style.copies_of(picture, SETTINGS.with_(curves=curves))] == [
+        (rough, rough),
+        (fine, fine),
+    ]
+    done = vectorize_picture(picture, Request(SETTINGS.with_(curves=curves, steps=1), style="photo", measure=False))
     assert (done.scene.width, done.scene.height) == (side, side)
     assert done.report.notes == []
 

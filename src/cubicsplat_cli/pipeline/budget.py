@@ -106,8 +106,9 @@ class Photo:
         """Return the loss, and (N,) by how much it would rise without each curve."""
         from cubicsplat_cli.raster.engines import leave_one_out_importance
 
-        settings, weights = self.task.request.settings, self.inputs.weights
-        return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
+        settings, target = self.task.request.settings, self.fine.target()
+        sized = scaled_scene(scene, *target.shape[1::-1])  # of a fit that ended early, it has the rough one's size
+        return leave_one_out_importance(sized, target, self.inputs.weights, settings.finish_samples, settings.threads)
 
 
 def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:

@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
 # A small picture is looked at enlarged, and shapes finer than its pixels would then show as scribbles. So its fit uses
-# a larger copy, with at most half of those pixels for each curve: most of it one of so many times the sides, and the
-# finish one of at most so many. More gain nothing.
+# a larger copy, with at most so many pixels for each curve, and no more than a photo of 768 x 512: most of it one of so
+# many times the sides, and the finish one of at most so many. More gain nothing.
+ENLARGED_PIXELS_PER_CURVE, MOST_PIXELS = 1152, 768 * 512
 ENLARGED, MOST_ENLARGED = 2, 4
 QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: px of its copy's longer side; its steps
 BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
@@ -190,7 +191,7 @@ def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture
     rough = _with_pixels(picture, ROUGH_PIXELS_PER_CURVE * max(settings.curves, USUAL_CURVES))
     if rough is not picture:
         return rough, _with_pixels(picture, FINISH_SCALE**2 * rough.width * rough.height)
-    most = ROUGH_PIXELS_PER_CURVE // 2 * USUAL_CURVES
+    most = min(ENLARGED_PIXELS_PER_CURVE * settings.curves, MOST_PIXELS)
     factor = min(MOST_ENLARGED, math.isqrt(most // (picture.width * picture.height)))
     if factor < ENLARGED:
         return picture, picture
