@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.evenness import ALIKE, SMALL, TILE
+from cubicsplat_cli.artwork.input.evenness import ALIKE, SAVED, SMALL, TILE, contrasts
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import bends_and_steps
@@ -248,8 +248,9 @@ def _stand_in(levels: np.ndarray, window: Window, mask: np.ndarray, others: list
 
 
 def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
-    """True if `choose_style` calls a part a photo without doubt, it has no even ground, and it has grain: more than a
-    JPEG's ringing, and, unless it is a rectangle, twice that and more than soft shading.
+    """True if a part may be a photo: `choose_style` calls it one without doubt, or, of a small one, noise and edges do
+    not explain it; it has no even ground, and it has grain: more than a JPEG's ringing, and, unless it is a rectangle,
+    twice that and more than soft shading.
     """
     seen = levels[part.window]
     crop, values = seen / np.float32(255.0), seen[part.mask]
@@ -263,10 +264,12 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
     ringing = RINGING * float(np.median(spread(seen, REACH, REACH)[part.mask]))
     if grain < (ringing if part.rectangular else max(GRAINY, 2.0 * ringing)):
         return False
-    if max(part.mask.shape) <= SMALL:
-        return True  # neighbours in it differ as in a drawing, so only the drawing tells
     if not part.rectangular:
         crop = with_channels(crop, 4) * part.mask[..., None]
+    if max(part.mask.shape) <= SMALL:
+        # Edges are as frequent in it as in a drawing.
+        contrast = contrasts(np.float32(255.0) * crop)
+        return contrast is not None and contrast.saved <= SAVED
     style = choose_style(crop)
     return style.name == PHOTO and not style.doubtful
 

@@ -18,6 +18,7 @@ ALIKE, EDGE = 3.0, 24.0  # levels between neighbours that are alike, at most, an
 SMALL = 64  # px of the longer side of a small picture; a larger one's blocks reduce it to about that
 TILE = 16  # px of a tile's side; tiles of one even colour are ground, which does not count
 APART = 3  # px between the pixels of a pair, past an edge's blends
+SAVED = 0.75  # nats a pair that noise and edges save in a drawing, at least
 
 
 @record
@@ -96,11 +97,11 @@ class Contrasts:
 
     @property
     def drawn(self) -> bool:
-        """True if the picture is a drawing: hardly any nats are lost, and 0.75 a pair are saved if each edge counts as
+        """True if the picture is a drawing: hardly any nats are lost, and enough are saved if each edge counts as
         1.5, since photos have large differences but hardly edges. Only some drawings of 16 px have edges between more
         than 0.9 of the pairs.
         """
-        return self.saved > -0.03 and self.saved + 1.5 * self.edges > 0.75 and self.edges <= 0.9
+        return self.saved > -0.03 and self.saved + 1.5 * self.edges > SAVED and self.edges <= 0.9
 
     def __str__(self) -> str:
         return f"edges between {100 * self.edges:.0f} % of pixels {APART} px apart, {self.saved:.2f} nats saved by them"
