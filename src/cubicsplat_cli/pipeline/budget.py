@@ -156,8 +156,8 @@ def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Phot
 
 def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult:
     """Fit the fewest curves whose file has `least` dB; a note gives the level if that is out of reach."""
-    width, height = photo.task.target.size
-    limit = max(1, min(1_000_000, width * height // LEAST_PIXELS_PER_CURVE))
+    pixels = min(picture.width * picture.height for picture in (photo.task.target, photo.fine))
+    limit = max(1, min(1_000_000, pixels // LEAST_PIXELS_PER_CURVE))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
     for share, rise in LOOKS:
         if not fitting.relax(share):
