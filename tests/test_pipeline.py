@@ -160,17 +160,20 @@ def test_a_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(fitted)
 @pytest.mark.parametrize(
     ("side", "curves", "rough", "fine"),
     [
-        *((40, 23, 80, 160), (40, 22, 80, 120), (40, 5, 40, 40)),
-        *((156, 400, 312, 624), (157, 400, 314, 471), (313, 400, 626, 626), (314, 400, 314, 314)),
+        (40, 23, 80, 160),
+        (40, 22, 80, 120),
+        (40, 5, 40, 40),
+        (156, 400, 312, 624),
+        (157, 400, 314, 471),
+        (313, 400, 626, 626),
+        (314, 400, 314, 314),
     ],
 )
 def test_a_small_picture_of_many_curves_is_fitted_on_enlarged_copies(side, curves, rough, fine):
     picture = as_picture(np.random.default_rng(5).integers(0, 255, (side, side, 3), dtype=np.uint8))
-    assert [copy.size for copy in photo_style.copies_of(picture, SETTINGS.with_(curves=curves))] == [
-        (rough, rough),
-        (fine, fine),
-    ]
-    done = vectorize_picture(picture, Request(SETTINGS.with_(curves=curves, steps=1), style="photo", measure=False))
+    settings = SETTINGS.with_(curves=curves, steps=1)
+    assert [copy.size for copy in photo_style.copies_of(picture, settings)] == [(rough, rough), (fine, fine)]
+    done = vectorize_picture(picture, Request(settings, style="photo", measure=False))
     assert (done.scene.width, done.scene.height) == (side, side)
     assert done.report.notes == []
 

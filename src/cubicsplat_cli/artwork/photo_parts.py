@@ -253,24 +253,23 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
     twice that and more than soft shading.
     """
     seen = levels[part.window]
-    crop, values = seen / np.float32(255.0), seen[part.mask]
+    values, opaque = seen[part.mask], with_channels(seen, 4, 255.0)
     code = packed(values // COLOUR)
     _, which, counts = np.unique(code, return_inverse=True, return_counts=True)
     commonest = values[which.reshape(-1) == int(counts.argmax())].mean(axis=0)
     if (largest(np.abs(values - commonest)) <= UNSEEN).mean() > MOST_IN_ONE:
         return False
-    bends, _ = bends_and_steps(with_channels(seen, 4, 255.0))
+    bends, _ = bends_and_steps(opaque)
     grain = float(np.median(bends[part.mask]))
     ringing = RINGING * float(np.median(spread(seen, REACH, REACH)[part.mask]))
     if grain < (ringing if part.rectangular else max(GRAINY, 2.0 * ringing)):
         return False
-    if not part.rectangular:
-        crop = with_channels(crop, 4) * part.mask[..., None]
+    alone = seen if part.rectangular else opaque * part.mask[..., None]
     if max(part.mask.shape) <= SMALL:
         # Edges are as frequent in it as in a drawing.
-        contrast = contrasts(np.float32(255.0) * crop)
+        contrast = contrasts(alone)
         return contrast is not None and contrast.saved <= SAVED
-    style = choose_style(crop)
+    style = choose_style(alone / np.float32(255.0))
     return style.name == PHOTO and not style.doubtful
 
 

@@ -258,7 +258,7 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
     width, height = (max(1, round(side * max_size / max(sides))) for side in sides)
     scaled = np.clip(_resampled(picture.target(), (width, height), Image.Resampling.LANCZOS), 0.0, 1.0)
     note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
-    return replace(_with_channels(picture, scaled), notes=(*picture.notes, note))
+    return replace(_with_target(picture, scaled), notes=(*picture.notes, note))
 
 
 def enlarge_picture(picture: Picture, factor: int) -> Picture:
@@ -272,11 +272,8 @@ def enlarge_picture(picture: Picture, factor: int) -> Picture:
     enlarged = np.zeros((size[1], size[0], channels.shape[2]), np.float32)
     for _ in range(_ENLARGED_IN):
         means = enlarged.reshape(picture.height, factor, picture.width, factor, -1).mean(axis=(1, 3))
-        enlarged += _resampled(channels - means, size, Image.Resampling.BICUBIC)
-        enlarged = np.clip(enlarged, 0.0, 1.0)
-    if picture.alpha is not None:
-        enlarged[..., :3] = np.minimum(enlarged[..., :3], enlarged[..., 3:])
-    return _with_channels(picture, enlarged)
+        enlarged = np.clip(enlarged + _resampled(channels - means, size, Image.Resampling.BICUBIC), 0.0, 1.0)
+    return _with_target(picture, enlarged)
 
 
 def _resampled(channels: np.ndarray, size: tuple[int, int], kernel: Image.Resampling) -> np.ndarray:
@@ -285,8 +282,8 @@ def _resampled(channels: np.ndarray, size: tuple[int, int], kernel: Image.Resamp
     return np.stack([np.asarray(image.resize(size, kernel)) for image in images], axis=2)
 
 
-def _with_channels(picture: Picture, channels: np.ndarray) -> Picture:
-    """Return the picture with other pixels: (H, W, 3) or (H, W, 4) float32, premultiplied."""
+def _with_target(picture: Picture, channels: np.ndarray) -> Picture:
+    """Return the picture with other pixels, as `Picture.target` returns them. Changes the array."""
     rgb, alpha = channels[..., :3], None
     if picture.alpha is not None:
         alpha = channels[..., 3]

@@ -23,13 +23,7 @@ from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import (
-    PhotoFit,
-    curves_of_equal_bytes,
-    fitted_photo,
-    quick_photo,
-    usual_curves,
-)
+from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, quick_photo, usual_curves
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
@@ -301,9 +295,9 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> str | No
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    # A drawing is worth more than a photo of as many bytes, but none that has lost much is worth its few bytes.
-    lost = drawn_db + rise_db < LOST_DB and task.request.max_bytes is None
-    curves = max(usual_curves(task) if lost else 1, curves_of_equal_bytes(task, drawing))
+    curves = curves_of_equal_bytes(task, drawing)
+    if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
+        curves = max(curves, usual_curves(task))  # to have few bytes is no merit where much is lost
     if curves not in task.quick_photos:
         task.quick_photos[curves] = quick_photo(task, curves)
     photo_db = seen_db(task, task.quick_photos[curves], drawing.samples)

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
 # A small picture is looked at enlarged, and shapes finer than its pixels would then show as scribbles. So its fit uses
-# a larger copy, with at most so many pixels for each curve, and no more than a photo of 768 x 512: most of it one of so
-# many times the sides, and the finish one of at most so many. More gain nothing.
+# larger copies, with at most so many pixels for each curve, and so many in all. Their sides are so many times as long
+# for most of the fit, and at most so many times for the finish. More gain nothing.
 ENLARGED_PIXELS_PER_CURVE, MOST_PIXELS = 1152, 768 * 512
 ENLARGED, MOST_ENLARGED = 2, 4
 QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: px of its copy's longer side; its steps
@@ -181,8 +181,8 @@ def _with_curves(task: Task) -> FitSettings:
 
 
 def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:
-    """Return the pictures for most of a fit and for its exact finish: copies of a large one, the same one twice, or an
-    enlarged copy of a small one.
+    """Return the pictures for most of a fit and for its exact finish: copies of a large one, enlarged copies of a
+    small one of many curves, or the same one twice.
 
     A recipe whose lengths are fractions of the canvas is a published one, and works on the picture.
     """

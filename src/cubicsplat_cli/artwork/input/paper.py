@@ -32,9 +32,10 @@ class Scan:
 def scan_of(levels: np.ndarray) -> Scan | None:
     """Return the drawing on a scan's paper; None if a picture is no scan, or one under even light.
 
-    A scan has at least 96 px a side and 48 cells along the longer one. Its paper has fine grain, is at least as
-    light as the middle tone at its lightest, at least 0.3 of that at its darkest, and varies by 6 levels or more. It
-    covers 0.6 of the pixels; at most 0.004 of them are clearly lighter, and at least 0.0005 are clearly darker: ink.
+    A scan has at least 96 px a side and 48 cells along the longer one. Its paper has fine grain, at least a quarter of
+    what differs from the light, is at least as light as the middle tone at its lightest, at least 0.3 of that at its
+    darkest, and varies by 6 levels or more. It covers 0.6 of the pixels; at most 0.004 of them are clearly lighter, and
+    at least 0.0005 are clearly darker: ink.
     """
     if min(levels.shape[:2]) < 96 or (levels[..., 3] < 255.0).any():
         return None
@@ -47,7 +48,7 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     if not LEAST_GRAIN <= grain <= MOST_GRAIN:
         return None
     paper = np.abs(luma - light) <= OUTLIER * grain
-    if _fine_grain(luma, paper) < max(LEAST_GRAIN, 0.25 * grain):  # the rest are edges, not paper
+    if _fine_grain(luma, paper) < max(LEAST_GRAIN, 0.25 * grain):
         return None
     surface = np.stack([_surface(colours[..., k], paper, cell) for k in range(3)], axis=-1)
     light = surface @ LUMA
