@@ -59,7 +59,7 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
         return Style(PIXEL, f"cells of {len(cells.colours)} colours", cells)
     target = without_repeats(target)
     levels = np.rint(255.0 * _sampled(target)).astype(np.float32)
-    levels = levels if lossy else without_dither(levels)
+    levels = levels if lossy else without_dither(levels)[0]
     drawn = levels[..., 3] > 0 if levels.shape[2] == 4 else np.ones(levels.shape[:2], dtype=bool)
     if not drawn.any():
         return Style(ARTWORK, "nothing is drawn")

@@ -11,47 +11,74 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import packed
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import dither_dots, guided_means
+from cubicsplat_cli.raster.unmix import dither_dots, guided_means, spread
 
 CONTRAST = 3.0  # levels of a dot: closer colours are hardly told apart
 MOST_COLOURS = 256  # of a GIF or a PNG with a palette
-# All dots of a picture are dither if more than MOST_STRAY have DENSE or more within a square of WINDOW px, of which a
+# There is no dither without more than MOST_STRAY dots that have DENSE or more within a square of WINDOW px, of which a
 # dotted line has 8, and text hardly any.
 WINDOW, DENSE, MOST_STRAY = 15, 9, 24
 PERIOD = 4  # px of the patterns of ordered dither
 # Share of dots that are like the pixels a period away to all four sides: 0.1 by error diffusion, but up to 0.48 where
 # all is of a middle grey, and 0.57 and more by ordered dither.
 REPEATED = 0.5
+# px: standard deviation of the blur whose residuals are compared, and side of the square in which they are; it holds a
+# few dots at the densities that are seen.
+RESIDUAL, AROUND = 1.5, 7
 REACH = 4  # px around a dot that it may stand for
 BLUR, SIDE = 1.0, 1.5  # px: standard deviations of the guide's blur, and of the means on one side of an edge
 ALIKE = 20.0  # levels by which the guide differs on one side of an edge: what the blur leaves of dither in 216 colours
 LEFT = 2.0  # levels of noise that the means leave
 
 
-def without_dither(levels: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, 3 or 4) in levels with means in place of its dither; the same array if it has none."""
-    where = dithered(levels)
-    if where is None:
-        return levels
+def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return a picture (H, W, 3 or 4) in levels with means in place of its dither by error diffusion, and the levels of
+    noise that they leave: LEFT if most of what is not even is dither, else 0. It is the same array if it has none.
+    """
+    dense = dithered(levels)
+    if dense is None:
+        return levels, 0.0
+    uneven = spread(levels, 3, 3) > 0.0
+    most = 2 * (_around(dense) & uneven).sum() > uneven.sum()
+    dots = dither_dots(levels, CONTRAST) if most else dense & _high_in_frequency(levels)
+    if not dots.any():
+        return levels, 0.0
     guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    return guided_means(levels, guide, where, SIDE, ALIKE)
+    return guided_means(levels, guide, _around(dots), SIDE, ALIKE), LEFT if most else 0.0
 
 
 def dithered(levels: np.ndarray) -> np.ndarray | None:
-    """Return (H, W) bool: the places of a picture (H, W, C) in levels with dither by error diffusion; None if there are
-    none.
+    """Return (H, W) bool: dense dots of a picture (H, W, C) in levels with few colours, which may be dither by error
+    diffusion; None if there are hardly any.
     """
     dots = dither_dots(levels, CONTRAST)
     if dots.sum() <= MOST_STRAY:
         return None
     density = ndimage.uniform_filter(dots.astype(np.float32), WINDOW, mode="constant")
-    dense = dots & (density >= (DENSE - 0.5) / WINDOW**2)
-    if dense.sum() <= MOST_STRAY:
+    dots &= density >= (DENSE - 0.5) / WINDOW**2
+    if dots.sum() <= MOST_STRAY:
         return None
     colours = packed(np.rint(levels))
-    if len(np.unique(colours)) > MOST_COLOURS or _repeated(colours, dense) >= REPEATED:
-        return None
+    few = len(np.unique(colours)) <= MOST_COLOURS
+    return dots if few and _repeated(colours, dots) < REPEATED else None
+
+
+def _around(dots: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool: the pixels that dots (H, W) may stand for."""
     return ndimage.binary_dilation(dots, ndimage.SQUARE, REACH)
+
+
+def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool: True where what a blur takes from a picture (H, W, C) alternates from pixel to pixel.
+
+    Error diffusion leaves high frequencies only (Ulichney 1988), so neighbours' residuals are of opposite signs; those
+    of strokes and edges are alike along these.
+    """
+    residual = levels - ndimage.gaussian_filter(levels, (RESIDUAL, RESIDUAL, 0.0), mode="nearest")
+    products = np.zeros(levels.shape[:2], dtype=np.float32)
+    products[:, 1:] += (residual[:, 1:] * residual[:, :-1]).sum(axis=-1)
+    products[1:] += (residual[1:] * residual[:-1]).sum(axis=-1)
+    return np.asarray(ndimage.uniform_filter(products, AROUND, mode="constant") < 0.0)
 
 
 def _repeated(colours: np.ndarray, dots: np.ndarray) -> float:

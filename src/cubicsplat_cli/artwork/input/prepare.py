@@ -15,7 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
-from cubicsplat_cli.artwork.input.dither import LEFT, without_dither
+from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import scan_of
@@ -86,7 +86,7 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     height, width = target.shape[:2]
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)
-    even = original if compression else without_dither(original)
+    even, noise = (original, 0.0) if compression else without_dither(original)
     if even is not original:
         notes.append("drawn in the colours that its dither stands for")
     whole = without_subpixels(even)
@@ -99,7 +99,9 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     if levels is not unsharp:
         notes.append("edges drawn where they are in linear light, in which they were blended")
     levels, lossy = reduced(levels, factor), compression is not None and factor == 1
-    condition = condition_of(levels, lossy=lossy) if even is original else Condition(noise=LEFT)
+    # Means in place of dither look like compression.
+    given = levels if even is original else reduced(original, factor)
+    condition = Condition(noise) if noise else condition_of(given, lossy=lossy)
     prepared = _prepared(levels, condition, factor, width, height, lossy=lossy)
     prepared = replace(prepared, edge_notes=tuple(notes))
     condition = replace(prepared.condition, sharpened=unsharp is not whole)
