@@ -38,7 +38,7 @@ from cubicsplat_cli.options import (
     parse_width,
     setting,
     settings_of,
-)  # fmt: skip
+)
 from cubicsplat_cli.settings import ANY, MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:

@@ -47,8 +47,7 @@ Candidate = Annotated[
     ),
 ]
 Scale = Annotated[
-    int | None,
-    option("--scale K", "Also draw an SVG this many times as large, tile by tile, and average it down."),
+    int | None, option("--scale K", "Also draw an SVG this many times as large, tile by tile, and average it down.")
 ]
 Threads = Annotated[int | None, option("--threads N", "CPU threads of the engine.  [default: one per core]")]
 Metrics = Annotated[str, option("--metrics NAME,...", f"Of {', '.join(NAMES)}.")]

@@ -18,7 +18,7 @@ from cubicsplat_cli.files.paths import (
     is_there,
     pictured_name,
     same_file,
-)  # fmt: skip
+)
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.record import record

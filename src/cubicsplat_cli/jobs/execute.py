@@ -15,16 +15,7 @@ from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, 
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
 from cubicsplat_cli.jobs.results import FileSink, check_may_write, earlier_report, finished, prepare_files
-from cubicsplat_cli.jobs.run import (
-    PLANNED,
-    UNCHANGED,
-    Outcome,
-    attempt,
-    export_of,
-    failure,
-    layer_files,
-    load_job,
-)
+from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, attempt, export_of, failure, layer_files, load_job
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count

@@ -24,7 +24,7 @@ from cubicsplat_cli.files.names import (
     place_for,
     plan_outputs,
     reads_heic,
-)  # fmt: skip
+)
 from cubicsplat_cli.files.paths import format_of, is_folder, is_ours, is_svg, is_there, make_folder_of
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.record import record

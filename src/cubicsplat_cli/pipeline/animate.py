@@ -252,4 +252,4 @@ def _report(
         quality,
         interrupted,
         [*animation.notes],
-    )  # fmt: skip
+    )

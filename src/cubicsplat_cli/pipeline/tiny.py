@@ -34,13 +34,7 @@ from cubicsplat_cli.raster.stack import FEWEST, SLACK, PolygonSteps
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import FitSettings, cpu_count
-from cubicsplat_cli.svg.polygons import (
-    LEVELS,
-    TENTHS,
-    GridPolygons,
-    grid_size,
-    polygons_on_grid,
-)
+from cubicsplat_cli.svg.polygons import LEVELS, TENTHS, GridPolygons, grid_size, polygons_on_grid
 
 # Measured on four Kodak photos, docs/lab/photos.md.
 HEAD_BYTES, PATH_BYTES, VERTEX_BYTES = 150, 6.0, 2.25  # of a compressed file, a polygon and each of its vertices

@@ -10,15 +10,7 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import (
-    IMPORTANCE,
-    MOVED,
-    Checkpoint,
-    Engine,
-    EngineScene,
-    Pass,
-    Training,
-)
+from cubicsplat_cli.raster.engine import IMPORTANCE, MOVED, Checkpoint, Engine, EngineScene, Pass, Training
 from cubicsplat_cli.raster.native import address_of, function, members
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, namespace
@@ -149,7 +141,7 @@ class CpuEngine(Engine):
 
     def _draw(
         self, name: str, scene: EngineScene, settings: RasterSettings, given: Pass, *further: ctypes.Structure
-    ) -> float:  # fmt: skip
+    ) -> float:
         """Call a function of the native engine that draws the scene. Return the loss. further: its last structures."""
         curves = _Scene(
             curves=scene.curves, segments=scene.points_per_curve // 3, closed=scene.mode is Mode.CLOSED,
@@ -208,9 +200,7 @@ class CpuEngine(Engine):
                 best.loss = run.least
         return losses[: run.done]
 
-    def _train(
-        self, name: str, scene: EngineScene, settings: RasterSettings, training: Training, *run: _Run
-    ) -> float:  # fmt: skip
+    def _train(self, name: str, scene: EngineScene, settings: RasterSettings, training: Training, *run: _Run) -> float:
         """Call a function of the native engine that does steps. Return the loss before the first."""
         gradients = _Gradients(**scene.addresses(self.device, training.out, "gradient of "))
         further = {"points_gradient": training.points_gradient, "rate_scale": training.rate_scale}

@@ -20,16 +20,7 @@ from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.markup import document, empty_document, format_number, joined, short_colour
-from cubicsplat_cli.svg.moving import (
-    COLOUR,
-    OFFSET,
-    OPACITY,
-    SHAPE,
-    TIME_DECIMALS,
-    WIDTH,
-    GridClip,
-    GridTrack,
-)
+from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, TIME_DECIMALS, WIDTH, GridClip, GridTrack
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, path_values
 
 _DISPLAY, _MOVE = "display", "transform"
@@ -127,13 +118,7 @@ def _numbers(track: GridTrack, decimals: int) -> list[str]:
 
 
 def write_moving_drawing(
-    moving: MovingDrawing,
-    begins: np.ndarray,
-    duration: float,
-    *,
-    title: str = "",
-    comment: str = "",
-    plays: int = 0,
+    moving: MovingDrawing, begins: np.ndarray, duration: float, *, title: str = "", comment: str = "", plays: int = 0
 ) -> str:
     """Return the SVG text of a moving drawing. begins: (F,) of the frames, s from the start. plays: 0 for ever.
 

@@ -260,9 +260,7 @@ class CudaEngine(Engine):
         put(frame, {name: tensor.data_ptr() for name, tensor in named.items()})
         return step, buffers
 
-    def _run(
-        self, scene: EngineScene, settings: RasterSettings, given: Pass, loss: Tensor | None = None
-    ) -> None:  # fmt: skip
+    def _run(self, scene: EngineScene, settings: RasterSettings, given: Pass, loss: Tensor | None = None) -> None:
         """Run a pass without a graph, in buffers of its own, so that passes on several streams do not meet."""
         frame = self._frame(scene, settings, given, backward=bool(given.out))
         values = step_values(scene, settings, self.device, given)
