@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.raster.sparse import SparseRows
 
 RED = (204, 34, 0, 255)
 FINE = 8  # samples of a pixel along each side
@@ -26,9 +28,14 @@ def red_outline(drawing):
     return red.outlines[0]
 
 
+def dense(matrix: SparseRows) -> np.ndarray:
+    """All values of a matrix, (rows, columns)."""
+    return csr_array((matrix.values, matrix.columns, matrix.starts), matrix.shape).toarray()
+
+
 def assert_jacobian(parameters) -> None:
     """An outline's parameters have the Jacobian of finite differences."""
-    jacobian = parameters.jacobian.toarray()
+    jacobian = dense(parameters.jacobian)
     for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
         change = (parameters.moved(step).cubics - parameters.moved(-step).cubics).ravel() / 2e-5
         assert np.allclose(change, jacobian[:, i], atol=2e-3)

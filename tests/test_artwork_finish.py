@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from red_rings import dense
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
@@ -73,7 +74,7 @@ def test_a_fine_rounded_rectangle_has_round_corners():
 )
 def test_jacobians_match_finite_differences(outline):
     parameters = parametrised(outline, Constraints(64, 64))
-    jacobian = parameters.jacobian.toarray()
+    jacobian = dense(parameters.jacobian)
     for i in range(jacobian.shape[1]):
         step = np.zeros(jacobian.shape[1])
         step[i] = 1e-5

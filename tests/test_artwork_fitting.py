@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from outline_loops import nearest_primitive
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.artwork import vectorize
@@ -26,7 +27,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.borders import border_map
-from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, nearest_primitive
+from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 NOISE = 0.02

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from outline_loops import corners_of
+from red_rings import dense
 from test_artwork_fitting import sampled, star
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, bernstein, derivatives, points_at
@@ -35,7 +36,7 @@ def drop() -> Pieces:
 
 def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> None:
     pieces = drop()
-    jacobian = pieces.jacobian.toarray()
+    jacobian = dense(pieces.jacobian)
     assert jacobian.shape == (40, pieces.joints.variables)
     for k in range(pieces.joints.variables):
         step = np.zeros(pieces.joints.variables)
@@ -128,7 +129,7 @@ def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) ->
     rest = ((points_at(start.cubics[owner], at[:, None])[:, 0] - points) * normals).sum(axis=1)
     rows = np.zeros((len(u), count * repeats, 8))
     rows[np.arange(len(u)), owner] = (bernstein(at)[:, :, None] * normals[:, None]).reshape(-1, 8)
-    jacobian = rows.reshape(len(u), -1) @ start.jacobian.toarray()
+    jacobian = rows.reshape(len(u), -1) @ dense(start.jacobian)
     gram = jacobian.T @ (weights[:, None] * jacobian)
     gram += np.diag(1e-3 * (gram.diagonal() + 1e-4 * gram.diagonal().max()) + 0.3)
     step = np.linalg.solve(gram, -jacobian.T @ (weights * rest))

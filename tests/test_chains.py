@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from outline_loops import nearest_primitive
 
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, derivatives, points_at
 from cubicsplat_cli.raster.cubics import Joints, newton_steps, refined
-from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, nearest_primitive, parabolas
+from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, parabolas
 
 
 def wavy_chain(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

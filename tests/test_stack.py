@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from red_rings import dense
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Rectangle
@@ -158,7 +159,7 @@ def test_the_step_of_a_crowd_is_found_to_a_hundredth():
     first, drawn = 4 * np.arange(60), DrawnStack(stack, goal)
     found = drawn.step(Unknowns(first, [4] * 60, 2 * first, [anchors] * 60, np.zeros(480), keep))
     crossings, ways = drawn.crossings, np.zeros((60, 4, 8, 60, 8))
-    ways[np.arange(60), :, :, np.arange(60)] = anchors.toarray().reshape(4, 8, 8)
+    ways[np.arange(60), :, :, np.arange(60)] = dense(anchors).reshape(4, 8, 8)
     ways = ways.reshape(240, 8, 480)
     moved = np.einsum("np,npv->nv", crossings.change, ways[crossings.piece])
     change = np.zeros((HEIGHT * WIDTH, 4, 480))

@@ -120,23 +120,6 @@ def fewest_links(
     return _native("cs_fewest_links", *links, box, *masks, *reach, Out(len(nodes), np.int64), result=c_int64)
 
 
-def nearest_primitive(
-    points: np.ndarray, weights: np.ndarray, price: float
-) -> tuple[int, np.ndarray, float, float] | None:
-    """Return the cheapest primitive through a closed loop of points (n, 2): CIRCLE, ELLIPSE or BOX, its values (6,),
-    its cost, nats, and the mean squared residual, in sigmas; None if none comes near.
-
-    The values are the middle, px, the radius of a circle or the half-axes or half sides, the radius of a box's corners
-    and the angle, 0 for a form without them. Fitted by Levenberg's and Marquardt's method; the cost is half of Huber's
-    loss of distances in standard errors, linear beyond 3, and the price of each parameter. weights: (n,) 1/px^2, 0 for
-    unknown points.
-    """
-    form, values, fit = np.empty(3, np.int32), np.empty(6), np.empty(2)
-    given = len(points), doubles(points), doubles(weights), float(price)
-    near = _native("cs_nearest_primitive", *given, form, values, fit, result=c_int64)
-    return (int(form[0]), values, float(fit[0]), float(fit[1])) if near else None
-
-
 def hull_mask(mask: np.ndarray) -> np.ndarray:
     """Return (h, w) bool: the pixels that lie by half or more in the convex hull of a mask's pixels."""
     return _native("cs_hull", bools(mask), *mask.shape, Out(mask.shape, bool))
@@ -174,9 +157,10 @@ def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height:
 
 @record
 class FittedContour:
-    """An outline fitted to a contour. form: CIRCLE, ELLIPSE or BOX with its values (6,), or -1 for a ring of anchors
-    (A, 2) px, controls (A, 2, 2) px, lines and smooth (A,) bool. doubtful: true of a ring that lies more than a tenth
-    of a px off its points in the mean, or crosses itself.
+    """An outline fitted to a contour. form: CIRCLE, ELLIPSE or BOX, or -1 for a ring of anchors (A, 2) px, controls
+    (A, 2, 2) px, lines and smooth (A,) bool. values (6,) of a form: the middle, px, the radius of a circle or the
+    half-axes or half sides, the radius of a box's corners and the angle, 0 for a form without them. doubtful: true of a
+    ring that lies more than a tenth of a px off its points in the mean, or crosses itself.
     """
 
     form: int

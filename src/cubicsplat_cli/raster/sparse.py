@@ -43,12 +43,6 @@ class SparseRows:
         """(n,) the row of each entry."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
-    def toarray(self) -> np.ndarray:
-        """Return all values, (rows, columns)."""
-        out = np.zeros(self.shape)
-        np.add.at(out, (self.rows, self.columns), self.values)
-        return out
-
     def row(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the columns and the values of the entries of a row."""
         own = slice(self.starts[number], self.starts[number + 1])
