@@ -7,6 +7,7 @@ whole picture between the two operators would cost more than it saves.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -61,34 +62,27 @@ def _given(*inputs: Any) -> tuple[EngineScene, RasterSettings]:
     return scene, RasterSettings("exact" if exact else "relaxed", edge_width, samples, tolerance, bool(subdivide))
 
 
-_DEVICES = ("cpu", "cuda")
-
-
 def _plain(tensor: Array) -> Array:
     return None if tensor is None else tensor.detach().contiguous()
 
 
-def _draw(*inputs: Any) -> Tensor:
+_operator = partial(torch.library.custom_op, mutates_args=(), device_types=("cpu", "cuda"))
+
+
+@_operator("cubicsplat::render", schema=f"({_SCHEMA}) -> Tensor")
+def render_op(*inputs: Any) -> Tensor:
     return shared_engine(inputs[0].device).render(*_given(*inputs))
 
 
-def _differentiate(gradient: Tensor, *inputs: Any) -> tuple[Tensor, ...]:
+@_operator(
+    "cubicsplat::render_backward",
+    schema=f"(Tensor gradient, {_SCHEMA}) -> ({', '.join(['Tensor'] * _DIFFERENTIABLE)})",
+)
+def render_backward_op(gradient: Tensor, *inputs: Any) -> tuple[Tensor, ...]:
     points = inputs[0]
     _, out = shared_engine(points.device).gradients(*_given(*inputs), gradient=_plain(gradient))
     names = [name.rpartition(".")[2] for name in _TENSORS[:_DIFFERENTIABLE]]
     return tuple(out[name] if name in out else points.new_empty(0) for name in names)
-
-
-render_op = torch.library.custom_op(
-    "cubicsplat::render", _draw, mutates_args=(), device_types=_DEVICES, schema=f"({_SCHEMA}) -> Tensor"
-)
-render_backward_op = torch.library.custom_op(
-    "cubicsplat::render_backward",
-    _differentiate,
-    mutates_args=(),
-    device_types=_DEVICES,
-    schema=f"(Tensor gradient, {_SCHEMA}) -> ({', '.join(['Tensor'] * _DIFFERENTIABLE)})",
-)
 
 
 @render_op.register_fake

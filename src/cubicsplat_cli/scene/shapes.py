@@ -41,7 +41,10 @@ def shape_gradient(kind: str, values: Array, of_points: Array) -> Array:
     """Return dL/d of the parameters from dL/d of the control points (N, K, 2), by the map's Jacobian."""
     xp = namespace(values)
     if kind not in TEMPLATES:
-        return xp.reshape(vertices_gradient(of_points), values.shape)
+        sides = xp.reshape(of_points, (len(of_points), -1, 3, 2))
+        own = sides[:, :, 0] + (2.0 * sides[:, :, 1] + sides[:, :, 2]) / 3.0
+        of_vertices = own + xp.roll((sides[:, :, 1] + 2.0 * sides[:, :, 2]) / 3.0, 1, axis=1)
+        return xp.reshape(of_vertices, values.shape)
     of_frames = xp.matmul(xp.matrix_transpose(like(values, TEMPLATES[kind])), of_points)
     normal, across = normals(values), of_frames[:, 2]
     of_h = xp.sum(across * normal, axis=1, keepdims=True)
@@ -81,11 +84,3 @@ def polygon_points(vertices: Array) -> Array:
     step = (xp.concat((vertices[:, 1:], vertices[:, :1]), axis=1) - vertices) / 3.0
     sides = xp.stack((vertices, vertices + step, vertices + 2.0 * step), axis=2)
     return xp.reshape(sides, (len(vertices), -1, 2))
-
-
-def vertices_gradient(of_points: Array) -> Array:
-    """Return dL/d of the vertices (N, n, 2) of polygons from dL/d of their control points (N, 3 n, 2)."""
-    xp = namespace(of_points)
-    sides = xp.reshape(of_points, (len(of_points), -1, 3, 2))
-    own = sides[:, :, 0] + (2.0 * sides[:, :, 1] + sides[:, :, 2]) / 3.0
-    return own + xp.roll((sides[:, :, 1] + 2.0 * sides[:, :, 2]) / 3.0, 1, axis=1)

@@ -7,7 +7,6 @@ import ctypes
 import math
 from collections.abc import Callable
 from ctypes import c_float, c_int, c_void_p
-from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -69,9 +68,8 @@ class StepFrame(ctypes.Structure):
         *members(c_void_p, "points colours opacities half_widths edge_widths ring_ends kinds counts frames offsets"),
         *members(c_void_p, "stops bounds edges inverses attributes super_masks target gradient weights"),
         *members(c_void_p, "vertex_gradients sums tile_sums order out_points out_colours out_opacities"),
-        *members(
-            c_void_p, "out_half_widths out_edge_widths out_frames out_stops moments edge_moments ages status step"
-        ),
+        *members(c_void_p, "out_half_widths out_edge_widths out_frames out_stops moments edge_moments ages status"),
+        ("step", c_void_p),
     ]
 
 
@@ -98,18 +96,6 @@ def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:
     return min(100, blocks(100 * resident * (shared + RESERVED_SHARED), shared_per_sm))
 
 
-def _supers(tiles: tuple[int, int], shift: int) -> tuple[int, int]:
-    return -(-tiles[0] >> shift), -(-tiles[1] >> shift)
-
-
-@lru_cache(maxsize=64)
-def _super_shift(tiles: tuple[int, int]) -> int:
-    shift = SUPER_SHIFT
-    while math.prod(_supers(tiles, shift)) > MOST_SUPERS:
-        shift += 1
-    return shift
-
-
 def check_drawable(segments: int, samples: int, subdivide: bool) -> None:
     """Raise EngineError if curves of so many segments and edges per cubic are too long for the kernels, or if cubics
     shall be subdivided by de Casteljau's algorithm.
@@ -134,8 +120,9 @@ def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
         raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
     check_drawable(segments, settings.samples, settings.subdivide)
     tiles = -(-scene.width // TILE), -(-scene.height // TILE)
-    shift = _super_shift(tiles)  # tiles per side of a super-tile, as a power of two
-    supers = _supers(tiles, shift)
+    shift = SUPER_SHIFT  # tiles per side of a super-tile, as a power of two
+    while math.prod(supers := [-(-side >> shift) for side in tiles]) > MOST_SUPERS:
+        shift += 1
     return {
         "curves": n, "segments": segments, "points_per_curve": k, "samples": settings.samples,
         "edge_stride": segments * settings.samples, "width": scene.width, "height": scene.height,
