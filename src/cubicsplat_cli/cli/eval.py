@@ -16,13 +16,11 @@ from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, match_folders
 from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 from cubicsplat_cli.formatting import mean, one_line
-from cubicsplat_cli.metrics import NAMES, USUAL, chosen_metrics, figures_text, head, plain, to_json
+from cubicsplat_cli.metrics import NAMES, USUAL, Quality, chosen_metrics, figures_text, head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
 
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate.comparison import Change, Comparison
-    from cubicsplat_cli.metrics import Quality
-
 
 _USUAL = ",".join(USUAL)
 Compare = Callable[[Path, Path], "Comparison"]

@@ -29,10 +29,11 @@ from cubicsplat_cli.evaluate.rerender import (
 )
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.record import record
+from cubicsplat_cli.scene import EmbeddedImage, LayeredScene, Scene, scaled_scene
+from cubicsplat_cli.scene.arrays import padded
 from cubicsplat_cli.settings import SCALE
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.scene import LayeredScene, Scene
     from cubicsplat_cli.svg.untrusted import SvgSize
 
 # A pixel takes 4 bytes on cairo's surface, 16 in the engine's picture, up to 40 with resvg and its PNG.
@@ -99,7 +100,6 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     samples: edges per cubic at most. threads: None for one per core.
     """
     from cubicsplat_cli.raster.engines import render_scene
-    from cubicsplat_cli.scene.arrays import padded
 
     scene = scene.as_numpy()
     corner = np.array([tile.left, tile.top], scene.points.dtype)
@@ -260,9 +260,6 @@ def of_scene(
 
     samples: edges per cubic at most. Each call of `rows` draws them.
     """
-    # Imported here, since most sources are no scenes.
-    from cubicsplat_cli.scene import LayeredScene, scaled_scene
-
     scene = LayeredScene(width, height, ()) if scene is None else scene
     if isinstance(scene, LayeredScene):
         return _of_layers(scene.scaled(width, height), samples, threads)
@@ -281,7 +278,6 @@ def _over(below: np.ndarray, above: np.ndarray) -> np.ndarray:
 
 def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageSource:
     """Return the source of layers: each is drawn as a whole, clipped, and laid over the layers before it."""
-    from cubicsplat_cli.scene import EmbeddedImage
 
     def rows(top: int, bottom: int) -> np.ndarray:
         tile = Tile(0, top, scene.width, bottom - top)

@@ -7,13 +7,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
 from PIL import Image
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate.comparison import Comparison
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import made_mark, sha256_of
@@ -26,9 +26,6 @@ from cubicsplat_cli.html_report.embed import THUMBNAIL, eight_bit_pixels, render
 from cubicsplat_cli.html_report.page import Subject, page
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.record import record
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.evaluate.comparison import Comparison
 
 
 @record

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from cubicsplat_cli.errors import CubicSplatError, EngineError
+from cubicsplat_cli.files.read import read_whole
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink, MemorySink
@@ -114,8 +115,6 @@ def _submit(
     task: Any, jobs: Iterator[Job], request: Request, share: Share, running: dict[Any, Job], observer: Observer
 ) -> Iterator[Outcome]:
     """Send out jobs while there is room; yield the failures of pictures that cannot be read."""
-    from cubicsplat_cli.files.read import read_whole
-
     while len(running) < share.at_once:
         job = next(jobs, None)
         if job is None:

@@ -7,21 +7,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, read_head
+from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
 from cubicsplat_cli.jobs.results import FileSink, check_may_write, earlier_report, finished, prepare_files
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, attempt, export_of, failure, layer_files, load_job
+from cubicsplat_cli.metrics import Report
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.metrics import Report
 
 
 def pictures_at_once(workers: int | None) -> int:
@@ -108,10 +106,7 @@ def lacking(job: Job, report: Report, request: Request, observer: Observer) -> d
     outputs, files = job.outputs, dict[Path, Callable[[], bytes]]()
     if outputs.svg is None or not (outputs.html_report or outputs.exports or outputs.layers):
         return files
-    from cubicsplat_cli.files.read import read_file
-
-    svg = read_file(outputs.svg)
-    page = outputs.html_report
+    svg, page = read_file(outputs.svg), outputs.html_report
     if page is not None and not _is_made_of(page, report.output.svg_sha256):
         from cubicsplat_cli.html_report.page import page_of_result
 

@@ -26,6 +26,7 @@ from cubicsplat_cli.files.names import (
     reads_heic,
 )
 from cubicsplat_cli.files.paths import format_of, is_folder, is_ours, is_svg, is_there, make_folder_of
+from cubicsplat_cli.files.read import read_whole
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
@@ -50,11 +51,7 @@ class Job:
 
     def source(self) -> bytes:
         """Return the bytes of the picture's file. Raises InputError where they cannot be read."""
-        if self.path is None or self.data is not None:
-            return self.data or b""
-        from cubicsplat_cli.files.read import read_whole
-
-        return read_whole(self.path)
+        return self.data or b"" if self.path is None or self.data is not None else read_whole(self.path)
 
     def request(self, request: Request) -> Request:
         """Return the request for this picture, with the picture's own mask. Raises InputError if that is no mask."""

@@ -12,7 +12,7 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import LAYER, STDIO, is_compressed_name
 from cubicsplat_cli.files.read import packed, unpacked
-from cubicsplat_cli.files.write import STDOUT
+from cubicsplat_cli.files.write import STDOUT, encode_png
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import Sink, is_finished
@@ -106,23 +106,19 @@ def _write_others(
     job: Job, task: Task, made: Made, figures: Measured | None, svg: str, data: bytes, sink: Sink
 ) -> Report:
     """Write the PNG, the animation and the page, as far as the job has them; return the figures of the result."""
-    from cubicsplat_cli.pipeline.vectorize import output_of, report_of
+    from cubicsplat_cli.pipeline.vectorize import geometrized, output_of, report_of
 
     timer, outputs = task.timer, job.outputs
     for note in [*task.target.notes, *made.notes, *(figures.notes if figures else ())][len(task.source.notes) :]:
         timer.note(f"{task.source.source}: {note}")
     files = {} if outputs.svg is None else {"svg": str(outputs.svg)}
     if outputs.png is not None and figures is not None:
-        from cubicsplat_cli.files.write import encode_png
-
         with timer("draw"):
             png = encode_png(figures.pixels)
             sink.put("png", png)
         files |= {"png": str(outputs.png), "png_sha256": sha256_of(png)}
     output = output_of(task, made, svg, data, **files)
     if outputs.geometrize is not None:
-        from cubicsplat_cli.pipeline.vectorize import geometrized
-
         text = geometrized(task, made, output)
         if text is None:
             timer.note(f"{task.target.source}: has one colour, so there is no list for Geometrize")

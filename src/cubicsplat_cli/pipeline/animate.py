@@ -8,10 +8,12 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cubicsplat_cli.artwork.moving import moving_drawing
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.clip_request import AUTO, LOTTIE, ClipInput, ClipOutput, ClipQuality, ClipReport
 from cubicsplat_cli.errors import InputError
@@ -27,10 +29,7 @@ from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
-from cubicsplat_cli.svg.moving_file import write_clip
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.svg.moving_file import write_clip, write_moving_drawing
 
 # A budget of bytes after gzip: the most fits; the share of the bytes for still curves, at first; the bytes of a curve,
 # with those that come and go in its place; the share of a file that gzip leaves.
@@ -169,9 +168,6 @@ def _size(animation: Animation, task: ClipTask) -> int:
 
 def drawn_clip(task: ClipTask, work: Work) -> Animation:
     """Draw the frames as shapes that stand still, move, or are shown in some frames only."""
-    from cubicsplat_cli.artwork.moving import moving_drawing
-    from cubicsplat_cli.svg.moving_file import write_moving_drawing
-
     spans: list[tuple[float, float]] = []
 
     def drawings() -> Iterator[Drawing]:
@@ -188,7 +184,6 @@ def drawn_clip(task: ClipTask, work: Work) -> Animation:
 
 def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
     """Yield each frame with its drawing until the work is stopped; the first one in any case."""
-    from cubicsplat_cli.artwork.settings import ArtworkSettings
     from cubicsplat_cli.artwork.vectorize import draw
 
     chosen, before = ArtworkSettings(strokes=False, curves=task.request.settings.curves), None

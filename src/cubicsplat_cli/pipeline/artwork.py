@@ -9,10 +9,14 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from cubicsplat_cli.artwork import structure
+from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.input.cells import Cells
+from cubicsplat_cli.artwork.geometry.stroke import Chain
+from cubicsplat_cli.artwork.input.cells import Cells, cells_of, forced_cells
+from cubicsplat_cli.artwork.regions.fewer import nearest_in
 from cubicsplat_cli.artwork.settings import CUTOUT
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
@@ -37,8 +41,6 @@ def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Ma
 
     on_sketch: as of `drawn_outlines`.
     """
-    from cubicsplat_cli.artwork.input.cells import cells_of
-
     # Cells never join their neighbours, as `min_area` asks of small regions.
     cells = None if task.request.artwork.min_area else cells_of(task.pixels)
     return drawn_outlines(task, on_sketch) if cells is None else drawn_cells(task, cells)
@@ -46,8 +48,6 @@ def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Ma
 
 def drawn_pixels(task: Task) -> Made:
     """Draw the cells of a picture, single pixels if it has no larger ones. Raises InputError if these are too many."""
-    from cubicsplat_cli.artwork.input.cells import cells_of, forced_cells
-
     cells = cells_of(task.pixels)
     if cells is not None:
         return drawn_cells(task, cells)
@@ -90,7 +90,6 @@ def drawn_outlines(
     on_sketch: is given a first version of a drawing of very many shapes; an exception that it raises ends the drawing.
     completed: returns a changed drawing, in px of the target, before it is scaled to the picture.
     """
-    from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import prepare, versions
 
     request, size = task.request, task.picture.size
@@ -128,16 +127,12 @@ def result_of_one_fill(fill: Rgba, task: Task) -> Made:
     if style.name == PHOTO:
         return replace(result_of_drawing(plain_drawing(fill, *size), request), paths=0, facts={}, style=style)
     if request.artwork.palette:
-        from cubicsplat_cli.artwork.regions.fewer import nearest_in
-
         fill = nearest_in(request.artwork.palette, fill, request.artwork.palette_tolerance)
     return replace(_structured(plain_drawing(fill, *size), request), style=style)
 
 
 def _structured(drawing: Drawing, request: Request) -> Made:
     """Return a drawing with the requested ground, cut, order and groups, as a result with notes."""
-    from cubicsplat_cli.artwork import structure
-
     ground = structure.ground_of(drawing)
     fill = None if request.ground in (KEEP, REMOVE) else (*hex_colour(request.ground), 255)
     if fill is not None and ground is None:
@@ -178,8 +173,6 @@ def _ground_notes(request: Request, has_ground: bool) -> list[str]:
 
 def result_of_drawing(drawing: Drawing, request: Request) -> Made:
     """Return a finished drawing as a result."""
-    from cubicsplat_cli.artwork.geometry.outlines import Ring
-    from cubicsplat_cli.artwork.geometry.stroke import Chain
     from cubicsplat_cli.artwork.scene import picture_of
 
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]

@@ -20,6 +20,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.photo.inputs import FitInputs, FitResult
 from cubicsplat_cli.photo.remote import RemoteFit, begin_fit
 from cubicsplat_cli.pipeline.likeness import file_db
 from cubicsplat_cli.pipeline.task import Task
@@ -29,7 +30,6 @@ from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo.inputs import FitInputs, FitResult
     from cubicsplat_cli.photo.loop import FitLoop
 
 # All measured on Kodak photos, docs/lab/photos.md.
@@ -66,16 +66,12 @@ class Photo:
     @cached_property
     def inputs(self) -> FitInputs:
         """Return the inputs of fits to the fine picture."""
-        from cubicsplat_cli.photo.inputs import FitInputs
-
         request = self.task.request
         start = None if request.init is None else request.init.scene
         return FitInputs(self.task.weights(self.fine), start, request.freeze)
 
     def begin(self, settings: FitSettings) -> FitLoop | RemoteFit:
         """Begin a fit that runs in parts."""
-        from cubicsplat_cli.photo.inputs import FitInputs
-
         task, rough = self.task, None
         if self.rough is not self.fine:
             rough = self.rough.target(), FitInputs(task.weights(self.rough))

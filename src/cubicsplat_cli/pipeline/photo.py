@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.load import Picture, enlarge_picture, resize_picture
 from cubicsplat_cli.metrics import Timing
+from cubicsplat_cli.photo.inputs import FitResult
 from cubicsplat_cli.photo.remote import begin_fit
 from cubicsplat_cli.pipeline.budget import (
     COMPRESSED,
@@ -25,9 +25,6 @@ from cubicsplat_cli.pipeline.likeness import level_db
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.photo.inputs import FitResult
 
 # Most of a fit uses a copy of so many pixels for each curve; the exact finish uses one whose sides are this many times
 # as long. Both cost less than 0.1 dB: see docs/lab/cpu.md.

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, 
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
 from cubicsplat_cli.artwork.vectorize import draw_flat
 from cubicsplat_cli.evaluate.perceptual import metric as ciede2000_metric
+from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
@@ -184,7 +185,6 @@ def _off(straight: np.ndarray, fill: Rgba, gradient: Gradient | None) -> np.ndar
 
 def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings) -> Scene:
     """Fit curves over a ground to a picture, both (H, W, 3) in levels, in the box of the weights (H, W) above 0."""
-    from cubicsplat_cli.photo.inputs import FitInputs
     from cubicsplat_cli.photo.loop import FitLoop
 
     rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene
@@ -116,8 +117,6 @@ def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
     """Return at most COLORS colours of a picture's opaque pixels, the most frequent first: each as `hex`, with its
     `share` of those pixels. They are found by median cut and k-means on a small copy.
     """
-    from PIL import Image
-
     small = resize_picture(picture, COLORS_SIDE)
     pixels = small.rgb.reshape(-1, 3) if small.alpha is None else small.rgb[small.alpha >= 0.5]
     if not len(pixels):

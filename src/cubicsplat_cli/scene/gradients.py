@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, copied, is_array, kind_of, like, namespace
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 FLAT, LINEAR, RADIAL = 0, 1, 2  # values of `Gradients.kinds`
 # Of the way between two stops: the second of nearer ones takes over at once.
