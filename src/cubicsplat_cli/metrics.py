@@ -9,11 +9,13 @@ import math
 import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.files.paths import is_file
 
 SCHEMA = 1
 USUAL = ("psnr", "ssim")
@@ -197,6 +199,14 @@ class Report(Figures):
         if not isinstance(value, dict) or (value.get("schema"), value.get("program")) != (SCHEMA, PROGRAM):
             raise ValueError(f"not a report of {PROGRAM} with schema {SCHEMA}")
         return _built(cls, value)
+
+    @classmethod
+    def in_file(cls, path: Path) -> Report | None:
+        """Return the report in a file; None if there is none that this version can read."""
+        try:
+            return cls.from_json(path.read_bytes()) if is_file(path) else None
+        except (OSError, ValueError):
+            return None
 
 
 def head() -> dict[str, Any]:

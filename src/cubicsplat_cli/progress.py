@@ -149,9 +149,7 @@ class Observer:
         """The work begins, or begins again."""
 
     def stage(self, stage: str, job: str) -> None:
-        """A stage begins: read, start (the engine is loaded), fit, write, draw, measure, animation, html_report,
-        export.
-        """
+        """A stage begins: read, start (of the engine), fit, write, draw, measure, animation, html_report, export."""
 
     def step(self, progress: Progress, job: str) -> None:
         """The fit or the drawing makes progress."""

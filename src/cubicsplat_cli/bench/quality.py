@@ -17,6 +17,7 @@ from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import mean, number, text_table, titled
 from cubicsplat_cli.metrics import head
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import FitSettings
 
 ERROR_GAIN = 4
@@ -145,5 +146,4 @@ def stacked(rows: Sequence[Image.Image]) -> bytes:
     for row in rows:
         sheet.paste(row, (0, top))
         top += row.height
-    pixels = np.asarray(sheet)
-    return encode_png(np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)]))
+    return encode_png(with_channels(np.asarray(sheet), 4, 255))

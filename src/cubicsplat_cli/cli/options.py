@@ -1,6 +1,4 @@
-"""Options made from the tables of settings (`settings.py`, `request.py`, `artwork/settings.py`); the layout of the
-help.
-"""
+"""Options made from the tables of settings (`settings.py`, `request.py`, `artwork/settings.py`); the help's layout."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.metrics import FURTHER
+from cubicsplat_cli.scene.arrays import with_channels
 
 # The least sides, px. MS-SSIM has five scales, each half of the one before, and a window of 11 px at the last. Smaller
 # pictures leave nothing of the last layers of the network of LPIPS.
@@ -38,9 +39,7 @@ def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> 
     chosen = [name for name in names if name in FURTHER]
     if not chosen:
         return {}
-    first, second = straight_rgba(reference), candidate
-    if second.shape[2] == 3:
-        second = np.dstack([second, np.full(second.shape[:2], 255, np.uint8)])
+    first, second = straight_rgba(reference), with_channels(candidate, 4, 255)
     opaque = bool((first[..., 3] == 255).all() and (second[..., 3] == 255).all())
     grounds = (BLACK,) if opaque else (BLACK, WHITE)
     figures: dict[str, float | None] = {}
@@ -58,8 +57,7 @@ def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> 
 
 def straight_rgba(picture: Picture) -> np.ndarray:
     """Return the straight RGBA of a picture, (H, W, 4) uint8."""
-    alpha = np.ones(picture.rgb.shape[:2], np.float32) if picture.alpha is None else picture.alpha
-    return np.rint(np.dstack([picture.rgb, alpha]) * 255.0).astype(np.uint8)
+    return with_channels(picture.pixels(), 4, 255)
 
 
 def _delta_e(first: np.ndarray, second: np.ndarray) -> float:

@@ -54,9 +54,7 @@ class Rendered:
 
 
 def available_renderers() -> dict[str, tuple[str | None, str | None]]:
-    """Return (version, None) of each renderer in the order of preference; (None, problem and remedy) if its import
-    fails.
-    """
+    """Return (version, None) of each renderer in the order of preference; (None, problem and remedy) if it fails."""
     loaded = {name: _load(name) for name in RENDERERS}
     return {name: (getattr(module, "__version__", None), problem) for name, (module, problem) in loaded.items()}
 

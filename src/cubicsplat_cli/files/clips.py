@@ -82,7 +82,9 @@ def open_clip(
     """
     shown = printable(str(path))
     if is_folder(path):
-        source = _folder_clip(path, fps or FOLDER_FPS, most_frames, max_pixels)
+        paths = sorted(pictures_in(path), key=_natural)[:most_frames]
+        loaded = [(partial(load_picture, each, max_pixels=max_pixels), printable(str(each))) for each in paths]
+        source = _timed_clip(shown, loaded, fps or FOLDER_FPS)
     else:
         data = read_whole(path)
         if is_video(data):
@@ -128,12 +130,6 @@ def _natural(path: Path) -> list[tuple[int, int, str]]:
     """Return a key that sorts frame2 before frame10."""
     parts = re.split(r"(\d+)", path.name.lower())
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]
-
-
-def _folder_clip(folder: Path, fps: float, most: int | None, max_pixels: int) -> ClipSource:
-    paths = sorted(pictures_in(folder), key=_natural)[:most]
-    loaded = [(partial(load_picture, path, max_pixels=max_pixels), printable(str(path))) for path in paths]
-    return _timed_clip(printable(str(folder)), loaded, fps)
 
 
 def clip_of_pictures(

@@ -74,6 +74,11 @@ class Picture:
     def height(self) -> int:
         return int(self.rgb.shape[0])
 
+    def pixels(self) -> np.ndarray:
+        """Return (H, W, 3) uint8, or straight (H, W, 4) if the picture has transparency."""
+        channels = self.rgb if self.alpha is None else np.dstack([self.rgb, self.alpha])
+        return np.rint(channels * 255.0).astype(np.uint8)
+
     def premultiplied(self) -> np.ndarray:
         """Return (H, W, 4) float32 in [0, 1]: colours times alpha, and alpha (1 if the picture has none)."""
         alpha = np.ones(self.rgb.shape[:2], np.float32) if self.alpha is None else self.alpha

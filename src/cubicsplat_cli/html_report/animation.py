@@ -16,7 +16,7 @@ from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.formatting import counted, duration, file_size
-from cubicsplat_cli.html_report.embed import eight_bit_pixels, picture_data_url, rendered
+from cubicsplat_cli.html_report.embed import picture_data_url, rendered
 from cubicsplat_cli.html_report.page import Fact, course, setting_texts
 from cubicsplat_cli.progress import FrameRecorder
 from cubicsplat_cli.raster.engines import render_scene
@@ -79,7 +79,7 @@ def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: st
         begins.append(frame.begin)
         if index % every == 0:
             small = resize_picture(frame.picture, PAGE_SIDE)
-            pictures.append({"begin": frame.begin, "url": picture_data_url(eight_bit_pixels(small))})
+            pictures.append({"begin": frame.begin, "url": picture_data_url(small.pixels())})
     shown = [{"begin": at, "psnr_db": level["psnr_db"]} for at, level in zip(begins, levels, strict=True)]
     measured = [(at, level["psnr_db"]) for at, level in zip(begins, levels, strict=True) if level["psnr_db"]]
     charts = []

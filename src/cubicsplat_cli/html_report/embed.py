@@ -27,6 +27,7 @@ from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.raster.engines import leave_one_out_importance
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.own import own_elements
@@ -49,7 +50,7 @@ def picture_url(picture: Picture, data: bytes) -> str:
     mime = _mime(picture, data)
     if mime is not None:
         return data_url(mime, data)
-    image = Image.fromarray(eight_bit_pixels(picture))
+    image = Image.fromarray(picture.pixels())
     exact = encoded(image, "WEBP", lossless=True)
     return data_url("image/webp", exact if len(exact) <= len(data) else encoded(image, "WEBP", quality=_QUALITY))
 
@@ -71,12 +72,6 @@ def data_url(mime: str, data: bytes) -> str:
     return f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def eight_bit_pixels(picture: Picture) -> np.ndarray:
-    """Return (H, W, 3) uint8, or straight (H, W, 4) if the picture has transparency."""
-    channels = picture.rgb if picture.alpha is None else np.dstack([picture.rgb, picture.alpha])
-    return np.round(channels * 255.0).astype(np.uint8)
-
-
 def _mime(picture: Picture, data: bytes) -> str | None:
     """Return the type of the file if a browser shows it as it was read here; None if it was turned, resized, has other
     colours or more bits.
@@ -89,11 +84,9 @@ def _mime(picture: Picture, data: bytes) -> str | None:
         if mime is None or turned or getattr(image, "n_frames", 1) > 1 or image.size != (picture.width, picture.height):
             return None
         plain = np.asarray(image.convert("RGBA"))
-    ours = eight_bit_pixels(picture)
-    alpha = 255 if picture.alpha is None else ours[..., 3]
-    visible = plain[..., 3:] > 0
-    same = bool((plain[..., 3] == alpha).all()) and np.array_equal(plain[..., :3] * visible, ours[..., :3] * visible)
-    return mime if same else None
+    ours, visible = with_channels(picture.pixels(), 4, 255), plain[..., 3:] > 0
+    same = np.array_equal(plain[..., 3], ours[..., 3])
+    return mime if same and np.array_equal(plain[..., :3] * visible, ours[..., :3] * visible) else None
 
 
 def rendered(template: str, **values: Any) -> bytes:

@@ -22,7 +22,7 @@ from cubicsplat_cli.files.paths import check_outputs, is_file
 from cubicsplat_cli.files.read import read_file, read_whole
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number
-from cubicsplat_cli.html_report.embed import THUMBNAIL, eight_bit_pixels, rendered, thumbnail_url
+from cubicsplat_cli.html_report.embed import THUMBNAIL, rendered, thumbnail_url
 from cubicsplat_cli.html_report.page import Subject, page
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.record import record
@@ -171,14 +171,9 @@ def _page(comparison: Comparison, threads: int | None) -> bytes:
 
 def _made_with(path: Path, data: bytes) -> Report | None:
     """Return the report of the run that made an SVG: the JSON beside it, if it is about the same file."""
-    beside = path.with_suffix(".json")
-    if not is_file(beside):
-        return None
-    try:
-        report = Report.from_json(beside.read_bytes())
-    except (OSError, ValueError):  # it is another JSON
-        return None
-    return report if report.output.svg_sha256 in (sha256_of(data), sha256_of(path.read_bytes())) else None
+    report = Report.in_file(path.with_suffix(".json"))
+    same = report and report.output.svg_sha256 in (sha256_of(data), sha256_of(path.read_bytes()))
+    return report if same else None
 
 
 def _entry(comparison: Comparison, page: Path) -> Entry:
@@ -186,6 +181,6 @@ def _entry(comparison: Comparison, page: Path) -> Entry:
     if candidate.kind == "svg":
         thumbnail = svg_thumbnail(candidate.data, candidate.path, reference.width, reference.height)
     else:
-        thumbnail = thumbnail_url(eight_bit_pixels(load_picture(candidate.data, name=candidate.path)))
+        thumbnail = thumbnail_url(load_picture(candidate.data, name=candidate.path).pixels())
     size = Path(candidate.path).stat().st_size
     return Entry(candidate.path, page, thumbnail, quality=comparison.quality, bytes=size)

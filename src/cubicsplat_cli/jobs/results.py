@@ -108,12 +108,7 @@ def _report_of(job: Job) -> Path | None:
 def earlier_report(job: Job) -> Report | None:
     """Return the report beside the SVG; None if there is none that this version can read."""
     path = _report_of(job)
-    if path is None or not is_file(path):
-        return None
-    try:
-        return Report.from_json(path.read_bytes())
-    except (OSError, ValueError):
-        return None
+    return None if path is None else Report.in_file(path)
 
 
 def finished(job: Job, digest: str) -> Report | None:

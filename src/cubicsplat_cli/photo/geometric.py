@@ -96,12 +96,13 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     factor = weight * side * ((side * sine > 0.0) & found.real) / xp.sum(xp.astype(found.real, points.dtype))
     of_first = factor[..., None] * xp.stack((of_turned[..., 1], -of_turned[..., 0]), axis=-1)
     of_last = factor[..., None] * of_last
-    starts, ends = -of_first, xp.zeros_like(of_last[:, :1])
-    if mode is Mode.CLOSED:
-        starts = starts + points_of_segments(of_last, found.before) * found.real[..., None]
+    closed = mode is Mode.CLOSED
+    if closed:
+        starts = points_of_segments(of_last, found.before) * found.real[..., None] - of_first
     else:
-        starts, ends = starts + xp.concat((ends, of_last[:, :-1]), axis=1), of_last[:, -1:]
-    return interleaved(starts, of_first, -of_last, ends, mode)
+        starts = xp.concat((xp.zeros_like(of_last[:, :1]), of_last[:, :-1]), axis=1) - of_first
+    of_points = xp.reshape(xp.stack((starts, of_first, -of_last), axis=2), (len(points), -1, 2))
+    return of_points if closed else xp.concat((of_points, of_last[:, -1:]), axis=1)
 
 
 def _handles(points: Array, found: SegmentIndices) -> tuple[Array, Array, Array]:
@@ -157,13 +158,6 @@ def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> SegmentIn
         end = xp.take_along_axis(ends, ring, axis=1)
         before, after = xp.where(index == start, end - 1, before), xp.where(after >= end, start, after)
     return SegmentIndices(index, before, after, xp.broadcast_to(index < ends[:, -1:], (len(points), count)))
-
-
-def interleaved(starts: Array, seconds: Array, thirds: Array, end: Array, mode: Mode) -> Array:
-    """Return (N, K, 2) of a value (N, M, 2) of each segment's first three points, and a stroke's last, (N, 1, 2)."""
-    xp, (n, m, _) = namespace(starts), starts.shape
-    found = xp.reshape(xp.stack((starts, seconds, thirds), axis=2), (n, 3 * m, 2))
-    return found if mode is Mode.CLOSED else xp.concat((found, end), axis=1)
 
 
 def points_of_segments(values: Array, index: Array) -> Array:

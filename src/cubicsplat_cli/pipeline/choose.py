@@ -23,7 +23,7 @@ from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, quick_photo, usual_curves
+from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, quick_photo, settings_of_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
@@ -206,7 +206,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
             return _drawing_instead(drawing, f"a photo has only {expected:.1f} dB")
         if (
             not far
-            and curves_of_equal_bytes(task, drawing) < usual_curves(task)
+            and curves_of_equal_bytes(task, drawing) < settings_of_photo(task).curves
             and photo_is_nearer(task, drawing) is None
         ):
             return _drawing_instead(drawing, "no photo of as many bytes is nearer")
@@ -297,7 +297,7 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> str | No
         return None
     curves = curves_of_equal_bytes(task, drawing)
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
-        curves = max(curves, usual_curves(task))  # to have few bytes is no merit where much is lost
+        curves = max(curves, settings_of_photo(task).curves)  # to have few bytes is no merit where much is lost
     if curves not in task.quick_photos:
         task.quick_photos[curves] = quick_photo(task, curves)
     photo_db = seen_db(task, task.quick_photos[curves], drawing.samples)

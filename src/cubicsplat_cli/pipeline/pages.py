@@ -190,9 +190,7 @@ def _in_common(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene | EmbeddedImage) -> Shape:
-    """Return a shape with a photo in place of its placeholder: an image on the page's canvas, or curves in px of the
-    part.
-    """
+    """Return a shape with a photo for its placeholder: an image on the page's canvas, or curves in px of the part."""
     height, width = part.mask.shape
     box = Rectangle(float(part.left), float(part.top), float(width), float(height))
     ground = _mean_colour(page, part)

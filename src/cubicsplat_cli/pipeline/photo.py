@@ -88,11 +88,6 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     return min(max(round(size / BYTES_PER_CURVE), 1), most)
 
 
-def usual_curves(task: Task) -> int:
-    """Return the curves of the photo of a picture."""
-    return _with_curves(task).curves
-
-
 def quick_photo(task: Task, curves: int) -> Scene:
     """Return a fit of some curves in few steps to a small copy of a picture.
 
@@ -107,7 +102,7 @@ def quick_photo(task: Task, curves: int) -> Scene:
 
 def _prepared(task: Task) -> tuple[Photo, FitSettings]:
     """Return the fits of a picture, and their settings."""
-    settings = _with_curves(task)
+    settings = settings_of_photo(task)
     rough, fine = copies_of(task.target, settings)
     # An initial drawing has all its detail already.
     return Photo(task, fine if task.request.init is not None else rough, fine), settings
@@ -157,7 +152,7 @@ def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:
     return settings.with_(recipe=replace(recipe, shared_opacity=SHARED_OPACITY))
 
 
-def _with_curves(task: Task) -> FitSettings:
+def settings_of_photo(task: Task) -> FitSettings:
     """Return the settings with a number of curves: of the request, the initial drawing, the bytes, or the size."""
     settings, request, init = task.settings(), task.request, task.request.init
     if request.max_bytes is not None:

@@ -178,14 +178,13 @@ def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
 
 def _filled(element: OwnElement) -> list[list[Outline]]:
     """Return the outlines of each shape of an element: an outer one, then its holes."""
-    groups: list[list[Outline]] = []
     if element.name != "path":
-        groups = [[_primitive(element)]]
-    else:
-        for outline, clockwise in map(_outline, element.subpaths()):
-            if clockwise or not groups:
-                groups.append([])
-            groups[-1].append(_rotated(outline, element.attributes))
+        return [[_primitive(element)]]
+    groups: list[list[Outline]] = []
+    for outline, clockwise in map(_outline, element.subpaths()):
+        if clockwise or not groups:
+            groups.append([])
+        groups[-1].append(_rotated(outline, element.attributes))
     return groups
 
 

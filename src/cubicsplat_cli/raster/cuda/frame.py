@@ -110,9 +110,7 @@ def check_drawable(segments: int, samples: int, subdivide: bool) -> None:
 
 
 def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
-    """Return the fields of a frame that sizes of buffers depend on. Raises EngineError if this engine cannot draw the
-    scene.
-    """
+    """Return the fields that sizes of buffers depend on. Raises EngineError if this engine cannot draw the scene."""
     n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
     segments = k // 3
     shared = 0 if scene.mode is Mode.CLOSED else 1
