@@ -28,7 +28,7 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.drawing_grid import grid_rings
+from cubicsplat_cli.svg.drawing_paths import grid_rings
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements

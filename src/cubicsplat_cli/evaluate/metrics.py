@@ -150,12 +150,9 @@ def _tile(parts: Sequence[np.ndarray], ground: float, rows: slice, columns: slic
     tall = slice(max(0, rows.start - REACH), min(height, rows.stop + REACH))
     wide = slice(max(0, columns.start - REACH), min(width, columns.stop + REACH))
     pictures = [_planes(part[tall, wide], ground) for part in parts]
-    inner = (
-        slice(None),
-        slice(rows.start - tall.start, rows.stop - tall.start),
-        slice(columns.start - wide.start, columns.stop - wide.start),
-    )
-    squared = [np.square(first[inner] - second[inner]) for first, second in combinations(pictures, 2)]
+    down, across = (slice(s.start - t.start, s.stop - t.start) for s, t in ((rows, tall), (columns, wide)))
+    inner = [picture[:, down, across] for picture in pictures]
+    squared = [np.square(first - second) for first, second in combinations(inner, 2)]
     sums = np.array([[squares.sum(dtype=np.float64), squares.max(), 0.0] for squares in squared])
     if similarity and min(pictures[0].shape[1:]) >= TAPS:
         for channel in range(_CHANNELS):

@@ -25,8 +25,7 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     device and threads do not count: they do not change the file, except that every engine has files of its own.
     """
     decisive = {name: value for name, value in settings.items() if name not in ("device", "threads")}
-    text = json.dumps(decisive, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+    return _short(json.dumps(decisive, sort_keys=True, separators=(",", ":"), default=str).encode())
 
 
 def made_mark(about: str) -> str:

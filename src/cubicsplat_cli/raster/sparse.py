@@ -43,11 +43,6 @@ class SparseRows:
         """(n,) the row of each entry."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
-    def row(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns and the values of the entries of a row."""
-        own = slice(self.starts[number], self.starts[number + 1])
-        return self.columns[own], self.values[own]
-
     def times(self, vector: np.ndarray) -> np.ndarray:
         """Return the product (rows,) with a vector (columns,)."""
         return np.bincount(self.rows, self.values * vector[self.columns], len(self.starts) - 1)

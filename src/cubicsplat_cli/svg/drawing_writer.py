@@ -29,8 +29,15 @@ from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, colour_name
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
-from cubicsplat_cli.svg.drawing_grid import form_of, grid_rings
-from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT, PathText, add_ring, add_rounded, add_stroke
+from cubicsplat_cli.svg.drawing_paths import (
+    MOST_ON_RECT,
+    PathText,
+    add_ring,
+    add_rounded,
+    add_stroke,
+    form_of,
+    grid_rings,
+)
 from cubicsplat_cli.svg.markup import GradientElements, Identifiers, document, empty_document, format_number, paint
 from cubicsplat_cli.svg.shading import clipped
 

@@ -103,10 +103,6 @@ class LateCopy:
         self._source, self._copy, self._event = source, copy, event
         self._asked = False
 
-    def keep_forever(self) -> None:
-        """Keep the memory after the device failed: to free it torch would ask the device, and end the process."""
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self))
-
     def poll(self) -> list[int] | None:
         """Return the values at the time of an earlier call, None while they are on their way. Ask for the next."""
         if self._asked and self._event is not None and not self._event.query():
@@ -257,8 +253,9 @@ class CudaDriver(Driver):
             raise DeviceError(f"the GPU failed: {one_line(error)}; try again, or use --device cpu") from error
 
     def _give_up(self) -> None:
+        """Keep the copies' memory for ever: to free it torch would ask the failed device, and end the process."""
         for copy in self._late_copies:
-            copy.keep_forever()
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(copy))
 
     def late_copy(self, source: Tensor) -> LateCopy:
         copy = LateCopy(source, torch.empty_like(source, device="cpu", pin_memory=True), torch.cuda.Event())
