@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes.util
 import hashlib
-import importlib
 import importlib.util
 import io
 import marshal

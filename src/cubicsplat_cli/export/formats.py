@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import math
 import re
@@ -12,11 +11,14 @@ from typing import Any
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.evaluate.rerender import MAX_RENDER_PIXELS, checked, choose_renderer, drawing_with, embedded_only
+from cubicsplat_cli.export.android import vector_drawable
+from cubicsplat_cli.export.dxf import dxf
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import is_file, read_ends
 from cubicsplat_cli.progress import warnings_to
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
+from cubicsplat_cli.svg.painted import painted_shapes
 from cubicsplat_cli.svg.untrusted import SvgSize
 
 BY_CAIRO = ("pdf", "ps", "eps")
@@ -66,10 +68,6 @@ def exported(
         if form in BY_CAIRO:
             made = _by_cairo(svg, form, drawn, source)
             return Exported(made.data + f"% {mark}\n".encode(), made.notes)
-        from cubicsplat_cli.export.android import vector_drawable
-        from cubicsplat_cli.export.dxf import dxf
-        from cubicsplat_cli.svg.painted import painted_shapes
-
         try:
             drawing = painted_shapes(svg, size, drawn)
             data = dxf(drawing, mark, tolerance) if form == "dxf" else vector_drawable(drawing, mark)

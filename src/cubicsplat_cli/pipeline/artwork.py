@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.geometry.stroke import Chain
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, forced_cells
 from cubicsplat_cli.artwork.regions.fewer import nearest_in
+from cubicsplat_cli.artwork.scene import picture_of
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
@@ -58,7 +59,7 @@ def drawn_pixels(task: Task) -> Made:
 
 def drawn_cells(task: Task, cells: Cells) -> Made:
     """Draw the cells of a picture exactly, in at most the requested number of colours."""
-    from cubicsplat_cli.artwork.mosaic import finer, mosaic, with_ground
+    from cubicsplat_cli.artwork.mosaic import finer, mosaic, with_ground  # which few drawings need
 
     request, chosen = task.request, task.request.artwork
     most = [n for n in (chosen.colors, request.settings.curves) if n is not None]
@@ -173,8 +174,6 @@ def _ground_notes(request: Request, has_ground: bool) -> list[str]:
 
 def result_of_drawing(drawing: Drawing, request: Request) -> Made:
     """Return a finished drawing as a result."""
-    from cubicsplat_cli.artwork.scene import picture_of
-
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
     facts = _facts(len(drawing.shapes), drawing.segments, drawing.fills) | {
         "primitives": sum(not isinstance(outline, (Ring, Chain)) for outline in outlines),
