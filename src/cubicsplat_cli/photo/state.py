@@ -143,12 +143,20 @@ class BestCheckpoint:
     """
 
     def __init__(self) -> None:
-        self.loss: Array = math.inf  # or a float
+        self._loss: float | Array = math.inf
         self._curves: FitCurves | None = None
 
     @property
     def empty(self) -> bool:
         return self._curves is None
+
+    @property
+    def loss(self) -> float:
+        return float(self._loss)
+
+    @loss.setter
+    def loss(self, loss: float) -> None:
+        self._loss = loss
 
     @property
     def curves(self) -> FitCurves:
@@ -161,12 +169,12 @@ class BestCheckpoint:
         """Keep the curves if their loss is the least so far."""
         best = self._curves
         if best is not None and best.curves == curves.curves and is_array(loss):
-            xp, better, theirs = namespace(loss), loss < self.loss, curves.arrays_by_name()
+            xp, better, theirs = namespace(loss), loss < self._loss, curves.arrays_by_name()
             for name, mine in best.arrays_by_name().items():
                 mine[...] = xp.where(better, theirs[name], mine)
-            self.loss = xp.where(better, loss, self.loss)
-        elif best is None or float(loss) < float(self.loss):
-            self.loss = loss
+            self._loss = xp.where(better, loss, self._loss)
+        elif best is None or float(loss) < self.loss:
+            self._loss = loss
             if best is not None and best.curves == curves.curves:
                 best.overwrite(curves)
             else:

@@ -106,7 +106,7 @@ def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
 
 
 def primitive_of(form: int, values: np.ndarray) -> Outline:
-    """The primitive of a form, CIRCLE, ELLIPSE or BOX, and its values (6,): see `nearest_primitive`."""
+    """The primitive of a form, CIRCLE, ELLIPSE or BOX, and its values (6,), as in a `FittedContour`."""
     x, y, a, b, radius, angle = values.tolist()
     if form == CIRCLE:
         return Circle(x, y, a)

@@ -34,7 +34,6 @@ SHORTEST = 7.0  # px, within which an edge between two fills does half of its ch
 # Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
 # picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
-GROWN = 5  # px by which windows stay away from edges
 NEAR, RESTORED = 6.0, 2.0  # times the noise by which pixels there may differ, and times the restored error
 MOST_OFF = 64.0  # levels by which a small hole may differ from the gradient around it: the tip of a radial one
 TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradient: a block its mean and two slopes
@@ -120,7 +119,7 @@ def steepest(ramp: Ramp, length: float) -> float:
 
 def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np.ndarray) -> ShadedArea:
     """Return the area with the pixels around it that its gradient explains too, and its small holes. In a JPEG it grows
-    as far as these go on, but into large parts of one colour only GROWN px.
+    as far as these go on, but into large parts of one colour only 5 px.
 
     kinds: (H, W) as of `grown`; all 0 unless the picture is a JPEG.
     """

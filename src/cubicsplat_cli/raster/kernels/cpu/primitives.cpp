@@ -252,9 +252,8 @@ class Search {
 
 extern "C" {
 
-// The cheapest primitive through a closed loop of points (x 2) with weights: see `nearest_primitive` in
-// raster/outlines.py. form: kind, rounded and turned; values: 6; told: cost and mean squared residual. 0 where none comes
-// near, -1 where there is no memory, else 1.
+// The cheapest primitive through a closed loop of points (x 2) with weights. form: kind, rounded and turned; values: 6;
+// told: cost and mean squared residual. 0 where none comes near, -1 where there is no memory, else 1.
 CS_EXPORT int64_t cs_nearest_primitive(int64_t count, const double* points, const double* weights, double price,
                                        int32_t* form, double* values, double* told) {
   try {
