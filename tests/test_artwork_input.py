@@ -18,7 +18,7 @@ from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import plan
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input import prepare
-from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
+from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of, rippled
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.palette import noisy_fills
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
@@ -169,6 +169,20 @@ def test_pale_stripes_and_marks_on_a_grid_of_8_px_are_no_jpeg():
             levels[top : top + 8, left : left + 8][np.eye(8, dtype=bool)] = 0
     assert condition_of(as_levels(as_picture(levels).target())) == CLEAN
     assert condition_of(as_levels(as_picture(recoded(levels, quality=90)).target())).jpeg
+
+
+def test_the_faint_lines_of_a_plot_are_no_ripples():
+    large = Image.new("RGB", (1280, 960), "white")
+    draw_on = ImageDraw.Draw(large)
+    for k in range(-960, 1280, 60):
+        draw_on.line([k, 0, k + 960, 960], fill=(249, 249, 249), width=4)
+    for k in range(80, 1280, 160):
+        draw_on.line([k, 80, k, 880], fill=(40, 40, 40), width=4)
+        draw_on.ellipse([k + 40, k // 2, k + 80, k // 2 + 40], fill=(31, 119, 180))
+    plot = np.asarray(large.resize((320, 240), Image.Resampling.BOX))
+    levels = as_levels(as_picture(plot).target())
+    assert rippled(levels) and condition_of(levels).clean
+    assert condition_of(as_levels(as_picture(recoded(plot, quality=90)).target())).jpeg
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "noisy"])

@@ -24,6 +24,7 @@ ROUGH = 3.0  # levels of a second difference that neither even areas nor gradien
 # 0.22 in the flattest places of clean gradients; how many times the noise is larger, half of which such planes follow.
 PLANE, LEAST_DRIFT, FOLLOWED = 9, 0.35, 2.0
 BLOCK = 8  # px of a JPEG's block
+MOST_EVEN_BLOCKS = 0.8  # share of the blocks with edges of a lossy picture in which some 3 x 3 px are exactly alike
 # Ripples are within so many levels of a fill; they are more than so large a share of its pixels, of which at least so
 # many must tell. The commonest fills, so many at most, that have so many pixels in the middle of 5 x 5 alike.
 RIPPLE, RIPPLED, FEWEST_TELL, MOST_EVEN, FEWEST_EVEN = 8.0, 0.01, 200, 16, 25
@@ -187,11 +188,12 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
     luma, opaque, indexed = levels @ SEEN, bool((levels[..., 3] >= 255.0).all()), _indexed(levels)
     coefficients = _coefficients(luma, 0)
     # Ringing leaves 3 x 3 px alike in hardly any block with an edge: in at most 0.05 of them in JPEGs of quality 60 to
-    # 98, in at most 0.5 in nine of ten WebPs, and in 0.5 to 1 in clean pictures. Pale stripes, text on a grid of 8 px
-    # and rounded shadows look like blocks or ringing otherwise; so do small gradients, over nothing.
+    # 98, in at most 0.5 in nine of ten WebPs and 0.77 in all, and in 0.5 to 1 in clean pictures. Pale stripes, text on
+    # a grid of 8 px and rounded shadows look like blocks or ringing otherwise; so do small gradients, over nothing, and
+    # the faint lines of plots like ripples.
     even = _even_blocks(levels, _busy(coefficients))
     if even >= (0.5 if opaque else 0.33):
-        return ripples and not indexed
+        return ripples and not indexed and even < MOST_EVEN_BLOCKS
     return (
         ripples or (opaque and _blocky(coefficients, luma)) or (not (noise or indexed) and _rings(levels, rough, near))
     )
