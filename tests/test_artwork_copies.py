@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from red_rings import RED, assert_jacobian, red_picture
 from test_artwork_finish import covered
 
-from cubicsplat_cli.artwork.finish.parameters import Constraints, CopyParameters, parametrised
+from cubicsplat_cli.artwork.finish.parameters import Constraints, CopyParameters, RigidTransform, parametrised
 from cubicsplat_cli.artwork.finish.settle import settle
 from cubicsplat_cli.artwork.finish.state import begin, drawn, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, Ring, flattened
-from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw

@@ -5,7 +5,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.finish.polish import as_path, cornered, curved, polish, rounded
+from cubicsplat_cli.artwork.finish.polish import as_path, polish, rounded
 from cubicsplat_cli.artwork.finish.state import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
@@ -32,17 +32,6 @@ def test_dividing_a_piece_keeps_the_curve():
     assert signed_area(cut) == pytest.approx(signed_area(ring), rel=1e-12)
     radii = np.hypot(*(flattened(cut, 0.3) - 20.0).T)
     assert np.abs(radii - 12.0).max() < 12.0 * 3e-4
-
-
-def test_a_line_made_a_curve_is_still_straight():
-    bent = curved(SQUARE, 2)
-    assert bent.lines.tolist() == [True, True, False, True]
-    assert signed_area(bent) == pytest.approx(signed_area(SQUARE))
-
-
-def test_a_joint_made_a_corner_keeps_its_place():
-    ring = cornered(Circle(20.0, 20.0, 12.0).ring(), 2)
-    assert ring.smooth.tolist() == [True, True, False, True]
 
 
 def test_a_rounded_corner_cuts_its_tip_off_on_both_sides():

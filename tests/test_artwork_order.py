@@ -11,8 +11,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents
-from cubicsplat_cli.artwork.layers.junctions import junction_votes
-from cubicsplat_cli.artwork.layers.stacking import Stack, _without_cycles, stack
+from cubicsplat_cli.artwork.layers.stacking import Stack, _without_cycles, junction_votes, stack
 from cubicsplat_cli.artwork.layers.ways import heading
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import edge_positions

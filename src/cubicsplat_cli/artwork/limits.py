@@ -74,9 +74,7 @@ def few_enough(drawing: Drawing) -> bool:
 
 
 def enlarged(drawing: Drawing, factors: tuple[float, float], width: int, height: int) -> Drawing:
-    """Return the drawing of a smaller copy of a picture in px of the picture, which has width x height px, and is so
-    many times as wide and high.
-    """
+    """Return the drawing of a smaller copy of a picture of width x height px, enlarged by these factors to its size."""
     if factors == (1.0, 1.0):
         return drawing
     whole = scaled_drawing(drawing, round(drawing.width * factors[0]), round(drawing.height * factors[1]))

@@ -109,9 +109,7 @@ def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cell
 
 
 def finer(cells: Cells, reach: float) -> Cells:
-    """Return each cell cut into nine, the outer ones `reach` px wide, or a third of the cell if that is less. By this
-    width the layers of a mosaic overlap.
-    """
+    """Return each cell cut into nine, the outer ones `reach` px wide or a third, by which the layers overlap."""
     x, y = (_cut(ends, reach) for ends in (cells.x, cells.y))
     return replace(cells, numbers=cells.numbers.repeat(3, axis=0).repeat(3, axis=1), x=x, y=y)
 

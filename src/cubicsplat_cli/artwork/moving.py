@@ -96,9 +96,7 @@ def _painted_alike(first: Shape, second: Shape) -> bool:
 
 @dataclass(eq=False)
 class _Tracker:
-    """All shapes so far. moves: for each shape, its offset in each frame that shows it. order: the numbers of shapes
-    from back to front.
-    """
+    """All shapes so far. moves: the offset of each by frame; order: the numbers of shapes from back to front."""
 
     shapes: list[_Outline] = field(default_factory=list)
     moves: list[dict[int, np.ndarray]] = field(default_factory=list)

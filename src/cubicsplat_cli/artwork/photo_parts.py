@@ -117,9 +117,7 @@ def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _even_areas(levels: np.ndarray) -> np.ndarray:
-    """Return (H, W) int32 the number of a pixel's connected area in one colour or linear gradient, with at least TILE^2
-    px; 0 elsewhere.
-    """
+    """Return (H, W) int32 numbers of connected areas of one colour or linear gradient of TILE^2 px, 0 elsewhere."""
     areas, count = ndimage.large_parts(spread(levels, 3, 3) <= ALIKE, TILE**2)
     off = _off_planes(levels, areas, count)
     kept = np.concatenate([[False], off <= GRAIN])
@@ -127,9 +125,7 @@ def _even_areas(levels: np.ndarray) -> np.ndarray:
 
 
 def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray:
-    """Return (count,) the root mean square error of areas, numbered from 1 on, against their best linear gradients, in
-    levels of the worst channel.
-    """
+    """Return (count,) the rms error of numbered areas from their best linear gradients, levels of the worst channel."""
     y, x = np.nonzero(areas)
     owner, sides = areas[y, x] - 1, np.array(areas.shape, float)
     terms = [np.ones(len(y)), x / sides[1] - 0.5, y / sides[0] - 0.5, *levels[y, x].T.astype(float)]

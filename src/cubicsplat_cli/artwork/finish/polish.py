@@ -192,22 +192,14 @@ def _moved(ring: Ring, i: int, complaints: Complaints, number: int, joints: set[
         if anchor in joints or anchor == 0:
             return ring
         joints.add(anchor)
-        return cornered(ring, anchor) if ring.smooth[anchor] else rounded(ring, anchor, ROUNDED)
+        if not ring.smooth[anchor]:
+            return rounded(ring, anchor, ROUNDED)
+        return replace(ring, smooth=ring.smooth & (np.arange(ring.pieces) != anchor))
     if length < LEAST_LENGTH:
         return ring
-    if ring.lines[i]:
-        return curved(ring, i)
+    if ring.lines[i]:  # straight to begin with, it turns at its ends as it likes
+        return replace(ring, lines=ring.lines & (np.arange(ring.pieces) != i))
     return divided(ring, i, float(np.clip(complaints.t[number], 0.25, 0.75)))
-
-
-def curved(ring: Ring, piece: int) -> Ring:
-    """The ring with a line made a cubic, straight to begin with, that turns at its ends as it likes."""
-    return replace(ring, lines=ring.lines & (np.arange(ring.pieces) != piece))
-
-
-def cornered(ring: Ring, anchor: int) -> Ring:
-    """The ring with a smooth joint made a corner."""
-    return replace(ring, smooth=ring.smooth & (np.arange(ring.pieces) != anchor))
 
 
 def rounded(ring: Ring, anchor: int, reach: float) -> Ring:

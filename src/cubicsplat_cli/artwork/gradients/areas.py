@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
     Part,
     Patch,
     joined,
+    joined_pixels,
     part_of,
     plateau,
     uneven_parts,
@@ -174,10 +175,7 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
 
 
 def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
-    """Return the areas, with one gradient for all that it explains, and with the parts in which they continue.
-
-    parts: as of `smooth_parts`; boxes: as of `part_spreads`.
-    """
+    """Return the areas, with one gradient for all that it explains, and the parts in which they continue."""
     groups: list[_Group] = []
     claimed = covered(found, levels.shape)
     for area in found:
@@ -309,12 +307,8 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
 
 def _common(members: list[Part], hints: list[Shade]) -> Shade | None:
     """Return the gradient that explains all of some parts; None if there is none."""
-    shade = common_shade(_all_pixels(members), hints)
+    shade = common_shade(joined_pixels([part.pixels for part in members]), hints)
     # A gradient that needs more stops than any of them only strings them together.
     if shade is None or len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
         return None
     return shade if all(shade.explains(part.pixels).mean() >= EXPLAINED for part in members) else None
-
-
-def _all_pixels(members: list[Part]) -> Pixels:
-    return Pixels(*(np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True)))

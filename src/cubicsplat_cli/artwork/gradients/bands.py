@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.areas import RIM
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.gradients.noisy import SHORTEST, TOLD, steepest
-from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, OUTER, Patch, patches_of
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, OUTER, Patch, joined_pixels, patches_of
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -40,15 +40,12 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
         )
         patches = sorted(patches_of(parts), key=lambda patch: -patch.size)
         left = [_Bands(levels, drawn, patch, condition) for patch in patches if patch.size >= LEAST_AREA]
-        joined = _joined(left)
         # All together, then each that no gradient has yet.
         for seed in [left, *([bands] for bands in left if len(left) > 1)]:
             if left and all(bands in left for bands in seed):
-                shade, members = _shared(seed, left, joined, condition)
+                shade, members = _shared(seed, left, condition)
                 areas += [ShadedArea(shade, bands.patch) for bands in members]
-                if members:
-                    left = [bands for bands in left if bands not in members]
-                    joined = _joined(left)
+                left = [bands for bands in left if bands not in members]
     return areas
 
 
@@ -66,22 +63,21 @@ class _Bands:
         self.even = min(self.error, own)
 
 
-def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: Condition) -> tuple[Shade, list[_Bands]]:
+def _shared(seed: list[_Bands], left: list[_Bands], condition: Condition) -> tuple[Shade, list[_Bands]]:
     """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these.
 
     If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none.
-    joined: the pixels of all those left.
     """
-    alone = joined if seed is left else _joined(seed)
+    alone, pixels = (joined_pixels([bands.pixels for bands in some]) for some in (seed, left))
     first = shade_of(alone)
-    members, pixels, shade = left, joined, first
+    members, shade = left, first
     while len(members) > len(seed):
         shade = refitted(first, pixels)
         errors = _errors(shade, members, pixels, condition)
         better = [bands for bands, error in zip(members, errors, strict=True) if error <= bands.error]
         if len(better) == len(members):
             break
-        members, pixels = better, _joined(better)
+        members, pixels = better, joined_pixels([bands.pixels for bands in better or seed])
     for some, own, trial in [(members, pixels, shade)] * bool(members) + [(seed, alone, first)] * (members != seed):
         before, even = (sum(each) for each in zip(*((bands.error, bands.even) for bands in some), strict=True))
         after = max(float(_errors(trial, some, own, condition).sum()), 1e-9)
@@ -98,13 +94,6 @@ def _errors(shade: Shade, bands: list[_Bands], pixels: Pixels, condition: Condit
     """Return the squared errors (n,) that a gradient leaves of bands. pixels: of all of them."""
     shade, ends = shade.extended(), np.cumsum([each.patch.size for each in bands])
     return misfits(shade.frame, shade.radial, shade.ramp.knots, shade.ramp.colours, pixels, ends, seen_as(condition))
-
-
-def _joined(bands: list[_Bands]) -> Pixels:
-    """Return the pixels of all bands; none without any."""
-    if not bands:
-        return Pixels(np.zeros(0), np.zeros(0), np.zeros((0, 4)))
-    return Pixels(*(np.concatenate(arrays) for arrays in zip(*(each.pixels for each in bands), strict=True)))
 
 
 def _without_step(

@@ -95,6 +95,11 @@ class Patch:
         return Patch(wide.top, wide.left, wide.mask & ~self.padded(by, shape).mask)
 
 
+def joined_pixels(parts: Sequence[Pixels]) -> Pixels:
+    """Return the pixels of all parts, one or more."""
+    return Pixels(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
 def patches_of(labels: np.ndarray) -> list[Patch]:
     """Return the pixels of each label from 1 on of a map (H, W)."""
     boxes = enumerate(ndimage.find_objects(labels), start=1)

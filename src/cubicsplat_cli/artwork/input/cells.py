@@ -73,9 +73,7 @@ class Cells:
 
 
 def cells_of(target: np.ndarray) -> Cells | None:
-    """Return the cells of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; None if it is not made of
-    cells.
-    """
+    """Return the cells of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None if it has none."""
     return _exact_cells(target) or _noisy_cells(target) or _enlarged_cells(target)
 
 
@@ -112,7 +110,8 @@ def _exact_cells(target: np.ndarray) -> Cells | None:
     count = (len(grid.x) - 1) * (len(grid.y) - 1)
     if count > MOST_CELLS:
         return None
-    return _if_meant(_cells_on(target, grid))
+    cells = _cells_on(target, grid)
+    return cells if _are_meant(cells) else None
 
 
 def _noisy_cells(target: np.ndarray) -> Cells | None:
@@ -140,7 +139,8 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
         return None
     # Colours within 5 units of CIELAB are one, and those of few cells within four times the noise.
     colours, numbers = _merged(middle, 5.0, (OUTLIER * noise) ** 2)
-    return _if_meant(Cells(numbers, colours, grid.x.astype(float), grid.y.astype(float), grid.side))
+    cells = Cells(numbers, colours, grid.x.astype(float), grid.y.astype(float), grid.side)
+    return cells if _are_meant(cells) else None
 
 
 def _enlarged_cells(target: np.ndarray) -> Cells | None:
@@ -154,8 +154,8 @@ def _enlarged_cells(target: np.ndarray) -> Cells | None:
         return None
     colours, numbers = _merged(small, 2.0)  # rounded twice
     plain = colours[numbers].astype(np.float32) / np.float32(255.0)
-    cells = _if_meant(_cells_on(plain, exact_grid(plain)), enlarged=True)
-    if cells is None:
+    cells = _cells_on(plain, exact_grid(plain))
+    if not _are_meant(cells, enlarged=True):
         return None
     return replace(cells, x=cells.x * across, y=cells.y * down, side=cells.side * math.sqrt(across * down))
 
@@ -199,19 +199,14 @@ def _most_colours(cells: int) -> int:
     return max(FEW_COLOURS, math.isqrt(cells))
 
 
-def _if_meant(cells: Cells, *, enlarged: bool = False) -> Cells | None:
-    """Return cells if a picture is made of them: pixel art, and no photo or drawing that has them by chance; else None.
+def _are_meant(cells: Cells, *, enlarged: bool = False) -> bool:
+    """Return True if a picture is made of cells: pixel art, and no photo or drawing that has them by chance.
 
     enlarged: True if the picture was enlarged smoothly, to these pixels times a factor.
     """
-    few = len(cells.colours) <= _most_colours(cells.numbers.size)
-    return cells if few and _are_meant(cells, enlarged=enlarged) else None
-
-
-def _are_meant(cells: Cells, *, enlarged: bool) -> bool:
     numbers, count, larger = cells.numbers, len(cells.colours), cells.side > 1.0
     small = max(numbers.shape) <= SMALL
-    if count == 1:
+    if not 1 < count <= _most_colours(numbers.size):
         return False
     if numbers.size * cells.side**2 <= 64:  # px, so few that each counts
         return True

@@ -100,9 +100,7 @@ CLEAN = Condition()
 
 
 def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
-    """Return the condition of a picture. lossy: True if its file was compressed with loss, which then needs no further
-    evidence than a rough pixel.
-    """
+    """Return the condition of a picture. lossy: of a file with loss, of which a rough pixel is evidence enough."""
     if min(levels.shape[:2]) < (BLOCK if lossy else 2 * BLOCK):
         return CLEAN
     second = second_differences(levels)
@@ -262,18 +260,14 @@ def _busy(coefficients: np.ndarray) -> np.ndarray:
 
 
 def _even_blocks(levels: np.ndarray, busy: np.ndarray) -> float:
-    """Return the share of blocks with edges, busy (n,) bool, in which some 3 x 3 px are exactly alike, and not clear; 0
-    without such blocks.
-    """
+    """Return the share of blocks with edges, busy (n,) bool, with 3 x 3 px alike and not clear; 0 without any."""
     alike = (levels[..., 3] > 0.0) & (spread(levels, 3, 3) == 0.0)
     inner = in_blocks(alike, BLOCK).reshape(-1, BLOCK, BLOCK)[busy, 1:-1, 1:-1]
     return float(inner.any(axis=(1, 2)).mean()) if inner.size else 0.0
 
 
 def _indexed(levels: np.ndarray) -> bool:
-    """Return True if a picture is not grey and has at most the 256 colours of a GIF or a PNG with a palette, whose
-    rounding makes it rough.
-    """
+    """Return True if a picture is not grey and has at most 256 colours, as GIFs, whose rounding makes it rough."""
     colours = levels[..., :3]
     return bool((colours != colours[..., :1]).any()) and len(np.unique(packed(colours))) <= 256
 

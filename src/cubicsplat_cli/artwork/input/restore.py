@@ -196,9 +196,7 @@ def _is_apart(fill: np.ndarray, palette: np.ndarray) -> bool:
 
 @record
 class _Labelling:
-    """A palette (P, 4) in levels and labels (H, W) that explain a JPEG at a cost in nats; missing: (k, 4) the colours
-    of pixels that they hardly explain.
-    """
+    """A palette (P, 4) in levels and labels (H, W), their cost in nats, and missing colours (k, 4) of pixels."""
 
     palette: np.ndarray
     labels: np.ndarray

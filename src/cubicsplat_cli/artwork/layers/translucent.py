@@ -15,9 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
-from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
-from cubicsplat_cli.artwork.layers.stacking import Stack, stack
+from cubicsplat_cli.artwork.layers.stacking import LEAST_TURN, MEETING, REACHES, SMOOTH, Stack, stack
 from cubicsplat_cli.artwork.layers.ways import SLACK, Heading, heading
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
@@ -154,9 +153,7 @@ def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> 
 
 
 def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
-    """The places (2,), x and y in px, where exactly four different regions of a map (H, W) meet, and these regions in
-    their order around it.
-    """
+    """The places (2,), x and y in px, where four regions of a map (H, W) meet, and these in order around it."""
     first, *others = labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]
     several = np.any([first != other for other in others], axis=0)
     corners = np.sort([each[several] for each in (first, *others)], axis=0)

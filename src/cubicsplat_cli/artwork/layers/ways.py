@@ -53,10 +53,7 @@ class End:
 
 
 def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End, End]:
-    """Return the ends of the visible parts of a closed outline before and after a hidden run, indices in order.
-
-    points: (n, 2) px; sigma: (n,) inf where hidden.
-    """
+    """Return the ends of a closed outline (n, 2), of sigma (n,) inf where hidden, before and after a hidden run."""
     n, ends = len(points), list[End]()
     for start, step in ((run[0], -1), (run[-1], 1)):
         index = (start + step * np.arange(1, n)) % n

@@ -17,14 +17,7 @@ from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import offset_ring
 from cubicsplat_cli.artwork.planar.borders import Borders, Edges, borders_of, edges_of_borders
 from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces, connected, faces_of, visible_regions
-from cubicsplat_cli.artwork.planar.snapping import (
-    Sources,
-    canvas_ring,
-    rings_of,
-    snapped_segments,
-    sources_from,
-    sources_of,
-)
+from cubicsplat_cli.artwork.planar.snapping import Sources, rings_of, snapped_segments, sources_from, sources_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
@@ -181,7 +174,7 @@ def _pieces(drawing: Drawing, ranks: np.ndarray, reach: float) -> tuple[Sources,
             rings.append(grown)
             outlines.append(around)
         kinds += [(rank, False)] * len(own) + [(rank, True)] * len(own)
-    sources = sources_from(rings, [OWN] * len(rings), outlines, canvas_ring(drawing), CANVAS)
+    sources = sources_from(drawing, rings, [OWN] * len(rings), outlines, CANVAS)
     rank_of, is_grown = np.array([*kinds, (-1, True)])[sources.outline].T
     return sources, rank_of, is_grown.astype(bool)
 

@@ -61,7 +61,7 @@ def sources_of(drawing: Drawing) -> Sources:
     rings = [ring for shape in shapes for ring in rings_of(shape)]
     owners = [number for number, shape in enumerate(shapes) for _ in shape.outlines]
     outlines = [outline for shape in shapes for outline in shape.outlines]
-    return sources_from(rings, owners, outlines, canvas_ring(drawing), len(shapes))
+    return sources_from(drawing, rings, owners, outlines, len(shapes))
 
 
 def rings_of(shape: Shape) -> list[Ring]:
@@ -69,15 +69,11 @@ def rings_of(shape: Shape) -> list[Ring]:
     return list(oriented([outline.ring(EIGHTHS) for outline in shape.outlines]))
 
 
-def canvas_ring(drawing: Drawing) -> Ring:
-    """The edge of a drawing's canvas."""
-    return Rectangle(0.0, 0.0, drawing.width, drawing.height).ring()
-
-
 def sources_from(
-    rings: Sequence[Ring], owners: Sequence[int], outlines: Sequence[Outline], canvas: Ring, count: int
+    drawing: Drawing, rings: Sequence[Ring], owners: Sequence[int], outlines: Sequence[Outline], count: int
 ) -> Sources:
-    """The pieces of rings, whose windings count, each of one of so many shapes and of an outline, and of a canvas."""
+    """The pieces of rings, whose windings count, each of one of so many shapes and of an outline, and of the canvas."""
+    canvas = Rectangle(0.0, 0.0, drawing.width, drawing.height).ring()
     rings, owners, outlines = [*rings, canvas], [*owners, count], [*outlines, canvas]
     sizes = np.array([ring.pieces for ring in rings])
     starts = np.cumsum(sizes) - sizes
@@ -108,10 +104,7 @@ class Segments:
 
 
 def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segments:
-    """The pieces as chords that meet at their ends only; those that lie on each other are all there.
-
-    live: (P,) bool, which pieces are taken; all by default.
-    """
+    """The pieces, all or those `live` (P,) bool, as chords that meet at their ends only or lie on each other."""
     segments = _chords(sources, np.ones(len(sources.lines), dtype=bool) if live is None else live)
     fresh = np.ones(len(segments.piece), dtype=bool)
     for _ in range(200):  # rounds

@@ -151,9 +151,7 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
 
 
 def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """The palette with the fills that only thin lines have, less those that lines of other fills make, and (H, W) int32
-    the fill of pixels that are one.
-    """
+    """The palette with fills of thin lines alone, less those that lines of others make; the fill of pure pixels."""
     palette, pure = _with_missing_fills(levels, palette, most)
     if len(palette) > MOST_SEEN:
         return palette, pure
@@ -278,9 +276,7 @@ def _sure(
 
 
 def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
-    """Components below `area` px, and small ones without a pixel that is surely theirs, go to the neighbour that they
-    touch most.
-    """
+    """Parts below `area` px, and small ones without a sure pixel, go to the neighbour that they touch most."""
     for _ in range(8):
         count = labels.max() + 1
         sizes = np.bincount(labels.ravel(), minlength=count)

@@ -1,15 +1,16 @@
-"""The distance of an outline from another one, moved or mirrored."""
+"""How far an outline lies from another one, moved or mirrored; outlines that are copies of another one, the model."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.merges import Visibility, samples_along
-from cubicsplat_cli.artwork.finish.parameters import LEAST
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples_along
+from cubicsplat_cli.artwork.finish.parameters import LEAST, RigidTransform
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
-from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.raster.point_tree import ClosedLines, PointTree
 from cubicsplat_cli.record import record
 
 FEWEST = 8  # points that show
@@ -23,6 +24,13 @@ SYSTEMATIC = 0.02  # px, the error of an axis or a shift besides that by chance
 EXACT = 1e-6  # px by which what is alike and held so may be off
 SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
+NEAR = 0.4  # px by which the extents of outlines that are alike differ
+FIRST_LOOK = 16  # points of an outline that are compared before all of them are
+# px that points are off at most: at first, as what is alike and of one size lies nearly right at once; after a step; at
+# last; and in the mean.
+LIMITS = 3.0 * FARTHEST, LARGEST, FARTHEST, MEAN
+# As it is, mirrored either way, turned by half a circle.
+FLIPS = np.array([[x, y] for y in (1.0, -1.0) for x in (1.0, -1.0)])
 
 
 @record
@@ -48,3 +56,42 @@ class Track:
     def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
         return self.tree.off_line(points, LEAST)
+
+
+def found_copies(
+    tracks: Mapping[int, Track], step: float, mirrors: tuple[float, float]
+) -> dict[int, tuple[int, RigidTransform]]:
+    """The outlines that are copies, by number: the number of the model of each, and how that comes to lie where it
+    does. tracks: those of all, in the order in which they are to be models.
+
+    step: of the file's grid, px, of which shifts are whole multiples. mirrors: twice where the axes of the canvas are,
+    across which pairs lie that are nearly there.
+    """
+    names, boxes = list(tracks), np.array([track.extent for track in tracks.values()]).reshape(-1, 2, 2)
+    widths, heights = (boxes[:, 1] - boxes[:, 0]).T.copy()
+    tells = np.array([len(track.seen) >= FEWEST for track in tracks.values()], dtype=bool)
+    lines = ClosedLines([t.tree for t in tracks.values()], [t.seen for t in tracks.values()], boxes)
+    models = np.zeros(len(names), dtype=bool)
+    copies: dict[int, tuple[int, RigidTransform]] = {}
+    for i in np.flatnonzero(tells).tolist():
+        # Most pairs are of other sizes.
+        sized = models & (np.abs(widths - widths[i]) <= NEAR) & (np.abs(heights - heights[i]) <= NEAR)
+        found = lines.first_on(i, np.flatnonzero(sized), FLIPS, LIMITS, (FIRST_LOOK, TRIES), LEAST)
+        if found is None:
+            models[i] = True
+        else:
+            model, flip, shift, told = found
+            copies[names[i]] = names[model], _transform(tuple(FLIPS[flip].tolist()), shift, told, step, mirrors)
+    return copies
+
+
+def _transform(
+    flip: tuple[float, float], shift: np.ndarray, told: np.ndarray, step: float, mirrors: tuple[float, float]
+) -> RigidTransform:
+    """The transform with a flip and about a shift (2,), of which the points of both outlines tell so much (2,)."""
+    errors = 2.0 * SEEN_SIGMA / np.sqrt(told)
+    for c in (0, 1):
+        home = mirrors[c] if flip[c] < 0.0 else 0.0
+        if abs(shift[c] - home) <= SIGMAS * np.hypot(errors[c], SYSTEMATIC):
+            shift[c] = home
+    return RigidTransform(flip, tuple((np.rint(shift / step) * step).tolist()))

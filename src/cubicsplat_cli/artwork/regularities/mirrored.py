@@ -52,9 +52,7 @@ class Symmetry:
 
 
 def symmetry_of(track: Track, across: int) -> Symmetry | None:
-    """Return the symmetry of an outline about an axis across a coordinate; None where it has none, and where hardly
-    anything of it tells.
-    """
+    """Return the symmetry of an outline across a coordinate; None where it has none, or hardly anything tells."""
     if len(track.seen) < FEWEST:
         return None
 
@@ -74,9 +72,7 @@ def symmetry_of(track: Track, across: int) -> Symmetry | None:
 
 
 def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axis]:
-    """Return the axes of the outlines, by number, that are their own mirror images: on half steps of the file's grid;
-    size: px of the canvas.
-    """
+    """Return the axes of the mirrored outlines by number, on half steps of the file's grid; size: px of the canvas."""
     symmetries: dict[int, Symmetry] = {}
     for k, track in tracks.items():
         both = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
@@ -112,16 +108,7 @@ class MirroredRing:
 
 
 def mirrored_rings(ring: Ring, axis: Axis) -> list[MirroredRing]:
-    """Return the rings that either side of a ring and its mirror image make; none unless the axis is crossed just
-    twice.
-    """
-    return [_whole(half, axis) for half in _opened(ring, axis)]
-
-
-def _opened(ring: Ring, axis: Axis) -> list[Ring]:
-    """Return the two sides of a ring, each with its first and last anchor on the axis; the piece that closes them is
-    void.
-    """
+    """Return the rings that the sides of a ring make with their images; none unless the axis is crossed twice."""
     side = ring.anchors[:, axis.across] - axis.at
     near = np.abs(side) < ON_AXIS
     near &= ~(np.roll(near, 1) | np.roll(near, -1))
@@ -138,9 +125,10 @@ def _opened(ring: Ring, axis: Axis) -> list[Ring]:
         return []
     a, b = sorted(on)
     count = ring.pieces
+    # Each with its first and last anchor on the axis; the piece that closes it is void.
     sides = [ring.chosen(np.arange(a, b + 1)), ring.chosen(np.arange(b, a + count + 1) % count)]
     beyond = [float(half.controls[:-1, :, axis.across].mean()) > axis.at for half in sides]
-    return [_ended(half, axis) for half in sides] if beyond[0] != beyond[1] else []
+    return [_whole(_ended(half, axis), axis) for half in sides] if beyond[0] != beyond[1] else []
 
 
 def _touches(ring: Ring, axis: Axis, side: np.ndarray, near: np.ndarray) -> bool:

@@ -31,8 +31,7 @@ from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, dra
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
-from cubicsplat_cli.artwork.regularities.alike import EXACT, FARTHEST, SYSTEMATIC, Track
-from cubicsplat_cli.artwork.regularities.copies import found_copies
+from cubicsplat_cli.artwork.regularities.alike import EXACT, FARTHEST, SYSTEMATIC, Track, found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import (
     Axis,
@@ -99,9 +98,7 @@ def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameter
 
 
 def _fits(found: MirroredRing, constraints: Constraints) -> bool:
-    """Return whether a ring is still its own mirror image with what is held where it must be, such as the canvas's
-    border.
-    """
+    """Return whether a ring is still its own mirror image with what is held, such as on the canvas's border."""
     anchors = ring_pieces(found.ring, constraints).anchors
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 

@@ -177,10 +177,7 @@ class Centres:
 
 
 def centres_of(places: np.ndarray, sides: Sides, slack: float = 0.0) -> Centres:
-    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side.
-
-    slack: px by which the outline may be off.
-    """
+    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline to the other side."""
     middle = places
     for _ in range(3):  # rounds
         near = sides.nearest(middle)
