@@ -112,8 +112,6 @@ def mirrored_rings(ring: Ring, axis: Axis) -> list[MirroredRing]:
     side = ring.anchors[:, axis.across] - axis.at
     near = np.abs(side) < ON_AXIS
     near &= ~(np.roll(near, 1) | np.roll(near, -1))
-    if _touches(ring, axis, side, near):
-        return []
     on = set(np.flatnonzero(near).tolist())
     for i in reversed(range(len(side))):
         j = (i + 1) % len(side)
@@ -129,21 +127,6 @@ def mirrored_rings(ring: Ring, axis: Axis) -> list[MirroredRing]:
     sides = [ring.chosen(np.arange(a, b + 1)), ring.chosen(np.arange(b, a + count + 1) % count)]
     beyond = [float(half.controls[:-1, :, axis.across].mean()) > axis.at for half in sides]
     return [_whole(_ended(half, axis), axis) for half in sides] if beyond[0] != beyond[1] else []
-
-
-def _touches(ring: Ring, axis: Axis, side: np.ndarray, near: np.ndarray) -> bool:
-    """Return whether a piece crosses the axis more often than its ends tell, or a line runs along it."""
-    if (near & np.roll(near, -1)).any():
-        return True
-    along = points_at(ring.cubics, np.linspace(0.0, 1.0, SAMPLES + 1))[..., axis.across] - axis.at
-    for i in range(ring.pieces):
-        j = (i + 1) % ring.pieces
-        if not near[i] and not near[j] and (side[i] > 0.0) != (side[j] > 0.0):
-            if np.count_nonzero(np.diff(along[i] > 0.0)) != 1:
-                return True
-        elif (along[i] * np.sign(side[j if near[i] else i]) < -ON_AXIS).any():
-            return True
-    return False
 
 
 def _crossing(values: np.ndarray) -> float:
