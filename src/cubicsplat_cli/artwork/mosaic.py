@@ -83,9 +83,7 @@ class Mosaic:
         return tuple(dict.fromkeys(layer.fill for layer in self.layers))
 
     def scene(self) -> Scene | None:
-        """Return the layers as closed curves, front to back, without a background, several for a layer of many corners;
-        None without a layer.
-        """
+        """Return the layers as closed curves, front to back, divided if of many corners; None without a layer."""
         parts = [part for layer in reversed(self.layers) for part in layer.parts()]
         if not parts:
             return None
@@ -122,9 +120,7 @@ def _cut(ends: np.ndarray, reach: float) -> np.ndarray:
 
 
 def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:
-    """Return the drawing of cells on a canvas of width x height px, with the most frequent colour at the back.
-    abutting: no layer reaches beneath another.
-    """
+    """Return the drawing of cells on a canvas, the commonest colour at the back. abutting: none reaches beneath."""
     x, y = cells.x * (width / cells.x[-1]), cells.y * (height / cells.y[-1])
     order = np.argsort(-np.bincount(cells.numbers.ravel(), minlength=len(cells.colours)), kind="stable")
     # Later colours have higher ranks. Nothing may lie beneath a colour that is not opaque.
@@ -171,9 +167,7 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shifted(owner: np.ndarray, by: int) -> np.ndarray:
-    """Return (n,) for each element the number of the next one (1) or the one before (-1) of its owner, cyclically.
-    owner: (n,) ascending.
-    """
+    """Return (n,) the number of each element's next (1) or last (-1) one of its owner, (n,) ascending, cyclically."""
     starts, index, counts = np.unique(owner, return_index=True, return_inverse=True, return_counts=True)[1:]
     first, count = starts[index], counts[index]
     return first + (np.arange(len(owner)) - first + by) % count

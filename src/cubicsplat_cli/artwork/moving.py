@@ -127,9 +127,7 @@ class _Tracker:
         return next(reversed(self.moves[number].values()))
 
     def _hidden(self, drawn: list[_Outline], matches: Matches, drawing: Drawing) -> Matches:
-        """Return further matches, of shapes whose visible parts are as they were last. Their hidden parts are guessed
-        anew in each frame, and may differ.
-        """
+        """Return further matches, by visible parts: hidden ones are guessed anew in each frame, and may differ."""
         canvas = drawing.width, drawing.height
         taken, more = {number for number, _ in matches.values()}, {}
         clear: np.ndarray = np.ones((drawing.height, drawing.width), np.float32)  # share that shows lower shapes

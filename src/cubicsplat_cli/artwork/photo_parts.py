@@ -177,9 +177,7 @@ def _opened(mask: np.ndarray) -> np.ndarray:
 
 
 def _ended(levels: np.ndarray, window: Window) -> Window:
-    """Return a window with its sides moved inwards to the strongest changes of the picture, and beyond a frame, each by
-    at most 2 FRAME px.
-    """
+    """Return a window with its sides at the strongest changes and beyond a frame, at most 2 FRAME px inwards."""
     rows, columns = window
     grown = np.pad(levels, ((1, 1), (1, 1), (0, 0)), constant_values=-np.inf)  # the outside differs from any pixel
     part = grown[rows.start : rows.stop + 2, columns.start : columns.stop + 2]
@@ -191,9 +189,7 @@ def _ended(levels: np.ndarray, window: Window) -> Window:
 
 
 def _strongest(part: np.ndarray) -> int:
-    """Return the number of rows at the top of a part before its outermost strong step: a step from one row to the next
-    of at least half of the largest.
-    """
+    """Return the number of rows at the top of a part before its first step of at least half of the largest."""
     rows = part[: min(2 * FRAME, len(part) // 3) + 1]
     sizes = np.median(largest(np.abs(np.diff(rows, axis=0))), axis=1)
     return int(np.argmax(sizes >= 0.5 * sizes.max()))

@@ -189,9 +189,7 @@ def shown(drawing: Drawing) -> list[np.ndarray]:
 
 
 def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, Gradient | None]:
-    """Return the opaque fill nearest to straight colours (n, 3) in levels at columns x and rows y, n >= 1, and the
-    gradient that is nearer, or None.
-    """
+    """Return the opaque fill nearest to colours (n, 3) in levels at columns x and rows y, and a nearer gradient."""
     middle = values.mean(axis=0)
     red, green, blue = (int(np.clip(round(v), 0, 255)) for v in middle.tolist())
     fill = (red, green, blue, 255)

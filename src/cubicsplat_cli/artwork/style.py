@@ -40,9 +40,7 @@ _MOST_PIXELS = 2**20  # that are tested
 
 @record
 class Style:
-    """The style that suits a picture, and the measurement behind it. cells: of pixel art, else None. doubtful: the
-    other style may suit the picture as well.
-    """
+    """A style and the measurement behind it. cells: of pixel art. doubtful: the other style may suit as well."""
 
     name: str
     reason: str
@@ -175,9 +173,7 @@ def _in_very_few(levels: np.ndarray, drawn: np.ndarray) -> bool:
 def _in_few_colours(
     levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR, most: int = MOST_PALETTE
 ) -> np.ndarray:
-    """Return (H, W) bool, true for pixels in one of the `most` commonest colours, each `width` levels wide, that differ
-    from their neighbours by at most `flat` levels.
-    """
+    """Return (H, W) bool: flat pixels in one of the `most` commonest colours, each `width` levels wide."""
     code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
     commonest = colours[np.argsort(-counts, kind="stable")[:most]]

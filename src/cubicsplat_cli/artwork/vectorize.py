@@ -129,9 +129,7 @@ def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
 def _with_its_shadow(
     prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
 ) -> Iterator[Drawing] | None:
-    """Return the versions of a picture with a soft shadow, drawn as gradients; None if it has none, or the settings
-    allow no gradients or fewer shapes.
-    """
+    """Return the versions with a soft shadow as gradients; None without one, or if the settings allow none."""
     condition = prepared.condition
     if not _may_overlap(settings) or prepared.scanned or condition.only_blurred:
         return None
@@ -169,9 +167,7 @@ def _with_its_shadow(
 
 
 def _description(drawing: Drawing, levels: np.ndarray, shown: np.ndarray) -> float:
-    """Return the description length, in nats, of a drawing and of its errors, which are taken as normal, against some
-    pixels (H, W) bool of a picture (H, W, 4) in levels.
-    """
+    """Return the nats of a drawing and of its errors, taken as normal, at pixels (H, W) bool of levels (H, W, 4)."""
     off = (255.0 * render_scene(scene_of(drawing)) - levels)[shown]
     return 0.5 * len(off) * math.log(float(np.mean(off * off)) + ROUNDED) + PRICE * length(drawing.shapes)
 
@@ -230,10 +226,7 @@ def _fitted(
 
 
 def _finished(
-    outlined: Outlined,
-    prepared: PreparedInput,
-    settings: ArtworkSettings,
-    on_sketch: Callable[[Drawing], None],
+    outlined: Outlined, prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
 ) -> tuple[Drawing, Goal | None]:
     """Return the drawing of outlines after its finish, and the goal of that; None if the work stops before."""
     condition, plan, flat, target = prepared.condition, outlined.plan, outlined.flat, outlined.target

@@ -15,6 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import summed
 
 FINE = 16  # cubics of a whole turn, true to 1e-7 of its radius
+EXACT = 1e-6  # px by which what is level, or alike and held so, may be off
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])  # of a box, clockwise as seen
 # Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
 _GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0

@@ -32,7 +32,7 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
     """
     palette, labels = even.palette, even.labels
     assert palette is not None and labels is not None  # as every restored picture has
-    drawn, areas = flat.painted(palette, labels), list[ShadedArea]()
+    drawn, areas = flat.painted(palette[labels], palette, labels.__eq__), list[ShadedArea]()
     groups, group_of = linked_groups(len(palette), *_without_step(levels, drawn, labels, len(palette)))
     for group in range(groups):
         parts, _ = ndimage.label(

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.channels import largest, packed
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas, with_tips
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
+from cubicsplat_cli.artwork.input.restore import BLUR_REACH
 from cubicsplat_cli.artwork.regions.fills import APART, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import blends, nearest_paints
@@ -24,7 +25,6 @@ from cubicsplat_cli.raster.unmix import REACH, SLOTS
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, painted
 
-EDGE = 6.0  # width of a blurred edge in standard deviations of the blur
 # Levels by which a placeholder may differ from the mean of its gradient, the least first.
 SHIFTS = APART * np.array(sorted(range(5, -6, -1), key=abs))
 MOST_COLOURS = 4096  # of a picture, from which placeholders stay apart
@@ -46,13 +46,14 @@ class Flattened:
         same = np.flatnonzero((self.fills == np.rint(fill)).all(axis=1))
         return self.gradients[int(same[0])] if len(same) else None
 
-    def painted(self, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
-        """Return (H, W, 4) levels of labels (H, W) of a palette (P, 4), with gradients in place of placeholders."""
-        out = palette[labels]
+    def painted(self, picture: np.ndarray, palette: np.ndarray, cover: Callable[[int], np.ndarray]) -> np.ndarray:
+        """Return a picture (H, W, 4) in fills (P, 4) with gradients for placeholders. cover: (H, W) of a fill."""
+        out = picture.copy()
         for number, fill in enumerate(palette):
             if (gradient := self.gradient(fill)) is not None:
-                y, x = np.nonzero(labels == number)
-                out[y, x] = 255.0 * painted(gradient, x + 0.5, y + 0.5)
+                share = cover(number)
+                y, x = np.nonzero(share)
+                out[y, x] += share[y, x, None] * (255.0 * painted(gradient, x + 0.5, y + 0.5) - fill)
         return out
 
 
@@ -100,7 +101,7 @@ def with_placeholders(
     inside = (paint >= 0) & (paint < len(colours))
     out = levels.copy()
     out[inside] = fills[paint[inside]]
-    reach = REACH + math.ceil(EDGE * blur)
+    reach = REACH + math.ceil(2.0 * BLUR_REACH * blur)
     near = ndimage.binary_dilation(inside, ndimage.SQUARE, iterations=reach)
     y, x = np.nonzero(near & (paint < 0))
     if len(y) == 0:

@@ -13,14 +13,14 @@ from itertools import combinations
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
-from cubicsplat_cli.artwork.gradients.flattening import EDGE, Flattened, without_areas
+from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, joined, patches_of, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
-from cubicsplat_cli.artwork.input.restore import JPEG_TIMES, MISFIT, seen_as
+from cubicsplat_cli.artwork.input.restore import BLUR_REACH, JPEG_TIMES, MISFIT, seen_as
 from cubicsplat_cli.artwork.regions.fills import GRADIENT_RANGE
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
@@ -180,8 +180,8 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     # The rims of even parts are the ends of blurred edges.
     rim = max(1, round(blur))
     inner = ndimage.binary_erosion(parts > 0, ndimage.SQUARE, iterations=rim, border_value=1)
-    found = [area for area in gradient_areas(levels, *ndimage.label(inner)) if not is_step(area.shade, EDGE * blur)]
-    areas = [_followed(levels, parts, area, 1 + rim) for area in found]
+    found, edge = gradient_areas(levels, *ndimage.label(inner)), 2.0 * BLUR_REACH * blur
+    areas = [_followed(levels, parts, area, 1 + rim) for area in found if not is_step(area.shade, edge)]
     free = (parts > 0) & ~covered(areas, parts.shape)
     return without_areas(levels, ndimage.large_parts(free, LEAST_AREA)[0], areas, STRANGE, blur)
 

@@ -94,9 +94,7 @@ def forced_cells(target: np.ndarray) -> Cells:
 
 
 def without_repeats(target: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, C) with one pixel for each of its cells; unchanged if it has less than 32 cells each way,
-    or none larger than a pixel.
-    """
+    """Return a picture (H, W, C) with a pixel for each cell; unchanged below 32 cells each way, or of single pixels."""
     grid = exact_grid(target)
     return target if min(len(grid.x), len(grid.y)) <= 32 else _sampled(target, grid)
 

@@ -60,9 +60,7 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
 
 
 def _repeated(levels: np.ndarray) -> int:
-    """Return how often each pixel is repeated along rows and columns, 8 times at most; 1 for shapes that merely lie on
-    a grid, without blends at their edges.
-    """
+    """Return how often each pixel is repeated each way, up to 8 times; 1 for shapes on a grid, without blends."""
     for times in range(8, 1, -1):
         height, width = (side // times * times for side in levels.shape[:2])
         if min(height, width) < 8 * times:

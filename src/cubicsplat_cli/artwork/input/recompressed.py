@@ -30,7 +30,6 @@ from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import components
-from cubicsplat_cli.scene.paint import painted
 
 # Levels by which pixels are off their fills, and those on edges: half a step of the coefficients that matter.
 MISFIT, EDGE_ERROR = 3.0, 4.0
@@ -57,7 +56,7 @@ def before_compression(
                 labels = with_lines(seen, fills, labels, OUTLIER * MISFIT, THIN)
             mixture = mixture_of(seen, fills, labels, MISFIT, 0.0)
             picture = mixture.painted(palette)
-            left = levels[..., :3] - compression.again(_with_gradients(picture, mixture, palette, flat)[..., :3])
+            left = levels[..., :3] - compression.again(flat.painted(picture, palette, mixture.coverage)[..., :3])
             target = picture.copy()
             target[..., :3] += left
             if (error := float((left**2).sum())) < least:
@@ -101,14 +100,3 @@ def _told_apart(
     palette = np.array(fills)
     other = np.where(mixture.other == labels, new, mixture.other)
     return FlatPicture(Mixture(new, other, mixture.share).painted(palette), palette, new)
-
-
-def _with_gradients(picture: np.ndarray, mixture: Mixture, palette: np.ndarray, flat: Flattened) -> np.ndarray:
-    """Return a picture (H, W, 4) in levels with its gradients in place of their placeholders."""
-    out = picture.copy()
-    for number, fill in enumerate(palette):
-        if (gradient := flat.gradient(fill)) is not None:
-            cover = mixture.coverage(number)
-            y, x = np.nonzero(cover)
-            out[y, x] += cover[y, x, None] * (255.0 * painted(gradient, x + 0.5, y + 0.5) - fill)
-    return out

@@ -108,9 +108,7 @@ def restored(
 
 
 def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (k, 4) the fills of thin lines: common colours of a picture (H, W, 4) that are off all blends of two of
-    its fills (P, 4) by more than six times the misfit sigma.
-    """
+    """Return (k, 4) fills of thin lines: common colours off all blends of two fills (P, 4) by six times sigma."""
     _, gap = nearest_fills(seen, fills, straight=True)
     return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, 24)
 

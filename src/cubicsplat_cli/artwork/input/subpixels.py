@@ -43,11 +43,6 @@ class _Parts:
         """Return (k, 3) the sums of values (n, 3) in each part."""
         return np.stack([self.sums(channel) for channel in values.T], axis=1)
 
-    def only(self, chosen: np.ndarray) -> _Parts:
-        """Return the chosen parts, (k,) bool; the others lose their pixels."""
-        own = chosen[self.own]
-        return _Parts(self.at[own], self.own[own], self.off[own], self.ground[own], self.count)
-
 
 def without_subpixels(levels: np.ndarray) -> np.ndarray:
     """Return a picture (H, W, 4) in levels with its LCD text anti-aliased by whole pixels; the same array if it has
@@ -71,7 +66,8 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     if order == 0.0:
         return levels
     chosen = (offset * order > 0.0) & (explained > 0.25) & _in_fills_of(sure * order > 0.0, totals)
-    text = parts.only(chosen)
+    own = chosen[parts.own]
+    text = _Parts(parts.at[own], parts.own[own], parts.off[own], parts.ground[own], parts.count)
     fills = _fills(text, totals, chosen)
     share = _shares(text, fills, order, colours.shape[:2])
     out = levels.copy()

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fitting import dot_of, few_lines, fit_outlines
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, level_box, polygon, turn_matrix
+from cubicsplat_cli.artwork.geometry.outlines import EXACT, Outline, Rectangle, Ring, level_box, polygon, turn_matrix
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed
 from cubicsplat_cli.artwork.layers.ways import (
     ALLOWED,
@@ -26,11 +26,9 @@ from cubicsplat_cli.artwork.layers.ways import (
     ways_on,
 )
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.outlines import fewer_points
 
 SEVERAL = 8  # hidden runs of a contour, beyond which only straight lines are tried, lest the trials are too many
 HIDDEN_SIGMA = 0.5  # px, standard error of points along the edge of a shape that hides an outline
-LEVEL = 1e-6  # px by which the ends of a level line may differ
 SIDE_SEEN = 1.5  # px within which points show a side of a rounded rectangle, and of points that show one of a box
 ON_SIDE = 0.25  # px by which a point may differ from the side of a box
 DOT = 4  # px of a region, up to which it is a dot; visible points of a contour, below which it becomes a polygon
@@ -97,7 +95,7 @@ def _outline(
     if few and np.isfinite(contour.sigma).all():
         return dot_of(contour.points, extent.shown, (extent.left, extent.top))
     if len(contour.points) < 2 * DOT:
-        return few_lines(contour.points if sought else _thinned(contour))
+        return few_lines(contour.points)
     if not sought or np.isfinite(contour.sigma).all():
         return (yield contour.points, contour.sigma if sought else _known(contour.sigma), None)
     return (yield from _completed(contour, window(), whole, astray))
@@ -152,7 +150,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
         for outline in (certain, few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
-    best = (level_box(best, LEVEL) or best) if isinstance(best, Ring) else best
+    best = (level_box(best, EXACT) or best) if isinstance(best, Ring) else best
     if whole and least <= ALLOWED:
         return (yield from _with_corners(best, contour, runs, ways, loop, window))
     return best
@@ -188,23 +186,12 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
 
 
 def _shows_beyond(box: Rectangle, ends: np.ndarray, extent: Extent) -> bool:
-    """True if a box would show in a pixel beyond the ends (2, 2), low and high, of what shows: beneath a thin line it
-    would come out on the other side.
-    """
+    """True if a box shows beyond the ends (2, 2) of what shows, as beneath a thin line, on its other side."""
     (rows, columns), own = enclosed(box.ring(), extent)
     places = (np.arange(columns.start, columns.stop) + extent.left, np.arange(rows.start, rows.stop) + extent.top)
     right, down = ((each + 0.5 < low) | (each + 0.5 > high) for each, low, high in zip(places, *ends, strict=True))
     hidden = (extent.allowed | extent.holes)[rows, columns]
     return bool((own & (down[:, None] | right) & ~hidden).any())
-
-
-def _thinned(contour: Contour) -> np.ndarray:
-    """(m, 2) the points of a contour with only the corners of its hidden runs, which go from pixel to pixel."""
-    kept = np.isfinite(contour.sigma)
-    for run in hidden_runs(contour.sigma):
-        places = contour.points[run]
-        kept[run] = np.isin(places @ [1.0, 1.0j], fewer_points(places, SLACK) @ [1.0, 1.0j])
-    return contour.points[kept]
 
 
 def _known(sigma: np.ndarray) -> np.ndarray:

@@ -86,9 +86,7 @@ def _parts(
 
 
 def _with_room(box: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """A box with as much room as the rest of a primitive may take that upper layers hide: half a circle shows as long
-    as the whole one is, and half as high.
-    """
+    """A box with room for the rest of a primitive: half a circle shows as long as the whole, and half as high."""
     return widened(box, UNDERLAP + 1 + max(side.stop - side.start for side in box) // 2, shape)
 
 

@@ -80,9 +80,7 @@ class Heading:
 
 
 def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | None:
-    """Return the direction of an outline at its end from points (n, 2) px, the end first, with standard errors (n,),
-    up to `reach` px along it. None if too few are known.
-    """
+    """Return the direction at the end of points (n, 2), the end first, by `reach` px; None if too few are known."""
     found = end_heading(points, sigma, reach) if len(points) else None
     return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())
 

@@ -9,16 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import (
-    APART,
-    BLEND,
-    CLEAR,
-    MOST_PALETTE,
-    PURE,
-    SAME,
-    flat_pixels,
-    has_square,
-)
+from cubicsplat_cli.artwork.regions.fills import APART, BLEND, CLEAR, MOST_PALETTE, PURE, SAME, flat_pixels, has_square
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
     MOST_RESIDUAL,
@@ -237,9 +228,7 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
 def _strange(
     levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray, residual: np.ndarray
 ) -> np.ndarray:
-    """(n,) bool: the pixels y, x that are no blend of two or three fills near them; those on the canvas's rim, which
-    blend with what is beyond it, are none of these.
-    """
+    """(n,) bool: the pixels y, x within the canvas's rim that are no blend of two or three fills near them."""
     height, width = levels.shape[:2]
     within = (y > 0) & (x > 0) & (y < height - 1) & (x < width - 1) & (near[:, 0] >= 0)
     strange = within & (residual > STRANGE)

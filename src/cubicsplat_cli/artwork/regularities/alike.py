@@ -21,7 +21,6 @@ LARGEST = 3.0  # px that they move at most to be
 FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean,
 # to which middles and radii are known too
 SYSTEMATIC = 0.02  # px, the error of an axis or a shift besides that by chance
-EXACT = 1e-6  # px by which what is alike and held so may be off
 SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
 NEAR = 0.4  # px by which the extents of outlines that are alike differ

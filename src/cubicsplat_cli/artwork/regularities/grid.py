@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
+from cubicsplat_cli.artwork.finish.parameters import LEAST, ON_BORDER, Pins
 from cubicsplat_cli.artwork.finish.polish import SHOWN
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, following, with_thirds
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, EXACT, MEAN
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into: once or thrice by 3, 5 or 7, and often by 2.
@@ -53,14 +53,12 @@ def _seen_edges(state: State, error: float) -> list[Mark]:
     crossings, cubics = state.crossings, state.drawn.cubics
     shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWN, len(cubics))
     good = state.drawn.lines & (shown >= FEWEST_SEEN)
-    level = np.ptp(cubics, axis=1) < EXACT
+    level = np.ptp(cubics, axis=1) < LEAST
     return [(axis, value, error) for axis in (0, 1) for value in cubics[good & level[:, axis], 0, axis].tolist()]
 
 
 def _middle_and_radii(outline: Outline) -> list[tuple[int, float]]:
-    """Return the axes and values of what the picture tells of a circle, or of an ellipse that is level or else of its
-    middle; nothing of others.
-    """
+    """Return axes and values that the picture tells of a circle or ellipse, of a turned one the middle alone."""
     if not isinstance(outline, Circle | Ellipse):
         return []
     radii = [outline.r] if isinstance(outline, Circle) else [] if outline.angle else [outline.rx, outline.ry]
@@ -128,7 +126,7 @@ class _Snap:
     def _lines(self, ring: Ring, axis: int) -> Ring:
         """Return a ring with its lines across an axis on the grid; the handles at their ends go with them."""
         values, shift = ring.anchors[:, axis], np.zeros(ring.pieces)
-        for i in np.flatnonzero(ring.lines & (np.abs(following(values) - values) < EXACT)).tolist():
+        for i in np.flatnonzero(ring.lines & (np.abs(following(values) - values) < LEAST)).tolist():
             value = float(values[i])
             shift[[i, (i + 1) % ring.pieces]] = self._on(axis, value, self.edge) - value
         if not shift.any():

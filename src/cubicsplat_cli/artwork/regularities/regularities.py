@@ -28,10 +28,10 @@ from cubicsplat_cli.artwork.finish.parameters import (
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn, layer_of
-from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
+from cubicsplat_cli.artwork.geometry.outlines import EXACT, FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
-from cubicsplat_cli.artwork.regularities.alike import EXACT, FARTHEST, SYSTEMATIC, Track, found_copies
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track, found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import (
     Axis,
@@ -89,9 +89,7 @@ def with_symmetries(state: State, constraints: Constraints, detail: float) -> St
 
 
 def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameters | None:
-    """Return the parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot
-    be one, or only with more than two further coordinates.
-    """
+    """Return a ring as its own mirror image, with fewest variables; None if that needs three further coordinates."""
     sides = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis) if _fits(one, constraints)]
     sides = [one for one in sides if one.outline().coordinates <= ring.coordinates + 2]
     return min(sides, key=_variables, default=None)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION
-from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, points_at
+from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, pieces_of_rings, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE
 from cubicsplat_cli.raster import ndimage
@@ -101,10 +101,6 @@ def _steps(skeleton: np.ndarray) -> np.ndarray:
     return steps[np.lexsort(steps.T[::-1])]
 
 
-def _length(branch: Branch) -> float:
-    return float(np.hypot(*np.diff(branch.points, axis=0).T).sum())
-
-
 def _tidied(graph: Graph, width: float) -> Graph:
     """The graph without spurs, with bridges between junctions contracted, and branches joined at nodes of two."""
     places, branches = graph.places.copy(), list(graph.branches)
@@ -112,12 +108,12 @@ def _tidied(graph: Graph, width: float) -> Graph:
     def degree(node: int) -> int:
         return sum(branch.nodes.count(node) for branch in branches)
 
-    for branch in sorted(branches, key=_length):
-        a, b = branch.nodes
+    for branch in sorted(branches, key=lambda branch: arc_lengths(branch.points)[-1]):
+        (a, b), length = branch.nodes, arc_lengths(branch.points)[-1]
         free = [degree(a) == 1, degree(b) == 1]
-        if a >= 0 and sum(free) == 1 and degree(b if free[0] else a) >= 3 and _length(branch) < SPUR * width:
+        if a >= 0 and sum(free) == 1 and degree(b if free[0] else a) >= 3 and length < SPUR * width:
             branches.remove(branch)
-        elif a >= 0 and a != b and not any(free) and _length(branch) < BRIDGE * width and degree(a) > 2 < degree(b):
+        elif a >= 0 and a != b and not any(free) and length < BRIDGE * width and degree(a) > 2 < degree(b):
             branches.remove(branch)
             places[a] = 0.5 * (places[a] + places[b])
             for other in branches:
@@ -162,9 +158,7 @@ class Sides:
 
 @record
 class Centres:
-    """Along a branch: points (n, 2) px, widths (n,) px, and true (n,), whether both sides lie opposite each other.
-    slack: px by which the outline may be off.
-    """
+    """points (n, 2), widths (n,) px; true: (n,) both sides lie opposite; slack: px by which the outline may be off."""
 
     points: np.ndarray
     widths: np.ndarray
