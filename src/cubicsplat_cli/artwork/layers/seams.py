@@ -2,8 +2,8 @@
 
 The front shape covers a share a of the pixel, the one behind a share 1 - a of the rest. The pixel is therefore
 a F + (1 - a)^2 B + a (1 - a) G. The ground G is an artefact there, and a pixel taken for a blend of the two fills
-shows the wrong place. The right blend follows from a, for a clear ground: any other explains single pixels in many
-ways. Where three opaque shapes meet no ground should shine through either; the rest of the pixel shows their shares.
+shows the wrong place. The right blend follows from a. Where three opaque shapes meet no ground should shine through
+either; the rest of the pixel shows their shares.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, SAME
+from cubicsplat_cli.artwork.regions.pixel_lines import MOST_GROUNDS
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import MOST
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import seam_shares
+from cubicsplat_cli.raster.unmix import SEAM_STEPS, seam_shares
 
 # Levels: a pixel is a seam if a blend of its two fills leaves more than ODD, and a seam of them at most SAME.
 ODD = 6.0
+RUN = 9  # px of a level or upright seam
 NEAR = 2  # px from a pixel to the regions of a junction
 
 
@@ -29,8 +31,15 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     if not 0 < len(y) <= MOST:
         return levels
     own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
-    share, rest = seam_shares(levels[y, x], own, beside, np.zeros((1, 4)), ODD)
-    seam = rest <= SAME
+    fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
+    areas = np.bincount(index.reshape(-1), regions.areas(), len(fills))
+    commonest = fills[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
+    clear, filled = np.full((2, *regions.labels.shape), np.nan)
+    for shares, grounds in ((clear, np.zeros((1, 4))), (filled, commonest)):
+        share, rest = seam_shares(levels[y, x], own, beside, grounds, ODD)
+        shares[y, x] = np.where(rest <= SAME, share, np.nan)
+    share = np.where(np.isnan(clear), _along_runs(filled), clear)[y, x]
+    seam = ~np.isnan(share)
     healed = levels.copy()
     healed[y[seam], x[seam]] = own[seam] + (beside - own)[seam] * share[seam, None]
     return healed
@@ -54,6 +63,16 @@ def _closed_junctions(levels: np.ndarray, regions: Regions) -> np.ndarray:
     healed = levels.copy()
     healed[y, x] *= 255.0 / levels[y, x, 3:]
     return healed
+
+
+def _along_runs(shares: np.ndarray) -> np.ndarray:
+    """The shares (H, W) that are alike along a level or upright run of RUN px, as single pixels tell nothing."""
+    known = np.nan_to_num(shares, nan=-9.0)
+    even = np.zeros(shares.shape, dtype=bool)
+    for run in ((RUN, 1), (1, RUN)):
+        spread = ndimage.maximum_filter(known, run) - ndimage.minimum_filter(known, run)
+        even |= ndimage.maximum_filter((spread <= 1.5 / SEAM_STEPS) & (known >= 0.0), run)
+    return np.where(even, shares, np.nan)
 
 
 def _odd(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

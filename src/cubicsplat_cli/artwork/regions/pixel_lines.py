@@ -18,9 +18,10 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import components, nearest_fills, seam_shares, steps
 from cubicsplat_cli.record import record
 
-LONG = 24  # px of a pixel line that shows its fill
+LONG = 24  # px of a pixel line that shows its fill; px of the corner of a frame between its sides
 SHORT = 5  # px of a pixel line whose fill longer ones show
 FRAMES = 3  # long pixel lines, in both directions, that show a fill where each may be something else
+MOST_GROUNDS = 4  # of one fill's pixel lines, and that may shine through seams besides nothing: the commonest
 # Share of a line's fill in the pixel that joins, over its shares in the two pixels that meet: a line of one px across
 # has a quarter at the corners, one half as wide a quarter of that.
 LEAST_SHARE = 0.15
@@ -69,8 +70,21 @@ def with_pixel_lines(
         on = np.zeros(out.shape, dtype=bool)
         for y, x, length, upright in zip(own.y, own.x, own.length, own.upright, strict=True):
             on[(slice(y, y + length), x) if upright else (y, slice(x, x + length))] = True
-        out[on & (pure < 0)] = gaps.argmin()
+        out[(on | _corners(on, levels, pure, own)) & (pure < 0)] = gaps.argmin()
     return fills, out
+
+
+def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRuns) -> np.ndarray:
+    """(H, W) bool: the pixels `on` pixel lines of one fill, and those that go on from them around corners: blends of it
+    with a ground, of which it has most.
+    """
+    blends = np.zeros(on.shape, dtype=bool)
+    y, x = np.nonzero(pure < 0)
+    grounds, counts = np.unique(np.rint(np.concatenate([own.before, own.behind])), axis=0, return_counts=True)
+    for ground in grounds[np.argsort(-counts, kind="stable")[:MOST_GROUNDS]]:
+        share, rest = blend_of(levels[y, x], ground, own.colour[0])
+        blends[y, x] |= (share >= 0.5) & (largest(np.abs(rest)) <= PURE)
+    return ndimage.binary_dilation(on, ndimage.SQUARE, LONG, mask=blends | on)
 
 
 def _doubtful(found: _LineRuns, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
