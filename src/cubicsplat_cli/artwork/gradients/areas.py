@@ -96,7 +96,7 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
             return
     if clear or even.mean() >= LEAST_PLATEAU:
         for piece in part.pieces(~even):
-            _within_plateau(part, piece, search, depth)
+            _fading(part, piece, fill, search, depth)
         return
     _largest(part, search, depth)
 
@@ -114,20 +114,34 @@ def _with_rests(part: Part, off: np.ndarray) -> Patch:
     return replace(explained, mask=explained.mask | rests)
 
 
-def _within_plateau(whole: Part, piece: Part, search: _Search, depth: int) -> None:
-    """Add the gradient of a piece that the even pixels around it show too, or else the gradients within the piece."""
+def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: int) -> None:
+    """Add the gradient of a piece that fades into the fill around it, or else the gradients within the piece."""
     if _is_flat(piece):
         return
     wider = whole.around(piece)
     shade = search.shade(wider.pixels)
     if shade is None:
         return
-    if shade.explains(wider.pixels).mean() >= EXPLAINED:
+    explained = shade.explains(wider.pixels)
+    if explained.mean() < EXPLAINED:
+        if len(piece) < 0.9 * len(whole):
+            _explain(piece, search, depth + 1)
+        else:
+            _largest(piece, search, depth)
+        return
+    # The end of the ramp that has nearly the fill gets exactly the fill.
+    gaps = [float(np.abs(shade.ramp.colours[end] - fill).max()) for end in (0, -1)]
+    if min(gaps) > CLOSE:
         search.found.append(ShadedArea(shade, piece.patch))
-    elif len(piece) < 0.9 * len(whole):
-        _explain(piece, search, depth + 1)
-    else:
-        _largest(piece, search, depth)
+        return
+    inwards = gaps[1] < gaps[0]
+    end = -1 if inwards else 0
+    colours, rim = shade.ramp.colours.copy(), float(shade.ramp.knots[end])
+    colours[end] = fill
+    shade = replace(shade, ramp=replace(shade.ramp, colours=colours), open=(False, False))
+    t = shade.t(*wider.pixels[:2])
+    shown = explained & ((t < rim) if inwards else (t > rim))
+    search.found.append(ShadedArea(shade, wider.within(shown), fill, rim, inwards))
 
 
 def _largest(part: Part, search: _Search, depth: int) -> None:
@@ -165,11 +179,13 @@ def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: lis
     groups: list[_Group] = []
     claimed = covered(found, levels.shape)
     for area in found:
-        work().at()
-        _unite(levels, area, groups)
+        if area.ground is None:
+            work().at()
+            _unite(levels, area, groups)
     for group in groups:
         _continue(levels, parts, boxes, claimed, group)
-    return [ShadedArea(group.shade, part.patch) for group in groups for part in group.members]
+    fading = [area for area in found if area.ground is not None]
+    return fading + [ShadedArea(group.shade, part.patch) for group in groups for part in group.members]
 
 
 @dataclass(eq=False)
@@ -221,8 +237,8 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
 def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) -> list[ShadedArea]:
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
-    free, out = (parts == 0) & ~covered(areas, parts.shape), list[ShadedArea]()
-    for area in by_gradient(areas):
+    free, out = (parts == 0) & ~covered(areas, parts.shape), [area for area in areas if area.ground is not None]
+    for area in by_gradient(area for area in areas if area.ground is None):
         patch = area.patch.padded(LONGEST_TIP, levels.shape)
         if (outside := free[patch.window]).any():
             near, shade = Part(levels, replace(patch, mask=outside)), area.shade.extended()
@@ -246,7 +262,7 @@ def _with_small_parts(
     """Return the areas with the uneven parts that are too small to show a gradient and follow one of theirs, as pieces
     of thin stripes do. boxes, spreads: as of `part_spreads`. Others as of `gradient_areas`.
     """
-    shades = list(dict.fromkeys(area.shade for area in areas))
+    shades = list(dict.fromkeys(area.shade for area in areas if area.ground is None))
     if not shades:
         return areas
     free, count = np.where(covered(areas, parts.shape), 0, parts), len(spreads) + 1

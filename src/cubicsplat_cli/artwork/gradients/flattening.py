@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.gradients.areas import gradient_areas, with_tips
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
-from cubicsplat_cli.artwork.regions.fills import APART, SEEN
+from cubicsplat_cli.artwork.regions.fills import APART, ROUNDED, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
@@ -81,7 +81,11 @@ def without_areas(
         paint[area.patch.window][area.patch.mask] = number[area.shade]
     colours = [lambda x, y, g=gradient: 255.0 * painted(g, x + 0.5, y + 0.5) for gradient in gradients]
     fills = _placeholders_of(levels, paint, gradients)
-    return Flattened(with_placeholders(levels, paint, colours, fills, line, blur), fills, tuple(gradients))
+    out = with_placeholders(levels, paint, colours, fills, line, blur)
+    for area in areas:
+        if area.ground is not None:
+            _fade(out, levels, area, fills[number[area.shade]])
+    return Flattened(out, fills, tuple(gradients))
 
 
 def with_placeholders(
@@ -128,6 +132,22 @@ def with_placeholders(
         flat[alone] = value[alone] + (1.0 - share) * (flats[alone, 0] - there[alone, 0])
     out[y, x] = np.clip(flat, 0.0, 255.0)
     return out
+
+
+def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarray) -> None:
+    """Draw an edge along the line at which a gradient fades into its ground. fill: (4,) its placeholder."""
+    y, x = area.patch.grown(2, levels.shape).places()
+    t = area.shade.t(x + 0.5, y + 0.5)
+    distance = (t - area.rim) / np.maximum(np.hypot(*area.shade.slope(x + 0.5, y + 0.5)), 1e-9)
+    share = np.clip(0.5 + (-distance if area.inwards else distance), 0.0, 1.0)
+    # Pixels of the ground beside the rim, and of the area itself on it.
+    ground = largest(np.abs(levels[y, x] - area.ground)) <= ROUNDED
+    inside = area.patch.at(y, x)
+    at_rim = (share > 0.0) & (share < 1.0) & (inside | ground)
+    out[y[at_rim], x[at_rim]] = area.ground + share[at_rim, None] * (fill - area.ground)
+    # The area may hold some of the ground beyond the rim.
+    beyond = inside & (share <= 0.0)
+    out[y[beyond], x[beyond]] = area.ground
 
 
 def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[Gradient]) -> np.ndarray:

@@ -60,7 +60,7 @@ def without_noisy_gradients(
         kind_of[0] = ON_EDGE
         kinds = kind_of[even]
     areas += _united(levels, [_grown(levels, area, condition, kinds) for area in new], condition, kinds)
-    flat = without_areas(levels, even, areas, STRANGE)
+    flat = without_areas(levels, even, _to_the_nearest(levels, areas, condition), STRANGE)
     return replace(flat, areas=tuple(areas))
 
 
@@ -71,7 +71,8 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     rough = roughness(condition)
     found = gradient_areas(means / np.float32(rough), *parts)
     shades = {area.shade: area.shade.times(rough) for area in found}
-    areas = [replace(area, shade=shades[area.shade]) for area in found]
+    # Noise hides the end of a ramp that fades into its ground, so an area ends with its windows.
+    areas = [replace(area, shade=shades[area.shade], ground=None) for area in found]
     return [
         area
         for area in areas
@@ -172,6 +173,20 @@ def _squares(shade: Shade, pixels: Pixels, condition: Condition) -> np.ndarray:
     return np.asarray((off * off).sum(axis=1))
 
 
+def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Condition) -> list[ShadedArea]:
+    """Return the areas without overlaps: each pixel stays with the gradient that is nearest to it."""
+    least, owner = np.full(levels.shape[:2], np.inf), np.full(levels.shape[:2], -1)
+    for k, area in enumerate(areas):
+        y, x = area.patch.places()
+        off = _squares(area.shade, area.patch.pixels(levels), condition)
+        nearer = off < least[y, x]
+        least[y[nearer], x[nearer]], owner[y[nearer], x[nearer]] = off[nearer], k
+    return [
+        replace(area, patch=replace(area.patch, mask=area.patch.mask & (owner[area.patch.window] == k)))
+        for k, area in enumerate(areas)
+    ]
+
+
 def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     """Return a picture (H, W, 4), premultiplied levels, without its gradients. blur: standard deviation, px."""
     parts, count = smooth_parts(levels)
@@ -181,7 +196,8 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     rim = max(1, round(blur))
     inner = ndimage.binary_erosion(parts > 0, ndimage.SQUARE, iterations=rim, border_value=1)
     found, edge = gradient_areas(levels, *ndimage.label(inner)), 2.0 * BLUR_REACH * blur
-    areas = [_followed(levels, parts, area, 1 + rim) for area in found if not is_step(area.shade, edge)]
+    found = [area for area in found if not is_step(area.shade, edge)]
+    areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
     free = (parts > 0) & ~covered(areas, parts.shape)
     return without_areas(levels, ndimage.large_parts(free, LEAST_AREA)[0], areas, STRANGE, blur)
 

@@ -67,6 +67,14 @@ class Shade:
         second = self.frame[1, 0] * x + self.frame[1, 1] * y + self.frame[1, 2]
         return np.hypot(first, second) + self.frame[0, 3] * first + self.frame[1, 3] * second
 
+    def slope(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the derivatives (2, n) of t per px at places in px."""
+        turn, lean = self.frame[:, :2], self.frame[:, 3:]
+        if not self.radial:
+            return turn[:1].T + np.zeros(len(x))
+        u = self.frame[:, :3] @ np.stack([x, y, np.ones(len(x))])
+        return turn.T @ (u / np.maximum(np.hypot(*u), 1e-9) + lean)
+
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return premultiplied levels (n, 4) at places in px."""
         return colours_at(self.frame, self.radial, self.ramp.knots, self.ramp.colours, x, y)
@@ -115,10 +123,14 @@ class Shade:
 
 @record
 class ShadedArea:
-    """A gradient and the pixels that show it."""
+    """A gradient and the pixels that show it. ground: the colour (4,) in levels into which it fades without an edge, or
+    None; rim: t where it does; inwards: True if the ramp lies below that t."""
 
     shade: Shade
     patch: Patch
+    ground: np.ndarray | None = None
+    rim: float = 0.0
+    inwards: bool = False
 
 
 def covered(areas: Iterable[ShadedArea], shape: tuple[int, ...]) -> np.ndarray:
