@@ -1,5 +1,5 @@
 // Runs of points divided into lines and cubics, and the feet of points on cubics. What pieces cost is said in
-// raster/cubics.py (`laid_out`).
+// tests/outline_loops.py (`laid_out`).
 #include <cstdint>
 #include <exception>
 

@@ -1,5 +1,5 @@
 // The best division of a run of points between two corners into lines and cubics, by dynamic programming. What pieces cost
-// is said in raster/cubics.py (`laid_out`).
+// is said in tests/outline_loops.py (`laid_out`).
 #pragma once
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // Where outlines are heading at their ends, and by how much they turn where they pass a meeting point. What this is for is
-// said in artwork/layers/ways.py and artwork/layers/junctions.py.
+// said in artwork/layers/ways.py and artwork/layers/stacking.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -1,5 +1,5 @@
 // Whole loops of points divided into lines and cubics: which corners are real, and the runs between them. What is meant is
-// said in raster/cubics.py (`laid_out`).
+// said in tests/outline_loops.py (`laid_out`).
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -263,7 +263,7 @@ class Loop {
 extern "C" {
 
 // Divides a closed loop of points (x 2) with weights at those of its corners (index, position x 2, turn, sure) that pay:
-// see `laid_out` in raster/cubics.py. kept: corners; chosen: count. sizes to from_corner: room for 2 x count + 2 pieces.
+// see `laid_out` in tests/outline_loops.py. kept: corners; chosen: count. sizes to from_corner: room for 2 x count + 2 pieces.
 // Returns how many there are, -1 where there is no memory.
 CS_EXPORT int64_t cs_lay_out(int64_t count, const double* points, const double* weights, int64_t corners,
                              const int64_t* index, const double* position, const double* turn, const uint8_t* sure,

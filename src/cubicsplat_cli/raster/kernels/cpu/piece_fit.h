@@ -1,4 +1,4 @@
-// The best line and the best cubic for a run of points between two nodes. What they cost is in raster/cubics.py (`laid_out`).
+// The best line and the best cubic for a run of points between two nodes. What they cost is in tests/outline_loops.py (`laid_out`).
 #pragma once
 
 #include <algorithm>

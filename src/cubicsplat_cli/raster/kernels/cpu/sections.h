@@ -1,5 +1,5 @@
 // Runs of points that are to be divided into pieces, and the nodes where these may join. What is meant is said in
-// raster/cubics.py (`laid_out`).
+// tests/outline_loops.py (`laid_out`).
 #pragma once
 
 #include <algorithm>
