@@ -35,6 +35,7 @@ MARGIN = 5  # px around an area that are looked at with it
 # Px times levels of an area that people see, in a clean picture; and with noise, with px of a shape: 60 px of what is
 # just unlike, or a short line.
 LEAST_CLEAN, LEAST, SMALLEST = 160.0, 60.0 * UNLIKE, 6
+RINGING = 12.0  # levels by which edges of a JPEG of quality 90 are off; with less, less of an area is enough
 LINE = 3  # px of a shape from which it is a line where they are in a row
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
 LESS = 0.2  # share from which a pixel on the middle of a line is the new shape's, as others are by half of them
@@ -69,7 +70,8 @@ class TargetPicture:
         """The picture in a condition. min_area: px^2 that a shape has at least."""
         seen, rings = levels @ LUMA_CHROMA, condition.jpeg or condition.sharpened
         sharp = condition.clean and not (condition.aliased or condition.jpeg)
-        least, smallest = (LEAST_CLEAN, 1) if sharp else (LEAST, SMALLEST)
+        share = 0.0 if sharp else min(condition.edge_error / RINGING, 1.0) if condition.jpeg else 1.0
+        least, smallest = max(LEAST_CLEAN, share * LEAST), max(1, round(share * SMALLEST))
         off = ringing(seen) if rings else np.zeros(seen.shape, np.float32)
         return cls(levels, condition, least, max(smallest, min_area), off)
 
