@@ -37,7 +37,9 @@ def reduced(levels: np.ndarray, factor: int) -> np.ndarray:
 
 
 def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
-    """Return the means of blocks of factor x factor px, premultiplied; incomplete ones are filled with the last px."""
+    """Return the mean of each block of factor x factor px of a picture (H, W, 4), premultiplied, as its shapes cover
+    the block. Incomplete blocks are filled with the last px.
+    """
     height, width = levels.shape[:2]
     padded = np.pad(levels, ((0, -height % factor), (0, -width % factor), (0, 0)), mode="edge")
     return in_blocks(padded, factor).mean(axis=(2, 3), dtype=np.float32)
@@ -46,7 +48,9 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
 def bounded_regions(
     picture: FlatPicture, min_area: float, most: int | None = None, limit: int = MOST_REGIONS
 ) -> tuple[PixelFills, Regions]:
-    """Return the fills of a picture's pixels, and at most `limit` regions: the smallest join others, with a warning."""
+    """Return the fills of a picture's pixels (`pixel_fills`), and at most `limit` regions: the smallest ones join their
+    neighbours, with a warning.
+    """
     fills = pixel_fills(picture, most)
     regions = fills.regions(min_area)
     count = regions.count
@@ -70,7 +74,9 @@ def few_enough(drawing: Drawing) -> bool:
 
 
 def enlarged(drawing: Drawing, factors: tuple[float, float], width: int, height: int) -> Drawing:
-    """Return the drawing of a smaller copy of a picture of width x height px, enlarged by these factors to its size."""
+    """Return the drawing of a smaller copy of a picture in px of the picture, which has width x height px, and is so
+    many times as wide and high.
+    """
     if factors == (1.0, 1.0):
         return drawing
     whole = scaled_drawing(drawing, round(drawing.width * factors[0]), round(drawing.height * factors[1]))

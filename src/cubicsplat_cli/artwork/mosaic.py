@@ -83,7 +83,9 @@ class Mosaic:
         return tuple(dict.fromkeys(layer.fill for layer in self.layers))
 
     def scene(self) -> Scene | None:
-        """Return the layers as closed curves, front to back, divided if of many corners; None without a layer."""
+        """Return the layers as closed curves, front to back, without a background, several for a layer of many corners;
+        None without a layer.
+        """
         parts = [part for layer in reversed(self.layers) for part in layer.parts()]
         if not parts:
             return None
@@ -107,7 +109,9 @@ def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cell
 
 
 def finer(cells: Cells, reach: float) -> Cells:
-    """Return each cell cut into nine, the outer ones `reach` px wide or a third, by which the layers overlap."""
+    """Return each cell cut into nine, the outer ones `reach` px wide, or a third of the cell if that is less. By this
+    width the layers of a mosaic overlap.
+    """
     x, y = (_cut(ends, reach) for ends in (cells.x, cells.y))
     return replace(cells, numbers=cells.numbers.repeat(3, axis=0).repeat(3, axis=1), x=x, y=y)
 
@@ -120,7 +124,9 @@ def _cut(ends: np.ndarray, reach: float) -> np.ndarray:
 
 
 def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:
-    """Return the drawing of cells on a canvas, the commonest colour at the back. abutting: none reaches beneath."""
+    """Return the drawing of cells on a canvas of width x height px, with the most frequent colour at the back.
+    abutting: no layer reaches beneath another.
+    """
     x, y = cells.x * (width / cells.x[-1]), cells.y * (height / cells.y[-1])
     order = np.argsort(-np.bincount(cells.numbers.ravel(), minlength=len(cells.colours)), kind="stable")
     # Later colours have higher ranks. Nothing may lie beneath a colour that is not opaque.
@@ -167,7 +173,9 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shifted(owner: np.ndarray, by: int) -> np.ndarray:
-    """Return (n,) the number of each element's next (1) or last (-1) one of its owner, (n,) ascending, cyclically."""
+    """Return (n,) for each element the number of the next one (1) or the one before (-1) of its owner, cyclically.
+    owner: (n,) ascending.
+    """
     starts, index, counts = np.unique(owner, return_index=True, return_inverse=True, return_counts=True)[1:]
     first, count = starts[index], counts[index]
     return first + (np.arange(len(owner)) - first + by) % count

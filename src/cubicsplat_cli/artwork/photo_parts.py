@@ -117,7 +117,9 @@ def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _even_areas(levels: np.ndarray) -> np.ndarray:
-    """Return (H, W) int32 numbers of connected areas of one colour or linear gradient of TILE^2 px, 0 elsewhere."""
+    """Return (H, W) int32 the number of a pixel's connected area in one colour or linear gradient, with at least TILE^2
+    px; 0 elsewhere.
+    """
     areas, count = ndimage.large_parts(spread(levels, 3, 3) <= ALIKE, TILE**2)
     off = _off_planes(levels, areas, count)
     kept = np.concatenate([[False], off <= GRAIN])
@@ -125,7 +127,9 @@ def _even_areas(levels: np.ndarray) -> np.ndarray:
 
 
 def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray:
-    """Return (count,) the rms error of numbered areas from their best linear gradients, levels of the worst channel."""
+    """Return (count,) the root mean square error of areas, numbered from 1 on, against their best linear gradients, in
+    levels of the worst channel.
+    """
     y, x = np.nonzero(areas)
     owner, sides = areas[y, x] - 1, np.array(areas.shape, float)
     terms = [np.ones(len(y)), x / sides[1] - 0.5, y / sides[0] - 0.5, *levels[y, x].T.astype(float)]
@@ -177,7 +181,9 @@ def _opened(mask: np.ndarray) -> np.ndarray:
 
 
 def _ended(levels: np.ndarray, window: Window) -> Window:
-    """Return a window with its sides at the strongest changes and beyond a frame, at most 2 FRAME px inwards."""
+    """Return a window with its sides moved inwards to the strongest changes of the picture, and beyond a frame, each by
+    at most 2 FRAME px.
+    """
     rows, columns = window
     grown = np.pad(levels, ((1, 1), (1, 1), (0, 0)), constant_values=-np.inf)  # the outside differs from any pixel
     part = grown[rows.start : rows.stop + 2, columns.start : columns.stop + 2]
@@ -189,7 +195,9 @@ def _ended(levels: np.ndarray, window: Window) -> Window:
 
 
 def _strongest(part: np.ndarray) -> int:
-    """Return the number of rows at the top of a part before its first step of at least half of the largest."""
+    """Return the number of rows at the top of a part before its outermost strong step: a step from one row to the next
+    of at least half of the largest.
+    """
     rows = part[: min(2 * FRAME, len(part) // 3) + 1]
     sizes = np.median(largest(np.abs(np.diff(rows, axis=0))), axis=1)
     return int(np.argmax(sizes >= 0.5 * sizes.max()))

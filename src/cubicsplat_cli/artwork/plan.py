@@ -100,7 +100,9 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
 
 @record
 class Plan:
-    """Parts back to front, with the picture levels (H, W, 4), its pixels' fills, its regions and their edges."""
+    """The parts of a drawing, back to front. levels: (H, W, 4) the picture that is drawn. fills: of its pixels. edges:
+    the positions of its regions' edges.
+    """
 
     levels: np.ndarray
     fills: PixelFills

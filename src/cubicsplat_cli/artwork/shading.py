@@ -69,7 +69,9 @@ def _slopes(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weak_borders(levels: np.ndarray, labels: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Return (n, 2) pairs of neighbouring labels with no edge between them, weakest first; directions: of `_slopes`."""
+    """Return (n, 2) the pairs of neighbouring labels with a ramp rather than an edge between them, the weakest first.
+    directions: of `_slopes`.
+    """
     height, width = labels.shape
     pairs, steps = [], []
     for dy, dx in ((0, 1), (1, 0)):
@@ -148,7 +150,9 @@ def _insides(labels: np.ndarray) -> np.ndarray:
 
 
 def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return (n, slots, 4) colours at pixels y, x (n,), extrapolated from `places` (n, slots) and those behind."""
+    """Return (n, slots, 4) the colours of objects at pixels y, x (n,), extrapolated from their pixels `places` (n,
+    slots) and those just behind.
+    """
     height, width = paint.shape
     row, column = np.divmod(places, width)
     behind = 2 * row - y[:, None], 2 * column - x[:, None]
@@ -189,7 +193,9 @@ def shown(drawing: Drawing) -> list[np.ndarray]:
 
 
 def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, Gradient | None]:
-    """Return the opaque fill nearest to colours (n, 3) in levels at columns x and rows y, and a nearer gradient."""
+    """Return the opaque fill nearest to straight colours (n, 3) in levels at columns x and rows y, n >= 1, and the
+    gradient that is nearer, or None.
+    """
     middle = values.mean(axis=0)
     red, green, blue = (int(np.clip(round(v), 0, 255)) for v in middle.tolist())
     fill = (red, green, blue, 255)

@@ -40,7 +40,9 @@ _MOST_PIXELS = 2**20  # that are tested
 
 @record
 class Style:
-    """A style and the measurement behind it. cells: of pixel art. doubtful: the other style may suit as well."""
+    """The style that suits a picture, and the measurement behind it. cells: of pixel art, else None. doubtful: the
+    other style may suit the picture as well.
+    """
 
     name: str
     reason: str
@@ -141,7 +143,9 @@ def _sampled(target: np.ndarray) -> np.ndarray:
 
 
 def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
-    """Return the share of the drawn pixels in blocks of `rough` pixels (H, W) bool only, of 7 px a side or less."""
+    """Return the share of the drawn pixels (H, W) bool in blocks of `rough` pixels (H, W) bool only. Blocks have 7 px a
+    side, less in small pictures.
+    """
     longer = max(rough.shape)
     block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *(side - 1 + side % 2 for side in rough.shape))
     uneven = ndimage.binary_opening(rough, np.ones((block, block), dtype=bool))
@@ -173,7 +177,9 @@ def _in_very_few(levels: np.ndarray, drawn: np.ndarray) -> bool:
 def _in_few_colours(
     levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR, most: int = MOST_PALETTE
 ) -> np.ndarray:
-    """Return (H, W) bool: flat pixels in one of the `most` commonest colours, each `width` levels wide."""
+    """Return (H, W) bool, true for pixels in one of the `most` commonest colours, each `width` levels wide, that differ
+    from their neighbours by at most `flat` levels.
+    """
     code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
     commonest = colours[np.argsort(-counts, kind="stable")[:most]]

@@ -129,7 +129,9 @@ def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
 def _with_its_shadow(
     prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
 ) -> Iterator[Drawing] | None:
-    """Return the versions with a soft shadow as gradients; None without one, or if the settings allow none."""
+    """Return the versions of a picture with a soft shadow, drawn as gradients; None if it has none, or the settings
+    allow no gradients or fewer shapes.
+    """
     condition = prepared.condition
     if not _may_overlap(settings) or prepared.scanned or condition.only_blurred:
         return None
@@ -167,7 +169,9 @@ def _with_its_shadow(
 
 
 def _description(drawing: Drawing, levels: np.ndarray, shown: np.ndarray) -> float:
-    """Return the nats of a drawing and of its errors, taken as normal, at pixels (H, W) bool of levels (H, W, 4)."""
+    """Return the description length, in nats, of a drawing and of its errors, which are taken as normal, against some
+    pixels (H, W) bool of a picture (H, W, 4) in levels.
+    """
     off = (255.0 * render_scene(scene_of(drawing)) - levels)[shown]
     return 0.5 * len(off) * math.log(float(np.mean(off * off)) + ROUNDED) + PRICE * length(drawing.shapes)
 

@@ -81,7 +81,9 @@ def with_added(
 
 @record
 class _Change:
-    """fall: of half of the misfit by a new shape; floor: what a pixel of it has by chance; price: of it, nats."""
+    """Effect of a new shape. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
+    shape, nats.
+    """
 
     fall: float
     floor: float
@@ -237,7 +239,9 @@ def _floor(changes: list[_Change]) -> float:
 
 
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
-    """The window on a canvas of a size that a shape changes, and its pixels (h, w) bool. reach: px of its blur."""
+    """The window on the canvas, of so many rows and columns, that a shape changes, and its pixels (h, w) bool. reach:
+    px to which it is blurred.
+    """
     cubics, lines = pieces_of_rings(shape.oriented())
     points = cubics.reshape(-1, 2)
     x0, y0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - reach, 0).tolist()

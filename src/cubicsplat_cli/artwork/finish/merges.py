@@ -42,7 +42,10 @@ class Merge:
 
 
 def with_merges(state: State, constraints: Constraints, detail: float) -> State:
-    """The state with runs of pieces merged where the description becomes shorter; the same where none do."""
+    """The state with runs of pieces merged wherever that makes the description shorter; the same where none do.
+
+    detail as in ArtworkSettings.
+    """
     rings = [o.outline() for o in state.outlines]
     plans = [
         _plan(ring, Visibility.of(state, k), constraints, detail) if isinstance(ring, Ring) else []
@@ -75,7 +78,9 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
 
 @record
 class Visibility:
-    """The crossings of an outline in order: piece, t and seen, (m,) each. sigma: px to which they are known."""
+    """Visible parts of an outline's pieces. piece, t: of its crossings, in order; seen: (m,) bool. sigma: px, to which
+    these are known.
+    """
 
     piece: np.ndarray
     t: np.ndarray

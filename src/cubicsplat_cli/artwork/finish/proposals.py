@@ -151,7 +151,9 @@ def proposals(
 
 
 def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
-    """(h, w) bool: the pixels of a new shape, which has half of the most beside them; lines stay in one piece."""
+    """(h, w) bool: the pixels that are a new shape's, by its shares in them: half of what it has most of beside them;
+    lines stay in one piece.
+    """
     most = ndimage.maximum_filter(share, 3 + 2 * math.ceil(blur))
     cover = (share >= 0.5) | ((share >= np.maximum(LESS, 0.5 * most)) & where)
     levels = np.repeat(share[..., None], 4, axis=2)
@@ -172,7 +174,9 @@ class _Drawn:
     canvas: Canvas
 
     def outlines(self, smallest: float, error: float, detail: float) -> Iterator[tuple[int, tuple[Outline, ...]]]:
-        """The outlines of each connected part of so many px, and the shape beneath it. error: of the shares."""
+        """The outlines of each connected part of so many px and more, and the shape that it lies on. error: of the
+        shares.
+        """
         found = share_positions(self.share, self.cover, 255.0 * error)
         parts, _ = ndimage.label(self.cover)
         sizes = np.bincount(parts.ravel())
@@ -212,7 +216,9 @@ class _Drawn:
 
 
 def _beneath(owners: np.ndarray, touching: np.ndarray) -> int:
-    """The uppermost owner (n,) of the pixels of a new shape, or what shows (n,) in most of them, as hairlines do."""
+    """The uppermost shape of the owners (n,) of a new one, and of those that are the uppermost to show (n,) in most of
+    it, as hairlines do.
+    """
     names, counts = np.unique(touching, return_counts=True)
     return max(int(owners.max()), int(names[counts > 0.5 * len(touching)].max(initial=-1)))
 

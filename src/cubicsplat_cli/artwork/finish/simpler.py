@@ -27,7 +27,10 @@ WORTHY = 3.0  # times its price: a shape that explains so much is not looked at 
 
 
 def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Iterator[Drawing]:
-    """Versions of a drawing fitted to its goal, each with fewer shapes or pieces, until the work is stopped."""
+    """Versions of a drawing that is fitted to its goal, each with fewer shapes or pieces than the one before.
+
+    detail as in ArtworkSettings. It ends where the work is stopped.
+    """
     constraints = Constraints(drawing.width, drawing.height)
     state, price, step = begin(drawing, tolerant(goal)), 1.0, STEP
     worth: dict[int, float] = {}
@@ -68,7 +71,9 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
 
 
 def tolerant(goal: Goal) -> Goal:
-    """The goal with pixels on edges as uncertain as shares, so that what is faint counts less than what is plain."""
+    """The goal with an error of pixels on edges of at least that of shares, so that what is faint counts less than what
+    is plain to see.
+    """
     return replace(goal, error=max(goal.error, goal.share_error))
 
 

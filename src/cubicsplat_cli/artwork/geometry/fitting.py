@@ -96,7 +96,9 @@ def parameter_price(points: np.ndarray, detail: float) -> float:
 
 
 def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
-    """Few lines along the points (n, 2) of a loop, n >= 3, `tolerance` px about them, or less if it is thinner."""
+    """Few straight lines along the points (n, 2) of a loop, n >= 3, `tolerance` px about them, and nearer to those of
+    one that is thinner than that.
+    """
     closed = np.vstack([points, points[:1]])
     while len(few := fewer_points(closed, tolerance)[:-1]) < 3 and tolerance > FINEST_SIGMA:
         tolerance *= 0.25

@@ -18,7 +18,9 @@ _STRAIGHTNESS = 6.0
 
 
 def suggested_precision(width: int, height: int) -> int:
-    """Decimals of a drawing: 2 at 512 px, 3 at 64, 1 at 4,096, for steps of 1/51,200 of its longer side."""
+    """Decimals that a drawing of this size needs: 2 at 512 px, 3 at 64 px, 1 at 4,096 px; rounding is a step in 51,200
+    of its longer side.
+    """
     return int(min(PRECISION.most, max(0, round(math.log10(_STEPS_ACROSS / max(width, height))))))
 
 

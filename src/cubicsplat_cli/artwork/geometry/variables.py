@@ -111,6 +111,9 @@ def feet_of(sizes: np.ndarray) -> Feet:
 def refine(
     pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet, rounds: int = ROUNDS
 ) -> tuple[Pieces, Feet, float]:
-    """The pieces nearest to points (n, 2) px of weights (n,) 1/px^2, their feet, and chi^2 (with Huber's tails)."""
+    """The pieces nearest to the points, their feet, and chi^2 (with Huber's tails).
+
+    points: (n, 2) px; weights: (n,) 1/px^2.
+    """
     (anchors, incoming, outgoing), feet, chi = refined(pieces.joints, pieces.outline, points, weights, feet, rounds)
     return replace(pieces, anchors=anchors, incoming=incoming, outgoing=outgoing), feet, chi

@@ -175,7 +175,10 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
 
 
 def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
-    """Return the areas, with one gradient for all that it explains, and the parts in which they continue."""
+    """Return the areas, with one gradient for all that it explains, and with the parts in which they continue.
+
+    parts: as of `smooth_parts`; boxes: as of `part_spreads`.
+    """
     groups: list[_Group] = []
     claimed = covered(found, levels.shape)
     for area in found:

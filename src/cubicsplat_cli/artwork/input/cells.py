@@ -73,7 +73,9 @@ class Cells:
 
 
 def cells_of(target: np.ndarray) -> Cells | None:
-    """Return the cells of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None if it has none."""
+    """Return the cells of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; None if it is not made of
+    cells.
+    """
     return _exact_cells(target) or _noisy_cells(target) or _enlarged_cells(target)
 
 
@@ -94,7 +96,9 @@ def forced_cells(target: np.ndarray) -> Cells:
 
 
 def without_repeats(target: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, C) with a pixel for each cell; unchanged below 32 cells each way, or of single pixels."""
+    """Return a picture (H, W, C) with one pixel for each of its cells; unchanged if it has less than 32 cells each way,
+    or none larger than a pixel.
+    """
     grid = exact_grid(target)
     return target if min(len(grid.x), len(grid.y)) <= 32 else _sampled(target, grid)
 

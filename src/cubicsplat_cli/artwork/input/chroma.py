@@ -60,7 +60,9 @@ def explained(
 
 
 def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:
-    """Return True if a colour (4,) is a fill of a palette (P, 4) less another's chroma, as sharpened chroma has."""
+    """Return True if a colour (4,), in levels, is a fill of a palette (P, 4) less some of another one's chroma, which
+    sharpened chroma has beside that fill.
+    """
     seen = palette @ LUMA_CHROMA
     steps = (seen[:, None] - seen) * [0.0, 1.0, 1.0, 0.0]
     steps[largest(np.abs(steps)) <= APART] = 0.0
@@ -114,7 +116,9 @@ def _halved(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
 
 
 def _clipping(painted: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
-    """Return (H, W, 4): how a picture changes when stored chroma, too strong for some luma, is clipped to 0..255."""
+    """Return (H, W, 4): the change of a picture (H, W, 4) when its channels are clipped to 0..255 with the chroma that
+    is stored, which may be too strong for the luma of a pixel; both as luma, chroma and opacity.
+    """
     made = painted.astype(np.float32)
     made[..., 1:3] = _stored(made[..., 1:3], halved)
     return np.asarray(np.clip(made @ RGB, 0.0, 255.0) @ LUMA_CHROMA - made, np.float32)

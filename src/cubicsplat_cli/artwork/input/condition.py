@@ -100,7 +100,9 @@ CLEAN = Condition()
 
 
 def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
-    """Return the condition of a picture. lossy: of a file with loss, of which a rough pixel is evidence enough."""
+    """Return the condition of a picture. lossy: True if its file was compressed with loss, which then needs no further
+    evidence than a rough pixel.
+    """
     if min(levels.shape[:2]) < (BLOCK if lossy else 2 * BLOCK):
         return CLEAN
     second = second_differences(levels)
@@ -127,7 +129,9 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
 
 
 def _white_noise(second: np.ndarray) -> float:
-    """Return the deviation of white noise in levels, by second differences (n,); 0 below 0.7, which dither keeps."""
+    """Return the standard deviation of white noise, in levels, from second differences (n,) away from edges; 0 if it is
+    below 0.7 levels, which rounding and dither do not reach.
+    """
     # 1.56: median of the largest of six normal deviates (two directions, three channels).
     noise = float(np.median(second)) / (SECOND * 1.56) if len(second) else 0.0
     return noise if noise >= 0.7 else 0.0
@@ -250,14 +254,18 @@ def _busy(coefficients: np.ndarray) -> np.ndarray:
 
 
 def _even_blocks(levels: np.ndarray, busy: np.ndarray) -> float:
-    """Return the share of blocks with edges, busy (n,) bool, with 3 x 3 px alike and not clear; 0 without any."""
+    """Return the share of blocks with edges, busy (n,) bool, in which some 3 x 3 px are exactly alike, and not clear; 0
+    without such blocks.
+    """
     alike = (levels[..., 3] > 0.0) & (spread(levels, 3, 3) == 0.0)
     inner = in_blocks(alike, BLOCK).reshape(-1, BLOCK, BLOCK)[busy, 1:-1, 1:-1]
     return float(inner.any(axis=(1, 2)).mean()) if inner.size else 0.0
 
 
 def _indexed(levels: np.ndarray) -> bool:
-    """Return True if a picture is not grey and has at most 256 colours, as GIFs, whose rounding makes it rough."""
+    """Return True if a picture is not grey and has at most the 256 colours of a GIF or a PNG with a palette, whose
+    rounding makes it rough.
+    """
     colours = levels[..., :3]
     return bool((colours != colours[..., :1]).any()) and len(np.unique(packed(colours))) <= 256
 

@@ -60,7 +60,9 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
 
 
 def _repeated(levels: np.ndarray) -> int:
-    """Return how often each pixel is repeated each way, up to 8 times; 1 for shapes on a grid, without blends."""
+    """Return how often each pixel is repeated along rows and columns, 8 times at most; 1 for shapes that merely lie on
+    a grid, without blends at their edges.
+    """
     for times in range(8, 1, -1):
         height, width = (side // times * times for side in levels.shape[:2])
         if min(height, width) < 8 * times:
@@ -134,7 +136,9 @@ def _sharp(lines: np.ndarray) -> bool:
 
 
 def _mean_error(lines: np.ndarray, length: int, kernel: Kernel) -> float:
-    """Return the mean error in levels at edges of lines (H, n, C) made smaller and enlarged; inf without edges."""
+    """Return the mean error in levels, at edges, of lines (H, n, C) that are made smaller and enlarged again; infinite
+    without enough edges.
+    """
     enlarging = _enlarging(len(lines), length, kernel)
     again = (enlarging @ _inverse(lines, enlarging).reshape(length, -1)).reshape(lines.shape)
     off = largest(np.abs(np.clip(again, 0, 255) - lines))

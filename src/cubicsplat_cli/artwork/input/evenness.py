@@ -64,7 +64,10 @@ def _usual_step(levels: np.ndarray) -> float:
 
 
 def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
-    """Return the evenness of a picture in its tiles that are not all alike. even: levels between alike neighbours."""
+    """Return the evenness of a picture (H, W, C) in 0..255 in those tiles of tile x tile px that are not all alike.
+
+    even: levels by which neighbours differ at most that are alike.
+    """
     pairs, alike, little = (np.zeros(levels.shape[:2], dtype=np.int32) for _ in range(3))
     for step in steps(levels):
         at = tuple(slice(side) for side in step.shape)
@@ -85,7 +88,9 @@ def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
 
 @record
 class Contrasts:
-    """saved: nats a pair saved by noise and edges in place of one scale. edges: share of the pairs with an edge."""
+    """saved: nats a pair that noise and edges need less than one scale to describe the differences. edges: share of the
+    pairs with an edge between them.
+    """
 
     saved: float
     edges: float

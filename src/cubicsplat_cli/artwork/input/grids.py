@@ -17,7 +17,9 @@ _FINER = 16  # times as many frequencies as px, so that a period is exact to a f
 
 @record
 class Grid:
-    """x: (C + 1,), y: (R + 1,) int, px, the borders of columns and rows of cells. side: px, the shorter on average."""
+    """x: (C + 1,) and y: (R + 1,) int, px, the borders of the columns and rows of cells. side: of a cell, px, the
+    shorter one on average.
+    """
 
     x: np.ndarray
     y: np.ndarray

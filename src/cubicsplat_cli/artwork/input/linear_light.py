@@ -22,7 +22,9 @@ DIFFERENT = 0.1
 
 
 def without_linear_light(levels: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, 4) in levels with edges blended as sRGB values; the same array if nothing tells."""
+    """Return a picture (H, W, 4) in levels with its edges blended as sRGB values; the same array if they are already,
+    if it is not opaque, or if too few edges tell.
+    """
     if min(levels.shape[:2]) < 4 or (levels[..., 3] < 255.0).any() or not _blended_in_light(levels[..., :3]):
         return levels
     colours = levels[..., :3]

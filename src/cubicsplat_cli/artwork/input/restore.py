@@ -108,7 +108,9 @@ def restored(
 
 
 def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (k, 4) fills of thin lines: common colours off all blends of two fills (P, 4) by six times sigma."""
+    """Return (k, 4) the fills of thin lines: common colours of a picture (H, W, 4) that are off all blends of two of
+    its fills (P, 4) by more than six times the misfit sigma.
+    """
     _, gap = nearest_fills(seen, fills, straight=True)
     return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, 24)
 
@@ -194,7 +196,9 @@ def _is_apart(fill: np.ndarray, palette: np.ndarray) -> bool:
 
 @record
 class _Labelling:
-    """A palette (P, 4) in levels and labels (H, W), their cost in nats, and missing colours (k, 4) of pixels."""
+    """A palette (P, 4) in levels and labels (H, W) that explain a JPEG at a cost in nats; missing: (k, 4) the colours
+    of pixels that they hardly explain.
+    """
 
     palette: np.ndarray
     labels: np.ndarray

@@ -93,7 +93,9 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
 
 
 def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
-    """Return the share of a mask's pixels with second differences of 2 levels, as no ramp has; 1 without any."""
+    """Return the share of the pixels of a mask (H, W) with a second difference of 2 levels, which rounding a ramp never
+    gives; 1 if all are on the border.
+    """
     turned = (levels, mask), (levels.swapaxes(0, 1), mask.T)
     bent = np.concatenate([largest(_bends(lines))[inside[:, 1:-1]] >= 2.0 for lines, inside in turned])
     return float(bent.mean()) if len(bent) else 1.0
@@ -105,6 +107,8 @@ def _bends(values: np.ndarray) -> np.ndarray:
 
 
 def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
-    """Return (H, W) bool: pixels of a picture in 0..255 that gradients explain, of which `tries` at most are sought."""
+    """Return (H, W) bool: the pixels of a picture (H, W, 3) or premultiplied (H, W, 4) in 0..255 that gradients
+    explain, of which at most `tries` are sought.
+    """
     levels = with_channels(levels, 4, 255.0)
     return covered(gradient_areas(levels, *smooth_parts(levels), tries, MOST_PARTS), levels.shape)

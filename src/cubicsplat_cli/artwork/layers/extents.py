@@ -63,7 +63,9 @@ def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Ex
 
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:
-    """The parts of an overlay, of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool, what hides it."""
+    """The parts of a translucent overlay, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
+    what hides it.
+    """
     rows, columns = _with_room(ndimage.find_objects(cover)[0], cover.shape)
     view = cover[rows, columns]
     yield from _parts(OVERLAY, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
@@ -86,7 +88,9 @@ def _parts(
 
 
 def _with_room(box: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """A box with room for the rest of a primitive: half a circle shows as long as the whole, and half as high."""
+    """A box with as much room as the rest of a primitive may take that upper layers hide: half a circle shows as long
+    as the whole one is, and half as high.
+    """
     return widened(box, UNDERLAP + 1 + max(side.stop - side.start for side in box) // 2, shape)
 
 

@@ -34,7 +34,9 @@ class Overlay:
 
 
 def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tuple[Regions, np.ndarray]:
-    """The regions with some, the keys of `grounds`, joined to those beneath them, and which of them are fixed."""
+    """The regions with some joined to what lies beneath them (region that is covered: region beneath it), and which of
+    them are fixed.
+    """
     fill = regions.fill_of.copy()
     for covered, ground in grounds.items():
         fill[covered] = regions.fill_of[ground]
@@ -82,7 +84,9 @@ def _beside(regions: Regions, overlays: list[Overlay], boxes: list[tuple[slice, 
 def _over(
     regions: Regions, overlays: list[Overlay], beside: list[Overlay], region: int, ground: int
 ) -> tuple[Overlay, ...]:
-    """The overlays beside a region that make its colour of another one's, uppermost first; () where none do."""
+    """Those of the overlays beside a region that make its colour of another one's, uppermost first; () where none
+    do.
+    """
     if len(beside) > MOST_BESIDE:
         return ()
     fill, under = regions.fills[region], regions.fills[ground]
@@ -106,7 +110,9 @@ def _through(some: tuple[Overlay, ...], fill: np.ndarray) -> np.ndarray:
 
 
 def _ordered(overlays: list[Overlay], some: tuple[Overlay, ...]) -> list[Overlay]:
-    """The overlays with some in this order, uppermost first, overlapping ones in theirs; empty if that cannot be."""
+    """The overlays, uppermost first, with some of them in this order and those that overlap in the order that they
+    have; empty where that cannot be.
+    """
     left, out = list(overlays), []
     while left:
         free = [

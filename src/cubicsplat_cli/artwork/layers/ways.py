@@ -53,7 +53,10 @@ class End:
 
 
 def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End, End]:
-    """Return the ends of a closed outline (n, 2), of sigma (n,) inf where hidden, before and after a hidden run."""
+    """Return the ends of the visible parts of a closed outline before and after a hidden run, indices in order.
+
+    points: (n, 2) px; sigma: (n,) inf where hidden.
+    """
     n, ends = len(points), list[End]()
     for start, step in ((run[0], -1), (run[-1], 1)):
         index = (start + step * np.arange(1, n)) % n
@@ -80,7 +83,9 @@ class Heading:
 
 
 def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | None:
-    """Return the direction at the end of points (n, 2), the end first, by `reach` px; None if too few are known."""
+    """Return the direction of an outline at its end from points (n, 2) px, the end first, with standard errors (n,),
+    up to `reach` px along it. None if too few are known.
+    """
     found = end_heading(points, sigma, reach) if len(points) else None
     return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())
 

@@ -104,7 +104,10 @@ class Segments:
 
 
 def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segments:
-    """The pieces, all or those `live` (P,) bool, as chords that meet at their ends only or lie on each other."""
+    """The pieces as chords that meet at their ends only; those that lie on each other are all there.
+
+    live: (P,) bool, which pieces are taken; all by default.
+    """
     segments = _chords(sources, np.ones(len(sources.lines), dtype=bool) if live is None else live)
     fresh = np.ones(len(segments.piece), dtype=bool)
     for _ in range(200):  # rounds

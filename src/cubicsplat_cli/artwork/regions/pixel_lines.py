@@ -117,7 +117,9 @@ def _doubtful(found: _LineRuns, palette: np.ndarray, pure: np.ndarray) -> np.nda
 
 
 def _colours(found: _LineRuns, doubtful: np.ndarray) -> list[np.ndarray]:
-    """The colours of long pixel lines, those of most px first. doubtful: (n,) bool, lines that only several tell."""
+    """The colours that long pixel lines have, those of the most px first. doubtful: (n,) bool, those that only several
+    tell.
+    """
     enough = found.length >= LONG
     long, alone = found.where(enough), ~doubtful[enough]
     colours, index = np.unique(np.rint(long.colour), axis=0, return_inverse=True)
@@ -141,7 +143,10 @@ def _runs(levels: np.ndarray) -> _LineRuns:
 
 
 def _rows(solid: np.ndarray, down: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows and columns where level runs begin, and their px. solid: (H, W) bool, opaque; down, along: `steps`."""
+    """The row and column at which level runs begin in a picture, and their px.
+
+    solid: (H, W) bool, opaque pixels. down, along: its `steps`.
+    """
     differs, on = np.zeros(solid.shape, dtype=bool), np.zeros(solid.shape, dtype=bool)
     step = down >= SEEN
     differs[1:-1] = step[1:] & step[:-1] & solid[1:-1] & solid[2:] & solid[:-2]
@@ -183,7 +188,9 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
 
 
 def _touching(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners where just two pixels of one fill meet: rows and columns (n, 2) of the two others, and the fill (n,)."""
+    """Corners at which alone two pixels of one fill meet: rows (n, 2) and columns (n, 2) of the two others there, and
+    the fill (n,).
+    """
     a, b, c, d = fills[:-1, :-1], fills[:-1, 1:], fills[1:, :-1], fills[1:, 1:]
     falling = np.argwhere((a == d) & (a != b) & (a != c))
     rising = np.argwhere((b == c) & (b != a) & (b != d))

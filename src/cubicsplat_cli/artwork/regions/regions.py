@@ -142,7 +142,9 @@ def pixel_fills(picture: FlatPicture, most: int | None = None) -> PixelFills:
 
 
 def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """The palette with fills of thin lines alone, less those that lines of others make; the fill of pure pixels."""
+    """The palette with the fills that only thin lines have, less those that lines of other fills make, and (H, W) int32
+    the fill of pixels that are one.
+    """
     palette, pure = _with_missing_fills(levels, palette, most)
     if len(palette) > MOST_SEEN:
         return palette, pure
@@ -228,7 +230,9 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
 def _strange(
     levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray, residual: np.ndarray
 ) -> np.ndarray:
-    """(n,) bool: the pixels y, x within the canvas's rim that are no blend of two or three fills near them."""
+    """(n,) bool: the pixels y, x that are no blend of two or three fills near them; those on the canvas's rim, which
+    blend with what is beyond it, are none of these.
+    """
     height, width = levels.shape[:2]
     within = (y > 0) & (x > 0) & (y < height - 1) & (x < width - 1) & (near[:, 0] >= 0)
     strange = within & (residual > STRANGE)
@@ -265,7 +269,9 @@ def _sure(
 
 
 def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
-    """Parts below `area` px, and small ones without a sure pixel, go to the neighbour that they touch most."""
+    """Components below `area` px, and small ones without a pixel that is surely theirs, go to the neighbour that they
+    touch most.
+    """
     for _ in range(8):
         count = labels.max() + 1
         sizes = np.bincount(labels.ravel(), minlength=count)

@@ -80,12 +80,17 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
 def edge_positions(
     levels: np.ndarray, regions: Regions, error: float = ROUNDING, share_error: float = FEW_SAMPLES
 ) -> EdgePositions:
-    """Positions for all cracks between regions of a picture (H, W, 4) in levels, with errors of it and of shares."""
+    """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error.
+
+    share_error: of the shares of pixels that shapes cover.
+    """
     found = border_positions(levels, regions.labels, regions.fills, error, ROUNDING, share_error)
     return EdgePositions(*found, RIM if error > ROUNDING else 0.0)
 
 
 def share_positions(share: np.ndarray, cover: np.ndarray, error: float) -> EdgePositions:
-    """Positions around pixels cover (H, W) bool that have a share (H, W) in 0..1; error in levels of 255 for all."""
+    """Positions around what covers a share (H, W) in 0..1 of each pixel, and has those of cover (H, W) bool; error in
+    levels of 255 for all.
+    """
     regions = Regions(cover.astype(np.int32), COVERS, np.arange(2))
     return edge_positions(np.repeat((255.0 * share)[..., None], 4, axis=2), regions, max(ROUNDING, error))

@@ -52,7 +52,9 @@ class Symmetry:
 
 
 def symmetry_of(track: Track, across: int) -> Symmetry | None:
-    """Return the symmetry of an outline across a coordinate; None where it has none, or hardly anything tells."""
+    """Return the symmetry of an outline about an axis across a coordinate; None where it has none, and where hardly
+    anything of it tells.
+    """
     if len(track.seen) < FEWEST:
         return None
 
@@ -72,7 +74,9 @@ def symmetry_of(track: Track, across: int) -> Symmetry | None:
 
 
 def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axis]:
-    """Return the axes of the mirrored outlines by number, on half steps of the file's grid; size: px of the canvas."""
+    """Return the axes of the outlines, by number, that are their own mirror images: on half steps of the file's grid;
+    size: px of the canvas.
+    """
     symmetries: dict[int, Symmetry] = {}
     for k, track in tracks.items():
         both = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
@@ -108,7 +112,9 @@ class MirroredRing:
 
 
 def mirrored_rings(ring: Ring, axis: Axis) -> list[MirroredRing]:
-    """Return the rings that the sides of a ring make with their images; none unless the axis is crossed twice."""
+    """Return the rings that either side of a ring and its mirror image make; none unless the axis is crossed just
+    twice.
+    """
     side = ring.anchors[:, axis.across] - axis.at
     near = np.abs(side) < ON_AXIS
     near &= ~(np.roll(near, 1) | np.roll(near, -1))

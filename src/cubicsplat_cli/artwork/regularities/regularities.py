@@ -89,14 +89,18 @@ def with_symmetries(state: State, constraints: Constraints, detail: float) -> St
 
 
 def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameters | None:
-    """Return a ring as its own mirror image, with fewest variables; None if that needs three further coordinates."""
+    """Return the parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot
+    be one, or only with more than two further coordinates.
+    """
     sides = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis) if _fits(one, constraints)]
     sides = [one for one in sides if one.outline().coordinates <= ring.coordinates + 2]
     return min(sides, key=_variables, default=None)
 
 
 def _fits(found: MirroredRing, constraints: Constraints) -> bool:
-    """Return whether a ring is still its own mirror image with what is held, such as on the canvas's border."""
+    """Return whether a ring is still its own mirror image with what is held where it must be, such as the canvas's
+    border.
+    """
     anchors = ring_pieces(found.ring, constraints).anchors
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 

@@ -90,7 +90,10 @@ def even_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[
 
 
 def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded | None:
-    """Return the grounds of a picture (H, W, 4), premultiplied levels, that may show a shadow; None without any."""
+    """Return the grounds of a picture (H, W, 4), premultiplied levels, that may show a shadow; None without any.
+
+    parts, count: as of `smooth_parts`.
+    """
     found: list[tuple[Ground, np.ndarray]] = []
     for part, fill, _ in even_grounds(levels, parts, count):
         direction = direction_from(part.pixels.values, fill)
@@ -102,7 +105,9 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
 
 
 def direction_from(values: np.ndarray, fill: np.ndarray) -> np.ndarray | None:
-    """Return the direction (4,) in which colours (n, 4) leave a fill; None if on no line or less opaque."""
+    """Return the direction (4,) in which colours (n, 4) leave a fill, all in levels; None if they lie on no line, or if
+    they become less opaque, as in no shadow.
+    """
     off = values - fill
     total = off.sum(axis=0)
     length = float(np.linalg.norm(total))

@@ -227,7 +227,10 @@ class Shadows:
 
 
 def _place(owner: np.ndarray, count: int, inner: np.ndarray, outer: np.ndarray) -> int | None:
-    """Return the number of shapes below a shadow; None if one of these is not shaded. owner: as of `_owners`."""
+    """Return the number of shapes below a shadow; None if one of these is not shaded.
+
+    owner: (H, W) as of `_owners`. inner, outer: as of `sides_of`.
+    """
     below, above = (np.bincount(owner[side & (owner >= 0)], minlength=count) for side in (inner, outer))
     lies_below = (below >= CONTACT) & (below > above)
     place = int(np.flatnonzero(lies_below).max()) + 1 if lies_below.any() else 0

@@ -155,7 +155,10 @@ def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> 
 
 
 def chains_of(graph: Graph, centres: list[Centres], widths: np.ndarray) -> list[tuple[list[Link], bool]]:
-    """Rows of branches, each (branch, end entered), and whether it closes. widths: (branches,) px, NaN for none."""
+    """Rows of branches, each (branch, end at which it is entered), and whether the row closes.
+
+    centres: of every branch; widths: (branches,) px, NaN where a branch has none.
+    """
     partner: dict[Link, Link] = {}
     for node in range(len(graph.places)):
         links = [link for link in graph.at(node) if np.isfinite(widths[link[0]])]

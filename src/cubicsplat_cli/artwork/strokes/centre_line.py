@@ -83,7 +83,10 @@ def _pieces(division: Division, ends: np.ndarray) -> Pieces:
 
 
 def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Points about a px apart, with corners put into gaps (n,) bool after points, and the corners' indices."""
+    """Points about one px apart with corners put into gaps, and the corners' indices.
+
+    points: (n, 2) px; gaps: (n,) bool, whether there is one between a point and the next.
+    """
     count = len(points)
     out: list[np.ndarray] = []
     corners: list[int] = []

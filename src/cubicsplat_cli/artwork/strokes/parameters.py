@@ -88,7 +88,10 @@ def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
 
 
 def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Goal, detail: float) -> Drawing:
-    """The drawing with those strokes of its shapes, fitted to its goal, that make the whole description shorter."""
+    """The drawing with the strokes of those shapes, fitted to its goal, that make the whole description shorter.
+
+    strokes: of each shape, or the shape itself. detail: as in ArtworkSettings.
+    """
     tried = np.array([own[0].stroke is not None for own in strokes])
     saved = [length_of(shape) - length_of(*own) for shape, own in zip(drawing.shapes, strokes, strict=True)]
     still = _layers(drawing, drawing.shapes, goal)

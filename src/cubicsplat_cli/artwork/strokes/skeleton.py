@@ -158,7 +158,9 @@ class Sides:
 
 @record
 class Centres:
-    """points (n, 2), widths (n,) px; true: (n,) both sides lie opposite; slack: px by which the outline may be off."""
+    """Along a branch: points (n, 2) px, widths (n,) px, and true (n,), whether both sides lie opposite each other.
+    slack: px by which the outline may be off.
+    """
 
     points: np.ndarray
     widths: np.ndarray
@@ -171,7 +173,10 @@ class Centres:
 
 
 def centres_of(places: np.ndarray, sides: Sides, slack: float = 0.0) -> Centres:
-    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline to the other side."""
+    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side.
+
+    slack: px by which the outline may be off.
+    """
     middle = places
     for _ in range(3):  # rounds
         near = sides.nearest(middle)
