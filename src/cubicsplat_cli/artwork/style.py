@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import ROWS, in_blocks, packed
+from cubicsplat_cli.artwork.channels import ROWS, in_blocks, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
@@ -16,9 +16,8 @@ from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import second_differences, spread
+from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Rgba
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
@@ -74,7 +73,7 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
     if suits is not None:
         return suits
     # A steep gradient has no flat pixel, but its colours change linearly.
-    change, straight = spread(levels, 3, 3), second_differences(with_channels(levels, 4, 255.0)) <= FLAT_RANGE
+    change, straight = spread(levels, 3, 3), _straight(levels)
     if _texture((change > FLAT_RANGE) & ~straight, drawn) <= MOST_TEXTURE:
         shaded = _shaded(levels, drawn)
         reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
@@ -140,6 +139,14 @@ def _sampled(target: np.ndarray) -> np.ndarray:
     bands = max(1, _MOST_PIXELS // (ROWS * width))
     starts = np.linspace(0, max(0, height - ROWS), bands).astype(int)
     return np.concatenate([target[start : start + ROWS] for start in starts])
+
+
+def _straight(levels: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool, true for pixels around which colours change linearly, along rows and columns."""
+    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    across = largest(np.abs(around[1:-1, :-2] - 2.0 * levels + around[1:-1, 2:]))
+    down = largest(np.abs(around[:-2, 1:-1] - 2.0 * levels + around[2:, 1:-1]))
+    return np.maximum(across, down) <= FLAT_RANGE
 
 
 def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:

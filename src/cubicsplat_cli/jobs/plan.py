@@ -51,7 +51,9 @@ class Job:
 
     def source(self) -> bytes:
         """Return the bytes of the picture's file. Raises InputError where they cannot be read."""
-        return self.data or b"" if self.path is None or self.data is not None else read_whole(self.path)
+        if self.path is None or self.data is not None:
+            return self.data or b""
+        return read_whole(self.path)
 
     def request(self, request: Request) -> Request:
         """Return the request for this picture, with the picture's own mask. Raises InputError if that is no mask."""

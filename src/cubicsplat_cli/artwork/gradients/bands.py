@@ -40,12 +40,15 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
         )
         patches = sorted(patches_of(parts), key=lambda patch: -patch.size)
         left = [_Bands(levels, drawn, patch, condition) for patch in patches if patch.size >= LEAST_AREA]
+        joined = _joined(left)
         # All together, then each that no gradient has yet.
         for seed in [left, *([bands] for bands in left if len(left) > 1)]:
             if left and all(bands in left for bands in seed):
-                shade, members = _shared(seed, left, condition)
+                shade, members = _shared(seed, left, joined, condition)
                 areas += [ShadedArea(shade, bands.patch) for bands in members]
-                left = [bands for bands in left if bands not in members]
+                if members:
+                    left = [bands for bands in left if bands not in members]
+                    joined = _joined(left)
     return areas
 
 
@@ -63,21 +66,22 @@ class _Bands:
         self.even = min(self.error, own)
 
 
-def _shared(seed: list[_Bands], left: list[_Bands], condition: Condition) -> tuple[Shade, list[_Bands]]:
+def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: Condition) -> tuple[Shade, list[_Bands]]:
     """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these.
 
     If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none.
+    joined: the pixels of all those left.
     """
-    alone, pixels = (joined_pixels([bands.pixels for bands in some]) for some in (seed, left))
+    alone = joined if seed is left else _joined(seed)
     first = shade_of(alone)
-    members, shade = left, first
+    members, pixels, shade = left, joined, first
     while len(members) > len(seed):
         shade = refitted(first, pixels)
         errors = _errors(shade, members, pixels, condition)
         better = [bands for bands, error in zip(members, errors, strict=True) if error <= bands.error]
         if len(better) == len(members):
             break
-        members, pixels = better, joined_pixels([bands.pixels for bands in better or seed])
+        members, pixels = better, _joined(better)
     for some, own, trial in [(members, pixels, shade)] * bool(members) + [(seed, alone, first)] * (members != seed):
         before, even = (sum(each) for each in zip(*((bands.error, bands.even) for bands in some), strict=True))
         after = max(float(_errors(trial, some, own, condition).sum()), 1e-9)
@@ -94,6 +98,11 @@ def _errors(shade: Shade, bands: list[_Bands], pixels: Pixels, condition: Condit
     """Return the squared errors (n,) that a gradient leaves of bands. pixels: of all of them."""
     shade, ends = shade.extended(), np.cumsum([each.patch.size for each in bands])
     return misfits(shade.frame, shade.radial, shade.ramp.knots, shade.ramp.colours, pixels, ends, seen_as(condition))
+
+
+def _joined(bands: list[_Bands]) -> Pixels:
+    """Return the pixels of all bands; none without any."""
+    return joined_pixels([each.pixels for each in bands])
 
 
 def _without_step(

@@ -96,7 +96,9 @@ class Patch:
 
 
 def joined_pixels(parts: Sequence[Pixels]) -> Pixels:
-    """Return the pixels of all parts, one or more."""
+    """Return the pixels of all parts; none without any."""
+    if not parts:
+        return Pixels(np.zeros(0), np.zeros(0), np.zeros((0, 4)))
     return Pixels(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 

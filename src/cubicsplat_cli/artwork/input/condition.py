@@ -113,7 +113,7 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
     # Spans within those of an even area, such as dither between two neighbouring levels, are no noise.
     noise = _white_noise(second[quiet]) if (spans[quiet] > FLAT_RANGE).mean() > 0.5 else 0.0
     rough = quiet & (second >= ROUGH)
-    jpeg = bool(rough.any()) if lossy else _compressed(levels, rough, quiet, noise)
+    jpeg = bool(rough.any()) if lossy else _compressed(levels, rough, spans, quiet, noise)
     if not (noise or jpeg or lossy):
         noise = _drift(levels)
     elif noise and not jpeg:
@@ -172,16 +172,17 @@ def _quiet(spans: np.ndarray) -> np.ndarray:
     return quiet if quiet.sum() > 2 * masks[0].sum() else masks[0]
 
 
-def _compressed(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise: float) -> bool:
+def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet: np.ndarray, noise: float) -> bool:
     """Return True if a picture's fills ripple, or it has the blocks of a JPEG, or, without noise everywhere, rings like
     one or a lossy WebP.
 
-    rough, quiet: (H, W) bool. Only pixels near edges count, so that wide margins change nothing: of those in nine of
-    ten clean pictures at most 0.018 are rough, in JPEGs and WebPs of quality 60 to 98 0.05 and more.
+    rough, quiet: (H, W) bool; spans: as of `_quiet`. Only pixels near edges count, so that wide margins change nothing:
+    of those in nine of ten clean pictures at most 0.018 are rough, in JPEGs and WebPs of quality 60 to 98 0.05 and
+    more.
     """
     near = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1)
     rough = rough & near
-    ripples = rippled(levels)
+    ripples = _rippled(levels, rough, near, spans, quiet)
     if not ripples and rough.sum() <= 0.02 * near.sum():
         return False
     luma, opaque, indexed = levels @ SEEN, bool((levels[..., 3] >= 255.0).all()), _indexed(levels)
@@ -199,16 +200,23 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise:
 
 
 def rippled(levels: np.ndarray) -> bool:
-    """Return True if a picture's fills ripple 5 to 8 px from edges, beyond the filters that make pictures smaller, as a
-    compression with loss leaves them.
+    """Return True if a picture's fills ripple as a compression with loss leaves them."""
+    spans = spread(levels, 5, 5)
+    quiet = _quiet(spans)
+    near = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1)
+    return _rippled(levels, near & (second_differences(levels) >= ROUGH), near, spans, quiet)
+
+
+def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.ndarray, quiet: np.ndarray) -> bool:
+    """Return True if a picture's fills ripple 5 to 8 px from edges, beyond the filters that make pictures smaller.
+
+    rough, near, quiet: (H, W) bool, the rough ones of the quiet pixels near edges, these, and all quiet ones.
 
     In clean pictures, and in those reduced by Lanczos' filter, at most 0.008 of the pixels there that are nearly of a
     fill do; in nine of ten JPEGs and WebPs of quality 70 to 90 0.02 to 0.4, of half the size or saved as PNG too.
     """
-    spans = spread(levels, 5, 5)
-    quiet = _quiet(spans)
-    far = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1) & ~ndimage.maximum_filter(~quiet, 5)
-    rough = far & (second_differences(levels) >= ROUGH)
+    far = near & ~ndimage.maximum_filter(~quiet, 5)
+    rough = rough & far
     if rough.sum() <= RIPPLED * FEWEST_TELL:
         return False
     low, high = (extreme(levels, (3, 3, 1))[far] for extreme in (ndimage.minimum_filter, ndimage.maximum_filter))

@@ -35,32 +35,33 @@ def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float]:
     """Return a picture (H, W, 3 or 4) in levels with means in place of its dither by error diffusion, and the levels of
     noise that they leave: LEFT if most of what is not even is dither, else 0. It is the same array if it has none.
     """
-    dense = dithered(levels)
-    if dense is None:
+    found = dithered(levels)
+    if found is None:
         return levels, 0.0
+    dots, dense = found
     uneven = spread(levels, 3, 3) > 0.0
     most = 2 * (_around(dense) & uneven).sum() > uneven.sum()
-    dots = dither_dots(levels, CONTRAST) if most else dense & _high_in_frequency(levels)
-    if not dots.any():
+    meant = dots if most else dense & _high_in_frequency(levels)
+    if not meant.any():
         return levels, 0.0
     guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    return guided_means(levels, guide, _around(dots), SIDE, ALIKE), LEFT if most else 0.0
+    return guided_means(levels, guide, _around(meant), SIDE, ALIKE), LEFT if most else 0.0
 
 
-def dithered(levels: np.ndarray) -> np.ndarray | None:
-    """Return (H, W) bool: dense dots of a picture (H, W, C) in levels with few colours, which may be dither by error
-    diffusion; None if there are hardly any.
+def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return (H, W) bool, twice: all dots of a picture (H, W, C) in levels with few colours, and the dense ones, which
+    may be dither by error diffusion; None if there are hardly any of these.
     """
     dots = dither_dots(levels, CONTRAST)
     if dots.sum() <= MOST_STRAY:
         return None
     density = ndimage.uniform_filter(dots.astype(np.float32), WINDOW, mode="constant")
-    dots &= density >= (DENSE - 0.5) / WINDOW**2
-    if dots.sum() <= MOST_STRAY:
+    dense = dots & (density >= (DENSE - 0.5) / WINDOW**2)
+    if dense.sum() <= MOST_STRAY:
         return None
     colours = packed(np.rint(levels))
     few = len(np.unique(colours)) <= MOST_COLOURS
-    return dots if few and _repeated(colours, dots) < REPEATED else None
+    return (dots, dense) if few and _repeated(colours, dense) < REPEATED else None
 
 
 def _around(dots: np.ndarray) -> np.ndarray:

@@ -99,9 +99,11 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     if levels is not unsharp:
         notes.append("edges drawn where they are in linear light, in which they were blended")
     levels, lossy = reduced(levels, factor), compression is not None and factor == 1
-    # Means in place of dither look like compression.
-    given = levels if even is original else reduced(original, factor)
-    condition = Condition(noise) if noise else condition_of(given, lossy=lossy)
+    if noise:
+        condition = Condition(noise)
+    else:
+        # Means in place of dither look like compression.
+        condition = condition_of(levels if even is original else reduced(original, factor), lossy=lossy)
     prepared = _prepared(levels, condition, factor, width, height, lossy=lossy)
     prepared = replace(prepared, edge_notes=tuple(notes))
     condition = replace(prepared.condition, sharpened=unsharp is not whole)

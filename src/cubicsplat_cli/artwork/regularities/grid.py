@@ -12,10 +12,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import LEAST, ON_BORDER, Pins
+from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
 from cubicsplat_cli.artwork.finish.polish import SHOWN
 from cubicsplat_cli.artwork.finish.state import State
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, following, with_thirds
+from cubicsplat_cli.artwork.geometry.outlines import (
+    EXACT,
+    Circle,
+    Ellipse,
+    Outline,
+    Rectangle,
+    Ring,
+    following,
+    with_thirds,
+)
 from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN
 from cubicsplat_cli.artwork.shapes import Drawing
 
@@ -53,7 +62,7 @@ def _seen_edges(state: State, error: float) -> list[Mark]:
     crossings, cubics = state.crossings, state.drawn.cubics
     shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWN, len(cubics))
     good = state.drawn.lines & (shown >= FEWEST_SEEN)
-    level = np.ptp(cubics, axis=1) < LEAST
+    level = np.ptp(cubics, axis=1) < EXACT
     return [(axis, value, error) for axis in (0, 1) for value in cubics[good & level[:, axis], 0, axis].tolist()]
 
 
@@ -128,7 +137,7 @@ class _Snap:
     def _lines(self, ring: Ring, axis: int) -> Ring:
         """Return a ring with its lines across an axis on the grid; the handles at their ends go with them."""
         values, shift = ring.anchors[:, axis], np.zeros(ring.pieces)
-        for i in np.flatnonzero(ring.lines & (np.abs(following(values) - values) < LEAST)).tolist():
+        for i in np.flatnonzero(ring.lines & (np.abs(following(values) - values) < EXACT)).tolist():
             value = float(values[i])
             shift[[i, (i + 1) % ring.pieces]] = self._on(axis, value, self.edge) - value
         if not shift.any():
