@@ -36,7 +36,7 @@ from cubicsplat_cli.pipeline.choose import (
     photo_is_nearer,
 )
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
-from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, settings_of_photo
+from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, settings_of_photo, whole_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
@@ -62,13 +62,12 @@ def blotches() -> np.ndarray:
     return pixels
 
 
-def crowd() -> np.ndarray:
-    """The same with 169 small squares."""
-    pixels = waves(104, 104)
-    for row, column in np.ndindex(13, 13):
-        fill = (20, 90, 160) if (7 * column + 3 * row) % 5 < 3 else (230, 200, 40)
-        pixels[8 * row + 2 : 8 * row + 6, 8 * column + 2 : 8 * column + 6] = fill
-    return pixels
+def strands() -> np.ndarray:
+    """Soft strands of hair, without a flat colour."""
+    y, x = np.mgrid[0:96, 0:96]
+    phase = (x + 6 * np.sin(y / 17)) / 2.2
+    colours = [150 + 90 * np.sin(phase), 90 + 60 * np.sin(phase + 0.5) + 0.3 * y, 70 + 50 * np.sin(phase * 0.76)]
+    return np.stack(colours, axis=-1).clip(0, 255).astype(np.uint8)
 
 
 def speckled(levels: float) -> np.ndarray:
@@ -90,8 +89,19 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo():
 
 
 def test_a_drawing_of_many_shapes_gives_way_before_it_is_finished():
-    (early,) = candidates(task_for(crowd(), steps=20), FLAT)
-    assert early.style.name == "photo" and "flat, but a quick photo of" in early.style.reason
+    task = task_for(strands(), steps=100)
+    (early,) = candidates(task, FLAT)
+    assert early.style.name == "photo" and "flat, but a photo has" in early.style.reason
+    assert early.scene is whole_photo(task).finished().scene  # which is not fitted twice
+
+
+def test_a_photo_that_is_expected_to_stay_behind_is_not_fitted_to_the_end():
+    seen = list[Progress]()
+    fit = whole_photo(replace(task_for(strands(), steps=100), on_progress=seen.append))
+    expected = fit.seen_if_above(60.0)
+    assert expected == fit.expected_to_be_seen < 60.0 and all(progress.step <= 40 for progress in seen)
+    assert fit.seen_if_above(20.0) == fit.seen_if_above(19.0) != expected
+    assert seen[-1].step == 100
 
 
 @pytest.mark.parametrize("svg", [None, Path("x.svg")])

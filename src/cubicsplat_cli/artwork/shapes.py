@@ -58,6 +58,12 @@ class Shape:
         (left, top), (right, bottom) = np.floor(low), np.ceil(high)
         return Rectangle(float(left), float(top), float(right - left), float(bottom - top))
 
+    def window(self) -> tuple[slice, slice]:
+        """Return the rows and columns of its box, from 0."""
+        box = self.box()
+        rows, columns = ((int(start), int(start + size)) for start, size in ((box.y, box.height), (box.x, box.width)))
+        return slice(max(0, rows[0]), max(0, rows[1])), slice(max(0, columns[0]), max(0, columns[1]))
+
 
 @dataclass(frozen=True)
 class Drawing:

@@ -93,16 +93,20 @@ def versions(
     An enlarged picture is drawn at its former size. A very large picture, or one of very many regions, is drawn with
     less detail (`limits`), and a warning is logged. A picture of hardly a region of more than a few px is drawn as it
     looks from a distance. prepared: `prepare(target)`, if known. on_sketch: is given the fitted outlines before their
-    details, in px of the picture, if there are many and no soft shadow; an exception that it raises ends the drawing.
+    details, in px of the picture, if there are many; an exception that it raises ends the drawing.
 
     If the current work (`progress.work`) is stopped, the drawing is what there is by then: outlines not yet fitted are
     polygons, and without regions it is the drawing of a small copy.
     """
     settings, prepared = settings or ArtworkSettings(), prepared or prepare(target)
     none_yet = True
+
+    def show(sketch: Drawing) -> None:
+        on_sketch(_enlarged(sketch, prepared))
+
     with work().stoppable():
-        drawings = _with_its_shadow(prepared, settings, on_sketch)
-        for drawing in drawings or _fitted(_outlined(prepared, settings), prepared, settings, on_sketch):
+        drawings = _with_its_shadow(prepared, settings, show)
+        for drawing in drawings or _fitted(_outlined(prepared, settings), prepared, settings, show):
             none_yet = False
             yield _enlarged(drawing, prepared)
     if none_yet:
@@ -124,6 +128,10 @@ def _small(target: np.ndarray) -> PreparedInput:
 def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
     """Return a drawing of prepared levels in px of the picture."""
     return enlarged(drawing, prepared.scale, prepared.width, prepared.height)
+
+
+class _NoPlaceError(Exception):
+    """Ends a drawing whose sketch has no place for its picture's shadow."""
 
 
 def _with_its_shadow(
@@ -160,9 +168,17 @@ def _with_its_shadow(
         shown = ~np.logical_or.reduce([outer for _, outer in without.sides])
         if _description(of_plain.drawing, plain.levels, shown) < _description(first, plain.levels, shown):
             return _fitted(of_plain, plain, settings, on_sketch)
-    # Without a sketch: it lacks the shadow, and would not be like the picture.
-    drawings = map(shadows.over, _fitted(outlined, bare, settings, nothing))
-    first = next(drawings)
+
+    def show(sketch: Drawing) -> None:
+        if (whole := shadows.over(sketch)) is None:
+            raise _NoPlaceError
+        on_sketch(whole)
+
+    drawings = map(shadows.over, _fitted(outlined, bare, settings, show))
+    try:
+        first = next(drawings)
+    except _NoPlaceError:
+        return None
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None
     return chain([first], filter(None, drawings))
@@ -239,7 +255,7 @@ def _finished(
 
     def show(fitted: Drawing) -> None:
         if len(plan.parts) > MANY:
-            on_sketch(_enlarged(_painted(fitted), prepared))
+            on_sketch(_painted(fitted))
 
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style, only_fill
 from cubicsplat_cli.errors import CubicSplatError, UsageError
@@ -23,7 +23,13 @@ from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, quick_photo, settings_of_photo
+from cubicsplat_cli.pipeline.photo import (
+    curves_of_equal_bytes,
+    fitted_photo,
+    quick_photo,
+    settings_of_photo,
+    whole_photo,
+)
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
@@ -105,7 +111,7 @@ def _page(task: Task) -> tuple[Made | None, bool]:
     if page is None:
         return None, better_drawn
     try:
-        made = drawn_page(task, page, check_worth_finishing)
+        made = drawn_page(task, page, partial(check_worth_finishing, quick=True))
     except DrawingGivenUp:
         return None, better_drawn
     style = Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}")
@@ -115,9 +121,9 @@ def _page(task: Task) -> tuple[Made | None, bool]:
 def _suits_photo(task: Task) -> bool:
     """True if a photo suits a sample of a picture better than a drawing."""
     try:
-        drawing = drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch))
+        drawing = drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch, quick=True))
         # Of so few pixels a quick photo is hardly behind a finished one.
-        return photo_is_nearer(task, drawing, QUICK_BEHIND_DB) is not None
+        return photo_is_nearer(task, drawing, QUICK_BEHIND_DB, quick=True) is not None
     except DrawingGivenUp:
         return True
 
@@ -193,7 +199,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
-    fit = PhotoFit(task)
+    fit = whole_photo(task)
     expected = fit.expected()
     if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
@@ -278,26 +284,31 @@ def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
     return seen_db(task, made.scene, made.samples, made.blur, enough_db)
 
 
-def check_worth_finishing(task: Task, sketch: Made) -> None:
+def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False) -> None:
     """Raise DrawingGivenUp if a photo is nearer than the drawing can become, and the errors of a fit."""
-    reason = photo_is_nearer(task, sketch, SKETCH_DB)
+    reason = photo_is_nearer(task, sketch, SKETCH_DB, quick=quick)
     if reason is not None:
         raise DrawingGivenUp(reason)
 
 
-def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> str | None:
+def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0, *, quick: bool = False) -> str | None:
     """Return why the photo style suits the picture better than its drawing; None if it does not.
 
-    rise_db: by how much the level of the drawing may still rise. Raises the errors of a fit, and KeyboardInterrupt.
+    rise_db: by how much the level of the drawing may still rise. quick: compare it with a quick photo even if the whole
+    one has no more bytes. Raises the errors of a fit, and KeyboardInterrupt.
     """
     if not drawing.facts["shapes"]:
         return TOO_FINE
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    curves = curves_of_equal_bytes(task, drawing)
+    curves, all_curves = curves_of_equal_bytes(task, drawing), settings_of_photo(task).curves
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
-        curves = max(curves, settings_of_photo(task).curves)  # to have few bytes is no merit where much is lost
+        curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
+    if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):
+        least_db = drawn_db + rise_db + MARGIN_DB
+        photo_db = whole_photo(task).seen_if_above(least_db)
+        return f"a photo has {photo_db:.1f} dB, drawn it has {drawn_db:.1f} dB" if photo_db > least_db else None
     if curves not in task.quick_photos:
         task.quick_photos[curves] = quick_photo(task, curves)
     photo_db = seen_db(task, task.quick_photos[curves], drawing.samples)

@@ -107,7 +107,7 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
 def _of_pixels(task: Task, rgb: np.ndarray, compression: Compression | None = None) -> Task:
     """Return the task with other pixels (H, W, 3) as its target, compressed like that."""
     target = Picture(rgb, None, task.target.source, task.target.sha256, compression=compression)
-    return replace(task, target=target, quick_photos={})
+    return replace(task, target=target, quick_photos={}, photo_fit=[])
 
 
 def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.load import Picture, enlarge_picture, resize_picture
@@ -21,9 +22,9 @@ from cubicsplat_cli.pipeline.budget import (
     within_bytes,
     within_level,
 )
-from cubicsplat_cli.pipeline.likeness import level_db
+from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import LayeredScene, Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
 # Most of a fit uses a copy of so many pixels for each curve; the exact finish uses one whose sides are this many times
@@ -36,6 +37,9 @@ FINISH_SCALE = 3
 ENLARGED_PIXELS_PER_CURVE, MOST_PIXELS = 1152, 768 * 512
 ENLARGED, MOST_ENLARGED = 2, 4
 QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: px of its copy's longer side; its steps
+# The shares of the steps before the finish at which it is seen how fast a fit comes nearer; from the second to the end
+# its level rises by 1 to 4 times as much as between them, in 11 of 14 pictures by LATER times or more.
+SEEN_AT, LATER = (0.15, 0.3), 1.9
 BYTES_PER_CURVE, HEADER_BYTES = 170.0, 400  # of a photo at the usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
 
@@ -43,6 +47,8 @@ LEAST_BYTES = 5.0  # of a line or cubic in a file
 def fitted_photo(task: Task) -> Made:
     """Fit curves that blend to the picture: as many as the request's bytes or level need."""
     request = task.request
+    if task.photo_fit:
+        return whole_photo(task).finished()
     if request.tiny:
         return _tiny_photo(task)
     photo, settings = _prepared(task)
@@ -70,9 +76,48 @@ class PhotoFit:
             return math.inf
         return level_db(task, self._fitting.scene(), task.request.settings.finish_samples) + rise
 
+    @cached_property
+    def expected_to_be_seen(self) -> float:
+        """Fit for a share of the steps, and return the level expected at the end as people see it (`likeness.seen_db`),
+        dB; infinite if it ends before.
+        """
+        levels = list[float]()
+        for share in SEEN_AT:
+            if not self._fitting.relax(share):
+                return math.inf
+            levels.append(self._seen(self._fitting.scene()))
+        return levels[1] + LATER * (levels[1] - levels[0])
+
+    def seen_if_above(self, least: float) -> float:
+        """Return the level at the end as people see it; if it is not expected to be above `least`, what is expected.
+
+        Raises the errors of a fit, and KeyboardInterrupt.
+        """
+        if self.expected_to_be_seen <= least:
+            return self.expected_to_be_seen
+        made = self.finished()
+        if made.interrupted:
+            raise KeyboardInterrupt
+        return self._seen(made.scene)
+
+    def _seen(self, scene: Scene | LayeredScene | None) -> float:
+        task = self._photo.task
+        return seen_db(task, scene, task.request.settings.finish_samples)
+
+    @cached_property
+    def _finished(self) -> Made:
+        return _made_of(self._photo, self._fitting.finish())
+
     def finished(self) -> Made:
         """Fit to the end, and return the result."""
-        return _made_of(self._photo, self._fitting.finish())
+        return self._finished
+
+
+def whole_photo(task: Task) -> PhotoFit:
+    """Return the fit of all curves of a photo without a budget, which has begun once only."""
+    if not task.photo_fit:
+        task.photo_fit.append(PhotoFit(task))
+    return task.photo_fit[0]
 
 
 def curves_of_equal_bytes(task: Task, drawing: Made) -> int:

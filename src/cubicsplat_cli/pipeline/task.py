@@ -151,7 +151,8 @@ class Task:
 
     source: the picture as read. picture: the same over the requested ground. target: the picture that is fitted, which
     is `picture` or a smaller copy. recorder: keeps the scenes of a photo's fit. logged: the warnings so far.
-    quick_photos: the quick fits to the picture so far, by their number of curves.
+    quick_photos: the quick fits to the picture so far, by their number of curves. photo_fit: the begun fit of all
+    curves, if any.
     """
 
     source: Picture
@@ -164,6 +165,7 @@ class Task:
     title: str
     logged: list[str] = field(default_factory=list)
     quick_photos: dict[int, Scene] = field(default_factory=dict)
+    photo_fit: list[Any] = field(default_factory=list)
 
     @cached_property
     def pixels(self) -> np.ndarray:

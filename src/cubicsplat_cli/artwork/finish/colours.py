@@ -35,9 +35,8 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None) -> 
     off = (levels - 255.0 * render_scene(scene_of(drawing)))[..., :3]
     seen, shapes = np.ones((height, width)), list(drawing.shapes)
     for k, shape in reversed(list(enumerate(shapes))):
-        box = shape.box()
-        top, left = max(0, int(box.y)), max(0, int(box.x))
-        window = slice(top, max(top, int(box.y + box.height))), slice(left, max(left, int(box.x + box.width)))
+        window = shape.window()
+        top, left = window[0].start, window[1].start
         own = coverage(*pieces_of_rings(shape.oriented()), top, left, *seen[window].shape)
         share = own * seen[window]
         seen[window] *= 1.0 - own * (shape.fill[3] / 255.0)

@@ -241,5 +241,7 @@ def _owners(drawing: Drawing) -> np.ndarray:
     """Return (H, W) int the number of the uppermost shape that covers half of each pixel, -1 for none."""
     out = np.full((drawing.height, drawing.width), -1)
     for number, shape in enumerate(drawing.shapes):
-        out[coverage(*pieces_of_rings(shape.oriented()), 0, 0, *out.shape) >= 0.5] = number
+        rows, columns = shape.window()
+        seen = out[rows, columns]
+        seen[coverage(*pieces_of_rings(shape.oriented()), rows.start, columns.start, *seen.shape) >= 0.5] = number
     return out
