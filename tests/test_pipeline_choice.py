@@ -65,7 +65,7 @@ def blotches() -> np.ndarray:
 def strands() -> np.ndarray:
     """Soft strands of hair, without a flat colour."""
     y, x = np.mgrid[0:96, 0:96]
-    phase = (x + 6 * np.sin(y / 17)) / 2.2
+    phase = (x + 2 * np.sin(y / 17)) / 2.2
     colours = [150 + 90 * np.sin(phase), 90 + 60 * np.sin(phase + 0.5) + 0.3 * y, 70 + 50 * np.sin(phase * 0.76)]
     return np.stack(colours, axis=-1).clip(0, 255).astype(np.uint8)
 
@@ -89,7 +89,7 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo():
 
 
 def test_a_drawing_of_many_shapes_gives_way_before_it_is_finished():
-    task = task_for(strands(), steps=100)
+    task = task_for(strands(), steps=400)
     (early,) = candidates(task, FLAT)
     assert early.style.name == "photo" and "flat, but a photo has" in early.style.reason
     assert early.scene is whole_photo(task).finished().scene  # which is not fitted twice

@@ -37,7 +37,9 @@ FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 # Shapes can be edited, so curves replace them only if plainly better. A quick photo is at least this far behind a
 # finished one.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
-SKETCH_DB = 6.0  # the most that its details add to a sketch
+# What its details add to most sketches, and to 11 of 12. A quick photo, which is too low itself, needs no more than the
+# first.
+SKETCH_DB, NEARLY_ALL_DB = 6.0, 9.5
 LOST_DB = 32.0  # of a drawing that has lost much of what people see: a mean error of 2.5 % of full scale
 
 
@@ -306,7 +308,7 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0, *, quick: b
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
     if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):
-        least_db = drawn_db + rise_db + MARGIN_DB
+        least_db = drawn_db + (NEARLY_ALL_DB if rise_db else 0.0) + MARGIN_DB
         photo_db = whole_photo(task).seen_if_above(least_db)
         return f"a photo has {photo_db:.1f} dB, drawn it has {drawn_db:.1f} dB" if photo_db > least_db else None
     if curves not in task.quick_photos:
