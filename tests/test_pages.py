@@ -15,7 +15,7 @@ from PIL import Image
 from test_svg_viewers import AGREEMENT_DB, agreement
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.photo_parts import page_of
+from cubicsplat_cli.artwork.photo_parts import PhotoPart, page_of
 from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_scene
@@ -96,6 +96,36 @@ def test_a_photo_in_a_frame_is_found_to_the_pixel():
     assert found.parts[0].rectangular
     assert len(np.unique(found.flat[TOP:BOTTOM, LEFT:RIGHT].reshape(-1, 3), axis=0)) == 1
     assert np.array_equal(found.flat[:TOP], floats(page())[:TOP])
+
+
+def with_clear_margin(pixels: np.ndarray) -> np.ndarray:
+    """(HEIGHT, WIDTH, 4) uint8: a page that ends in the rounded corners of a window, 8 px from the picture's edges."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    across, down = (np.abs(at - size / 2) - size / 2 + 18 for at, size in ((x, WIDTH), (y, HEIGHT)))
+    inside = np.clip(10.5 - np.hypot(np.maximum(across, 0), np.maximum(down, 0)), 0.0, 1.0)
+    return np.dstack([pixels, np.rint(255 * inside).astype(np.uint8)])
+
+
+def test_a_photo_in_a_window_with_clear_corners_is_found_and_the_corners_stay_clear():
+    pixels = with_clear_margin(page())
+    premultiplied = as_picture(pixels).target()
+    found = page_of(premultiplied)
+    assert found is not None
+    (part,) = found.parts
+    assert part.window == (slice(TOP, BOTTOM), slice(LEFT, RIGHT))
+    assert np.abs(found.flat[:TOP] - premultiplied[:TOP]).max() < 2e-3
+    assert np.array_equal(found.flat[..., 3], premultiplied[..., 3])
+    result = vectorize(pixels, **QUICK)
+    assert [shape.name for shape in read_drawing(result.svg).shapes if shape.shading is not None] == ["photo"]
+    seen = rerender(result.svg.encode(), WIDTH, HEIGHT).pixels
+    assert np.abs(seen[..., 3].astype(float) - pixels[..., 3]).mean() < 0.2
+    assert np.array_equal(seen[TOP:BOTTOM, 168:270], pixels[TOP:BOTTOM, 168:270])
+
+
+def test_a_photo_that_is_partly_clear_is_none_of_a_page():
+    pixels = with_clear_margin(page())
+    pixels[TOP + 40 : TOP + 44, LEFT + 40 : LEFT + 60, 3] = 100
+    assert page_of(as_picture(pixels).target()) is None
 
 
 def test_photos_at_the_edges_of_the_picture_are_found():
@@ -395,7 +425,13 @@ def test_an_interrupt_leaves_the_photo_in_its_mean_colour(monkeypatch):
 def test_the_sample_of_a_part_has_its_most_change_and_whole_blocks():
     picture = np.zeros((300, 400, 3), np.float32)
     picture[150:210, 200:260] = np.random.default_rng(0).random((60, 60, 3))
-    rows, columns = _sample(picture, (slice(21, 290), slice(10, 390)))
+    part = PhotoPart(21, 10, np.ones((269, 380), dtype=bool), np.zeros(3))
+    rows, columns = _sample(picture, part)
     assert rows.start % 16 == columns.start % 16 == 0
     assert rows.start <= 156 and rows.stop >= 204 and columns.start <= 206 and columns.stop >= 254
     assert max(rows.stop - rows.start, columns.stop - columns.start) < 64 + 16
+    # What lies in front of a part, such as a menu, is none of it.
+    part.mask[150 - 21 : 210 - 21, 200 - 10 : 260 - 10] = False
+    picture[240:280, 40:80] = 0.1 * np.random.default_rng(1).random((40, 40, 3))
+    rows, columns = _sample(picture, part)
+    assert rows.stop > 260 and columns.start < 60

@@ -55,8 +55,10 @@ class PhotoPart(Patch):
 
 @record
 class Page:
-    """A drawing with photographs in it. picture: (H, W, 3) float32 in [0, 1]. flat: the same with placeholders for its
-    photographs. reason: the measurement that calls it a drawing.
+    """A drawing with photographs in it, which are opaque.
+
+    picture: (H, W, 3) float32 in [0, 1], over white. flat: (H, W, 3), or premultiplied (H, W, 4), with placeholders for
+    the photographs. reason: the measurement that calls it a drawing.
     """
 
     picture: np.ndarray
@@ -65,28 +67,37 @@ class Page:
     reason: str
 
 
-def page_of(target: np.ndarray, suits: Callable[[Window], bool] = lambda _: True) -> Page | None:
-    """Return the page in a picture (H, W, 3), float32 in [0, 1]; None unless it is a drawing with photographs, at its
-    own size.
+def page_of(target: np.ndarray, suits: Callable[[PhotoPart], bool] = lambda _: True) -> Page | None:
+    """Return the page in a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None unless it is a
+    drawing with photographs, at its own size.
 
-    suits: returns whether what is in a window, which may be a photo, is better as one than drawn.
+    suits: returns whether a part, which may be a photo, is better as one than drawn.
     """
-    levels = np.rint(255.0 * target).astype(np.float32)
-    parts = _photos(levels, _even_areas(levels))
+    picture = over_white(target)
+    levels, opaque = np.rint(255.0 * picture).astype(np.float32), np.all(target[..., 3:] >= 1.0, axis=2)
+    parts = [part for part in _photos(levels, _even_areas(levels)) if opaque[part.window][part.mask].all()]
     # The edges of an enlarged picture are nowhere even, nor thin.
     if not parts or before_enlargement(with_channels(levels, 4, 255.0))[1] != (1.0, 1.0):
         return None
-    parts = [part for part in parts if suits(part.window)]
+    parts = [part for part in parts if suits(part)]
     if not parts:
         return None
     flat = levels.copy()
     for part in parts:
         _put_placeholder(part, flat)
+    worth_drawing = _drawn_share(flat, parts) >= LEAST_REST
     flat = (flat / np.float32(255.0)).astype(np.float32)
+    if target.shape[2] == 4:
+        flat = np.concatenate([np.maximum(flat - (1.0 - target[..., 3:]), 0.0), target[..., 3:]], axis=2)
     rest = choose_style(flat)
-    if rest.name != ARTWORK or _drawn_share(flat * 255.0, parts) < LEAST_REST:
+    if rest.name != ARTWORK or not worth_drawing:
         return None
-    return Page(target, flat, tuple(parts), rest.reason)
+    return Page(picture, flat, tuple(parts), rest.reason)
+
+
+def over_white(target: np.ndarray) -> np.ndarray:
+    """Return a picture, (H, W, 3) or premultiplied (H, W, 4), in [0, 1] as it looks on white, (H, W, 3)."""
+    return target if target.shape[2] == 3 else target[..., :3] + (1.0 - target[..., 3:])
 
 
 def _put_placeholder(part: PhotoPart, flat: np.ndarray) -> None:

@@ -263,7 +263,7 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
     width, height = (max(1, round(side * max_size / max(sides))) for side in sides)
     scaled = np.clip(_resampled(picture.target(), (width, height), Image.Resampling.LANCZOS), 0.0, 1.0)
     note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
-    return replace(_with_target(picture, scaled), notes=(*picture.notes, note))
+    return replace(with_target(picture, scaled), notes=(*picture.notes, note))
 
 
 def enlarge_picture(picture: Picture, factor: int) -> Picture:
@@ -278,7 +278,7 @@ def enlarge_picture(picture: Picture, factor: int) -> Picture:
     for _ in range(_ENLARGED_IN):
         means = enlarged.reshape(picture.height, factor, picture.width, factor, -1).mean(axis=(1, 3))
         enlarged = np.clip(enlarged + _resampled(channels - means, size, Image.Resampling.BICUBIC), 0.0, 1.0)
-    return _with_target(picture, enlarged)
+    return with_target(picture, enlarged)
 
 
 def _resampled(channels: np.ndarray, size: tuple[int, int], kernel: Image.Resampling) -> np.ndarray:
@@ -287,10 +287,10 @@ def _resampled(channels: np.ndarray, size: tuple[int, int], kernel: Image.Resamp
     return np.stack([np.asarray(image.resize(size, kernel)) for image in images], axis=2)
 
 
-def _with_target(picture: Picture, channels: np.ndarray) -> Picture:
+def with_target(picture: Picture, channels: np.ndarray) -> Picture:
     """Return the picture with other pixels, as `Picture.target` returns them. Changes the array."""
     rgb, alpha = channels[..., :3], None
-    if picture.alpha is not None:
+    if channels.shape[2] == 4:
         alpha = channels[..., 3]
         # Below half a step of 16 bits the division would only amplify the filter's ringing.
         alpha[alpha < 0.5 / 65535] = 0.0

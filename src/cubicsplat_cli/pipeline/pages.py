@@ -12,13 +12,13 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.condition import BLOCK
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
-from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, Window, page_of
+from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, Window, over_white, page_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.files.decode import Compression
-from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.load import with_target
 from cubicsplat_cli.files.weights import Mask
 from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.formatting import counted
@@ -44,27 +44,30 @@ def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
 
     suits_photo: returns whether a picture is better as a photo than drawn, given the task of it alone.
     """
-    if not task.request.may_hold_photos or task.recorder is not None or task.target.alpha is not None:
+    if not task.request.may_hold_photos or task.recorder is not None:
         return None
     target = task.pixels
     factor = reduction(*target.shape[:2])
     compression = task.target.compression if factor == 1 else None
     if factor > 1:
-        target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., :3])
+        target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., : target.shape[2]])
+    picture = over_white(target)
 
-    def suits(window: Window) -> bool:
-        sample = _sample(target, window)
-        return suits_photo(_of_pixels(task, np.ascontiguousarray(target[sample]), compression))
+    def suits(part: PhotoPart) -> bool:
+        sample = _sample(picture, part)
+        return suits_photo(_of_pixels(task, picture[sample], compression))
 
     return page_of(target, suits)
 
 
-def _sample(picture: np.ndarray, window: Window) -> Window:
-    """Return the part of a window, of SAMPLE px a side at most, with the most change between neighbours."""
-    steps = largest(np.abs(np.gradient(picture[window], axis=(0, 1))).sum(axis=0))
+def _sample(picture: np.ndarray, part: PhotoPart) -> Window:
+    """Return the window of SAMPLE px a side at most, within that of a part, with the most change between neighbours
+    that belong to the part.
+    """
+    steps = largest(np.abs(np.gradient(picture[part.window], axis=(0, 1))).sum(axis=0)) * part.mask
     change = ndimage.uniform_filter(steps, (SAMPLE, SAMPLE))
     ends, whole = [], 2 * BLOCK  # of a JPEG's chroma at half the size, so that its compression can be repeated
-    for middle, side in zip(np.unravel_index(int(change.argmax()), change.shape), window, strict=True):
+    for middle, side in zip(np.unravel_index(int(change.argmax()), change.shape), part.window, strict=True):
         start = side.start + int(np.clip(middle - SAMPLE // 2, 0, max(0, side.stop - side.start - SAMPLE)))
         ends.append(slice(start // whole * whole, min(start + SAMPLE, side.stop)))
     return ends[0], ends[1]
@@ -104,15 +107,16 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
     return replace(made, interrupted=made.interrupted or interrupted)
 
 
-def _of_pixels(task: Task, rgb: np.ndarray, compression: Compression | None = None) -> Task:
-    """Return the task with other pixels (H, W, 3) as its target, compressed like that."""
-    target = Picture(rgb, None, task.target.source, task.target.sha256, compression=compression)
+def _of_pixels(task: Task, pixels: np.ndarray, compression: Compression | None = None) -> Task:
+    """Return the task with other pixels, (H, W, 3) or premultiplied (H, W, 4), as its target, compressed like that."""
+    own = replace(task.target, notes=(), full_size=None)
+    target = replace(with_target(own, pixels.copy()), compression=compression)
     return replace(task, target=target, quick_photos={}, photo_fit=[])
 
 
 def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
     """Fit curves to a part, over a background, in px of its window."""
-    own = _of_pixels(task, np.ascontiguousarray(page.picture[part.window]))
+    own = _of_pixels(task, page.picture[part.window])
     request = replace(
         task.request,
         style=PHOTO,
