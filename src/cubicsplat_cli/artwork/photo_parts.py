@@ -39,6 +39,7 @@ REACH, RINGING = 17, 0.03
 SOFT, FAINT = 2.0, 1e-6  # px of a picture's continuation beyond a mask; its weight relative to the mean colour's
 OTHER = 64.0  # levels of distance to its surroundings that a placeholder gives up to differ from the other ones
 LEAST_REST = 0.002  # share of the picture, away from its photos, that is drawn
+OPAQUE = 253.5 / 255.0  # the opacity above which nobody sees through; palettes may round opaque pixels to 254
 Window = tuple[slice, slice]  # rows and columns
 
 
@@ -74,7 +75,7 @@ def page_of(target: np.ndarray, suits: Callable[[PhotoPart], bool] = lambda _: T
     suits: returns whether a part, which may be a photo, is better as one than drawn.
     """
     picture = over_white(target)
-    levels, opaque = np.rint(255.0 * picture).astype(np.float32), np.all(target[..., 3:] >= 1.0, axis=2)
+    levels, opaque = np.rint(255.0 * picture).astype(np.float32), np.all(target[..., 3:] > OPAQUE, axis=2)
     parts = [part for part in _photos(levels, _even_areas(levels)) if opaque[part.window][part.mask].all()]
     # The edges of an enlarged picture are nowhere even, nor thin.
     if not parts or before_enlargement(with_channels(levels, 4, 255.0))[1] != (1.0, 1.0):
@@ -82,13 +83,14 @@ def page_of(target: np.ndarray, suits: Callable[[PhotoPart], bool] = lambda _: T
     parts = [part for part in parts if suits(part)]
     if not parts:
         return None
-    flat = levels.copy()
+    flat, opacity = levels.copy(), target[..., 3:].copy()
     for part in parts:
         _put_placeholder(part, flat)
+        opacity[part.window][part.mask] = 1.0
     worth_drawing = _drawn_share(flat, parts) >= LEAST_REST
     flat = (flat / np.float32(255.0)).astype(np.float32)
     if target.shape[2] == 4:
-        flat = np.concatenate([np.maximum(flat - (1.0 - target[..., 3:]), 0.0), target[..., 3:]], axis=2)
+        flat = np.concatenate([np.maximum(flat - (1.0 - opacity), 0.0), opacity], axis=2)
     rest = choose_style(flat)
     if rest.name != ARTWORK or not worth_drawing:
         return None
