@@ -31,6 +31,7 @@ from cubicsplat_cli.pipeline.photo import (
     whole_photo,
 )
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
+from cubicsplat_cli.scene import LayeredScene
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
@@ -174,7 +175,8 @@ def _drawn_or_shaded(task: Task) -> Made:
 def _nearer_photo(task: Task, drawing: Made) -> Made:
     """Return the photo of a picture if it is nearer than the drawing; else the drawing, with a note on a failure."""
     try:
-        reason = photo_is_nearer(task, drawing)
+        # Most bytes of a page with photographs are those of their curves.
+        reason = photo_is_nearer(task, drawing, quick=isinstance(drawing.scene, LayeredScene))
         if reason is None:
             return drawing
         photo = _photo_instead(task, drawing.style, reason)
