@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -56,21 +55,28 @@ def step_times(size: tuple[int, int], settings: FitSettings, protocol: Protocol)
         for _ in range(warmup):
             loop.advance()
         raster = loop.schedule.raster(loop.schedule.phase(loop.progress))
-        forward = _median_ms(lambda: engine.render(loop.stepper.scene, raster), repeats)
-        both = _median_ms(lambda: engine.gradients(loop.stepper.scene, raster, target=goal), repeats)
-        whole = _median_ms(loop.advance, repeats)
+        forward, both, whole = _median_ms(
+            (
+                lambda: engine.render(loop.stepper.scene, raster),
+                lambda: engine.gradients(loop.stepper.scene, raster, target=goal),
+                loop.advance,
+            ),
+            repeats,
+        )
     engine.close()
     return {"forward_ms": forward, "backward_ms": max(0.0, both - forward), "step_ms": whole}
 
 
-def _median_ms(call: Callable[[], object], repeats: int) -> float:
-    seconds = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        call()
-        wait_for_gpu()
-        seconds.append(time.perf_counter() - started)
-    return 1e3 * statistics.median(seconds)
+def _median_ms(calls: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    """Median milliseconds of each call; all are made in turn, so that other work on the machine slows all alike."""
+    seconds = np.empty((repeats, len(calls)))
+    for row in seconds:
+        for k, call in enumerate(calls):
+            started = time.perf_counter()
+            call()
+            wait_for_gpu()
+            row[k] = time.perf_counter() - started
+    return (1e3 * np.median(seconds, axis=0)).tolist()
 
 
 def exponent(values: Sequence[float], times: Sequence[float]) -> float:

@@ -16,7 +16,7 @@ from cubicsplat_cli.settings import FitSettings
 
 # Everything small enough for a test; the protocol is the same.
 TIMES = step_times.Protocol(
-    2, 3, (4, 8, 16, 32, 64), ((16, 16), (32, 16), (32, 32), (64, 32), (64, 64)), usual_curves=8, usual_size=(32, 24)
+    2, 5, (4, 8, 16, 32, 64), ((16, 16), (32, 16), (32, 32), (64, 32), (64, 64)), usual_curves=8, usual_size=(32, 24)
 )
 QUALITY = {(mode, count): (0.5, 20.0, 1.0) for mode in paper.MODES for count in (4, 6)}
 SIZES = paper.Sizes((48, 32), 16, QUALITY, 12, TIMES)
