@@ -92,7 +92,7 @@ def test_a_drawing_of_many_shapes_gives_way_before_it_is_finished():
     task = task_for(strands(), steps=400)
     (early,) = candidates(task, FLAT)
     assert early.style.name == "photo" and "flat, but a photo has" in early.style.reason
-    assert early.scene is whole_photo(task).finished().scene  # which is not fitted twice
+    assert early.scene is whole_photo(task).finished.scene  # which is not fitted twice
 
 
 def test_a_photo_that_is_expected_to_stay_behind_is_not_fitted_to_the_end():

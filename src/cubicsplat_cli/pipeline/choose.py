@@ -206,7 +206,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     fit = whole_photo(task)
     expected = fit.expected()
     if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
-        return replace(fit.finished(), style=style, may_be_drawn=True)
+        return replace(fit.finished, style=style, may_be_drawn=True)
     # The estimate may be too low by as much as a sketch may rise.
     drawing = _drawing_of(task, style, expected, 0.0)
     if isinstance(drawing, Made):
@@ -220,7 +220,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
             and photo_is_nearer(task, drawing) is None
         ):
             return _drawing_instead(drawing, "no photo of as many bytes is nearer")
-    return _nearer_of(task, replace(fit.finished(), style=style), drawing)
+    return _nearer_of(task, replace(fit.finished, style=style), drawing)
 
 
 def _drawing_of(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:

@@ -48,7 +48,7 @@ def fitted_photo(task: Task) -> Made:
     """Fit curves that blend to the picture: as many as the request's bytes or level need."""
     request = task.request
     if task.photo_fit:
-        return whole_photo(task).finished()
+        return whole_photo(task).finished
     if request.tiny:
         return _tiny_photo(task)
     photo, settings = _prepared(task)
@@ -95,22 +95,18 @@ class PhotoFit:
         """
         if self.expected_to_be_seen <= least:
             return self.expected_to_be_seen
-        made = self.finished()
-        if made.interrupted:
+        if self.finished.interrupted:
             raise KeyboardInterrupt
-        return self._seen(made.scene)
+        return self._seen(self.finished.scene)
 
     def _seen(self, scene: Scene | LayeredScene | None) -> float:
         task = self._photo.task
         return seen_db(task, scene, task.request.settings.finish_samples)
 
     @cached_property
-    def _finished(self) -> Made:
-        return _made_of(self._photo, self._fitting.finish())
-
     def finished(self) -> Made:
-        """Fit to the end, and return the result."""
-        return self._finished
+        """The result of the fit, which goes on to its end."""
+        return _made_of(self._photo, self._fitting.finish())
 
 
 def whole_photo(task: Task) -> PhotoFit:
