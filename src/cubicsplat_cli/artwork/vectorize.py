@@ -137,8 +137,8 @@ class _NoPlaceError(Exception):
 def _with_its_shadow(
     prepared: PreparedInput, settings: ArtworkSettings, on_sketch: Callable[[Drawing], None]
 ) -> Iterator[Drawing] | None:
-    """Return the versions of a picture with a soft shadow, drawn as gradients; None if it has none, or the settings
-    allow no gradients or fewer shapes.
+    """Return the versions of a picture with a soft shadow, which is drawn as gradients, or as all else if these do not
+    suit; None if it has none, or the settings allow no gradients or fewer shapes.
     """
     condition = prepared.condition
     if not _may_overlap(settings) or prepared.scanned or condition.only_blurred:
@@ -178,9 +178,9 @@ def _with_its_shadow(
     try:
         first = next(drawings)
     except _NoPlaceError:
-        return None
+        first = None
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
-        return None
+        return None if of_plain is None else _fitted(of_plain, plain, settings, on_sketch)
     return chain([first], filter(None, drawings))
 
 
