@@ -9,10 +9,13 @@ import pytest
 from conftest import rest_slow, smooth_pixels
 from PIL import Image
 
-# Writes a grey file for every so many shapes, as primitive does.
+# Writes a grey file for every so many shapes, as primitive does, after enough work for the table's hundredths.
 PROGRAM = """#!{python}
 import sys
+import time
 from pathlib import Path
+while time.process_time() < 0.05:
+    pass
 given = dict(zip(sys.argv[1::2], sys.argv[2::2]))
 for count in range(int(given["-nth"]), int(given["-n"]) + 1, int(given["-nth"])):
     svg = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="42"><path fill="#888" d="M0 0h64v42H0z"/></svg>'
