@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import ALIKE, SAVED, SMALL, TILE, contrasts
+from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import bends_and_steps
@@ -39,7 +40,6 @@ REACH, RINGING = 17, 0.03
 SOFT, FAINT = 2.0, 1e-6  # px of a picture's continuation beyond a mask; its weight relative to the mean colour's
 OTHER = 64.0  # levels of distance to its surroundings that a placeholder gives up to differ from the other ones
 LEAST_REST = 0.002  # share of the picture, away from its photos, that is drawn
-OPAQUE = 253.5 / 255.0  # the opacity above which nobody sees through; palettes may round opaque pixels to 254
 Window = tuple[slice, slice]  # rows and columns
 
 
@@ -68,38 +68,39 @@ class Page:
     reason: str
 
 
-def page_of(target: np.ndarray, suits: Callable[[PhotoPart], bool] = lambda _: True) -> Page | None:
+def page_of(
+    target: np.ndarray, suits: Callable[[np.ndarray, PhotoPart], bool] = lambda _picture, _part: True
+) -> Page | None:
     """Return the page in a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None unless it is a
     drawing with photographs, at its own size.
 
-    suits: returns whether a part, which may be a photo, is better as one than drawn.
+    suits: returns whether a part of the picture over white, (H, W, 3), which may be a photo, is better as one than
+    drawn.
     """
-    picture = over_white(target)
-    levels, opaque = np.rint(255.0 * picture).astype(np.float32), np.all(target[..., 3:] > OPAQUE, axis=2)
+    picture = target if target.shape[2] == 3 else target[..., :3] + (1.0 - target[..., 3:])
+    levels = np.rint(255.0 * picture).astype(np.float32)
+    # Palettes may round opaque pixels to 254.
+    opaque = np.all(np.rint(255.0 * target[..., 3:]) >= OPAQUE, axis=2)
     parts = [part for part in _photos(levels, _even_areas(levels)) if opaque[part.window][part.mask].all()]
     # The edges of an enlarged picture are nowhere even, nor thin.
     if not parts or before_enlargement(with_channels(levels, 4, 255.0))[1] != (1.0, 1.0):
         return None
-    parts = [part for part in parts if suits(part)]
+    parts = [part for part in parts if suits(picture, part)]
     if not parts:
         return None
     flat, opacity = levels.copy(), target[..., 3:].copy()
     for part in parts:
         _put_placeholder(part, flat)
         opacity[part.window][part.mask] = 1.0
-    worth_drawing = _drawn_share(flat, parts) >= LEAST_REST
+    if _drawn_share(flat, parts) < LEAST_REST:
+        return None
     flat = (flat / np.float32(255.0)).astype(np.float32)
     if target.shape[2] == 4:
         flat = np.concatenate([np.maximum(flat - (1.0 - opacity), 0.0), opacity], axis=2)
     rest = choose_style(flat)
-    if rest.name != ARTWORK or not worth_drawing:
+    if rest.name != ARTWORK:
         return None
     return Page(picture, flat, tuple(parts), rest.reason)
-
-
-def over_white(target: np.ndarray) -> np.ndarray:
-    """Return a picture, (H, W, 3) or premultiplied (H, W, 4), in [0, 1] as it looks on white, (H, W, 3)."""
-    return target if target.shape[2] == 3 else target[..., :3] + (1.0 - target[..., 3:])
 
 
 def _put_placeholder(part: PhotoPart, flat: np.ndarray) -> None:

@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.condition import BLOCK
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
-from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, Window, over_white, page_of
+from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, Window, page_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.structure import boxes_of
@@ -51,9 +51,8 @@ def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
     compression = task.target.compression if factor == 1 else None
     if factor > 1:
         target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., : target.shape[2]])
-    picture = over_white(target)
 
-    def suits(part: PhotoPart) -> bool:
+    def suits(picture: np.ndarray, part: PhotoPart) -> bool:
         sample = _sample(picture, part)
         return suits_photo(_of_pixels(task, picture[sample], compression))
 

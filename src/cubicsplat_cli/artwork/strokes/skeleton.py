@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -108,8 +109,9 @@ def _tidied(graph: Graph, width: float) -> Graph:
     def degree(node: int) -> int:
         return sum(branch.nodes.count(node) for branch in branches)
 
-    for branch in sorted(branches, key=lambda branch: arc_lengths(branch.points)[-1]):
-        (a, b), length = branch.nodes, arc_lengths(branch.points)[-1]
+    lengths = [float(arc_lengths(branch.points)[-1]) for branch in branches]
+    for length, branch in sorted(zip(lengths, branches, strict=True), key=itemgetter(0)):
+        a, b = branch.nodes
         free = [degree(a) == 1, degree(b) == 1]
         if a >= 0 and sum(free) == 1 and degree(b if free[0] else a) >= 3 and length < SPUR * width:
             branches.remove(branch)
