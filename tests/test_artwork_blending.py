@@ -73,6 +73,18 @@ def test_text_for_an_lcd_on_a_button_that_gets_darker_downwards_and_whose_frame_
     assert np.abs(found - plain)[:, :80].mean() < 0.15 * np.abs(came - plain)[:, :80].mean()
 
 
+def test_text_for_an_lcd_has_one_fill_on_a_ground_that_changes_both_ways():
+    """As in windows with a glow."""
+    rows, columns = np.linspace(240.0, 210.0, 40)[:, None, None], np.linspace(0.0, 3.0, 96)[None, :, None]
+    ground = np.rint(rows + columns) * np.ones(3)
+    plain, came = (_text(taps, 1, (30, 60, 90), ground) for taps in (None, (1, 2, 3, 2, 1)))
+    found = without_subpixels(came)
+    # All of its colours lie on the lines between fill and ground.
+    share = (ground - found[..., :3]) / (ground - [30.0, 60.0, 90.0])
+    assert np.ptp(share, axis=-1).max() <= 0.05
+    assert np.abs(found - plain).mean() < 0.15 * np.abs(came - plain).mean()
+
+
 def test_a_picture_without_text_for_an_lcd_stays_as_it_is():
     red, blue, plain = _text(None, 1, (200, 20, 20)), _text(None, 1, (20, 20, 200)), _text(None, 1)
     sides = np.where(np.arange(96)[None, :, None] % 12 < 6, red, blue)  # letters of two colours

@@ -171,6 +171,18 @@ def test_pale_stripes_and_marks_on_a_grid_of_8_px_are_no_jpeg():
     assert condition_of(as_levels(as_picture(recoded(levels, quality=90)).target())).jpeg
 
 
+def test_a_screenshot_is_not_compressed_though_it_shows_a_photograph():
+    """Compression of the whole picture leaves ripples at the text too."""
+    photo = np.asarray(Image.open(SAMPLES / "chelsea.png").convert("RGB").crop((60, 40, 220, 140)))
+    window = Image.new("RGB", (400, 300), (236, 236, 236))
+    window.paste(Image.fromarray(recoded(photo, quality=60)), (20, 20))
+    for line in range(12):
+        ImageDraw.Draw(window).text((200, 20 + 22 * line), f"A label, and {line} more", fill=(30, 30, 30))
+    shown = np.asarray(window)
+    assert not condition_of(as_levels(as_picture(shown).target())).jpeg
+    assert condition_of(as_levels(as_picture(recoded(shown, quality=80)).target())).jpeg
+
+
 def test_the_faint_lines_of_a_plot_are_no_ripples():
     large = Image.new("RGB", (1280, 960), "white")
     draw_on = ImageDraw.Draw(large)

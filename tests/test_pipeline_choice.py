@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from image_files import encode
-from PIL import Image, ImageFilter
+from PIL import Image, ImageDraw, ImageFilter
 from scipy import ndimage
 from test_pipeline import SETTINGS, disc, flat_picture
 
@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, ground_shape
 from cubicsplat_cli.artwork.style import Style
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.evaluate.metrics import decibels
 from cubicsplat_cli.files.load import as_picture, load_picture
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.write import encode_png
@@ -271,6 +272,23 @@ def test_the_artefacts_of_a_lossy_file_are_no_errors_of_its_drawing(file_format,
     task = lossy_task(np.rint(255.0 * render_scene(scene)[..., :3]).astype(np.uint8), file_format)
     plain = replace(task, target=replace(task.target, compression=None))
     assert level_db(task, scene, 24) > level_db(plain, scene, 24) + rise_db
+
+
+def test_the_colour_fringes_of_text_for_an_lcd_are_no_errors_of_its_drawing():
+    fine = Image.new("L", (3 * 180, 40), 255)
+    for k in range(9):
+        ImageDraw.Draw(fine).ellipse([54 * k + 20, 8, 54 * k + 60, 30], outline=30, width=5)
+    thirds = np.asarray(fine).astype(float)
+    filtered = np.stack(
+        [np.convolve(row, np.ones(3) / 3.0, "same") for row in np.pad(thirds, ((0, 0), (1, 1)), "edge")]
+    )
+    task = task_for(np.rint(filtered[:, 1:-1]).reshape(40, 180, 3).astype(np.uint8))
+    made = drawn_outlines(task)
+    assert len(task.targets) == 2
+    plain = replace(task, target=task.targets[1])
+    level, of_plain = (level_db(each, made.scene, made.samples) for each in (task, plain))
+    of_fringes = decibels(float(np.square(render_scene(made.scene)[..., :3] - task.pixels).mean()))
+    assert level == of_plain > of_fringes + 5.0
 
 
 @pytest.mark.slow

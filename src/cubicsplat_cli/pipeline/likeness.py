@@ -31,12 +31,12 @@ def file_db(task: Task, svg: str) -> float:
 def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float:
     """Return the PSNR of a scene against the target, both at most LIKENESS_SIDE px wide and high; infinite without a
     scene. samples: edges per cubic. blur: px of the target by which its picture is blurred; the scene counts sharp or
-    blurred alike, whichever is nearer.
+    blurred alike, and its text with an LCD's colour fringes or without, whichever is nearer.
     """
     if scene is None:
         return math.inf
-    picture, drawn = _drawn(task, scene, samples, blur)
-    return max(_level_db(task, picture, each) for each in drawn)
+    pictures, drawn = _drawn(task, scene, samples, blur)
+    return max(_level_db(task, picture, each) for picture in pictures for each in drawn)
 
 
 def seen_db(
@@ -50,17 +50,20 @@ def seen_db(
     """
     if scene is None:
         return math.inf
-    picture, drawn = _drawn(task, scene, samples, blur)
-    return max(_seen_db(task, picture, each, enough_db) for each in drawn)
+    pictures, drawn = _drawn(task, scene, samples, blur)
+    return max(_seen_db(task, picture, each, enough_db) for picture in pictures for each in drawn)
 
 
-def _drawn(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -> tuple[Picture, list[ImageSource]]:
-    """Return a copy of the target, and the engine's pictures of a scene at its size: sharp, and blurred if there is a
-    blur.
+def _drawn(
+    task: Task, scene: Scene | LayeredScene, samples: int, blur: float
+) -> tuple[list[Picture], list[ImageSource]]:
+    """Return copies of the target, with and without colour fringes if its text has these, and the engine's pictures of
+    a scene at their size: sharp, and blurred if there is a blur.
 
     The scene is compressed as the target was, so that it is not blamed for artefacts that it lacks.
     """
-    picture, threads = resize_picture(task.target, LIKENESS_SIDE), task.request.settings.threads
+    pictures, threads = [resize_picture(each, LIKENESS_SIDE) for each in task.targets], task.request.settings.threads
+    picture = pictures[0]
     sharp = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
     drawn = [sharp]
     if blur:
@@ -70,7 +73,7 @@ def _drawn(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -
     if compression is not None and compression.known:
         again = [compression.again(255.0 * values[..., :3]) / np.float32(255.0) for values in drawn]
         drawn = [np.concatenate([rgb, values[..., 3:]], axis=2) for rgb, values in zip(again, drawn, strict=True)]
-    return picture, [of_values(values) for values in drawn]
+    return pictures, [of_values(values) for values in drawn]
 
 
 def _seen_db(task: Task, picture: Picture, drawn: ImageSource, enough_db: float) -> float:

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.style import PHOTO, Style
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.metrics import measurable, seconds_to_measure
 from cubicsplat_cli.files.decode import holds_picture
-from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.load import Picture, with_target
 from cubicsplat_cli.files.marks import provenance_comment, with_checksum
 from cubicsplat_cli.files.names import COMPRESSED, PLAIN, SVG_SUFFIXES, is_compressed_name
 from cubicsplat_cli.files.paths import EXPORTS, format_of
@@ -171,6 +171,18 @@ class Task:
     def pixels(self) -> np.ndarray:
         """Return the target's pixels; see `Picture.target`."""
         return self.target.target()
+
+    @cached_property
+    def targets(self) -> list[Picture]:
+        """Return the target, and a copy without the colour fringes that its text has for LCDs, if it has any."""
+        from cubicsplat_cli.artwork.input.prepare import as_levels
+        from cubicsplat_cli.artwork.input.subpixels import without_subpixels
+
+        levels = as_levels(self.pixels)
+        plain = without_subpixels(levels)
+        if plain is levels:
+            return [self.target]
+        return [self.target, with_target(self.target, plain[..., :3] / np.float32(255.0))]
 
     @cached_property
     def reference(self) -> Picture:

@@ -17,13 +17,13 @@ OFFSETS = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixe
 # Filters: the part that those of all programs have in common, and the widest, of five taps.
 NARROW, WIDE = np.ones(3) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 ROUNDING = 1.0  # levels: the largest root mean square error of 8-bit values
-DRIFT = 4.0  # levels by which the rows of a ground may differ from each other over three px
+DRIFT = 4.0  # levels by which the rows of a ground may differ from each other over three px, and the ends of one
 ALIKE = 0.1  # share by which the contrasts of two parts with one fill may differ
 
 
 @record
 class _Parts:
-    """k parts on grounds of which each row has one colour.
+    """k parts on grounds whose rows hardly change.
 
     at: (n,) the pixels of all parts, numbered by rows; own: (n,) int, the part of each; off: (n, 3) levels by which
     they differ from the ground; ground: (n, 3) levels. count: k.
@@ -71,13 +71,13 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     fills = _fills(text, totals, chosen)
     share = _shares(text, fills, order, colours.shape[:2])
     out = levels.copy()
-    values = text.ground + share[:, None] * fills[text.own]
+    values = text.ground + share[:, None] * (fills[text.own] - text.ground)
     out.reshape(-1, 4)[text.at, :3] = np.clip(np.rint(values), 0.0, 255.0)
     return out
 
 
 def _parts(colours: np.ndarray) -> _Parts | None:
-    """Return the parts of a picture (H, W, 3), with those of their rows that have one colour on both sides, as on
+    """Return the parts of a picture (H, W, 3), with those of their rows that have about one colour on both sides, as on
     buttons that get darker downwards; None if there are none.
     """
     even = (spread(colours, 1, 3) == 0.0) & (spread(colours, 3, 3) <= DRIFT)
@@ -89,8 +89,11 @@ def _parts(colours: np.ndarray) -> _Parts | None:
     labels, count = ndimage.label(~even, ndimage.SQUARE)
     at = np.flatnonzero(labels)
     before, behind = _beside(even, at)
-    within = (before >= 0) & (values[before] == values[behind]).all(axis=1)
-    at, ground = at[within], values[before[within]].astype(float)
+    off = values[behind] - values[before]
+    along = (at - before) / np.maximum(behind - before, 1)
+    ground = values[before] + along[:, None] * off
+    within = (before >= 0) & (np.abs(off) <= DRIFT).all(axis=1)
+    at, ground = at[within], ground[within].astype(float)
     return _Parts(at, labels.ravel()[at], values[at] - ground, ground, count + 1) if len(at) else None
 
 
@@ -139,24 +142,28 @@ def _in_fills_of(sure: np.ndarray, totals: np.ndarray) -> np.ndarray:
 
 
 def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return (k, 3) levels by which the fill of each part differs from its ground: the same for parts of about one
-    colour, and as strong as the strongest sample of these, in channels with 0.3 of the contrast or more.
+    """Return (k, 3) levels of the fill of each part: the same for parts that differ from their grounds towards it, and
+    as far from a ground as the strongest sample of these, in channels with 0.3 of the contrast or more.
     """
-    strongest = np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
-    contrast = totals / strongest
+    strongest = np.maximum(np.abs(totals).max(axis=1), 1e-9)
+    contrast = totals / strongest[:, None]
     own = contrast[text.own]
     peaks = np.zeros(len(totals))
     strength = np.where(np.abs(own) > 0.3, text.off / np.where(own == 0.0, 1.0, own), 0.0)
     np.maximum.at(peaks, text.own, strength.max(axis=1))
     grounds = text.totals(text.ground) / np.maximum(text.sums(np.ones(len(text.at))), 1.0)[:, None]
     fills, left = np.zeros(totals.shape), np.flatnonzero(chosen)
-    left = left[np.argsort(-strongest[left, 0], kind="stable")]
+    left = left[np.argsort(-strongest[left], kind="stable")]
     while len(left):
-        first = left[0]
-        along = (contrast[left] @ contrast[first]) / (contrast[first] @ contrast[first])
-        off = np.abs(contrast[left] - along[:, None] * contrast[first]).max(axis=1)
-        same = (np.abs(grounds[left] - grounds[first]).max(axis=1) <= DRIFT) & (off <= ALIKE)
-        fills[left[same]] = contrast[first] * peaks[left[same]].max()
+        fill = grounds[left[0]] + contrast[left[0]] * peaks[left[0]]
+        for _ in range(2):  # with the strongest sample of the first part, then of all with its fill
+            towards = fill - grounds[left]
+            towards /= np.maximum(np.abs(towards).max(axis=1, keepdims=True), 1e-9)
+            same = np.abs(contrast[left] - towards).max(axis=1) <= ALIKE
+            same[0] = True
+            best = left[same][np.argmax(peaks[left[same]])]
+            fill = grounds[best] + towards[left == best][0] * peaks[best]
+        fills[left[same]] = np.clip(fill, 0.0, 255.0)
         left = left[~same]
     return fills
 
@@ -167,7 +174,7 @@ def _shares(text: _Parts, fills: np.ndarray, order: float, size: tuple[int, int]
     The wide filter is inverted unless its residual is more than rounding, since a narrower one leaves other fringes.
     """
     canvas, weight = np.zeros((*size, 3)), np.zeros((*size, 3))
-    contrast = fills[text.own]
+    contrast = fills[text.own] - text.ground
     canvas.reshape(-1, 3)[text.at] = text.off / np.where(contrast == 0.0, 1.0, contrast)
     weight.reshape(-1, 3)[text.at] = np.abs(contrast)
     # Two pixels without fill keep the rows of one part apart from the next.
