@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -12,8 +14,10 @@ from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.sampling import aliased
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.load import as_picture
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.outlines import coverage
 
 
@@ -186,6 +190,23 @@ def test_what_has_no_anti_aliasing_is_drawn_through_its_steps():
     assert analysed(in_steps(IN_STEPS, smooth=False)).notes == [
         "drawn through the steps of its edges, which have no anti-aliasing"
     ]
+
+
+def test_small_shapes_without_anti_aliasing_keep_their_corners():
+    """Beside a disc: squares of 8 px without their corner pixels, and bars of 2 x 6 px, nearly opaque."""
+    levels = np.zeros((128, 128, 4))
+    fill, varied = np.array([92.0, 161.0, 255.0, 255.0]), np.random.default_rng(0).integers(0, 20, (128, 128))
+    shown = np.hypot(np.arange(128)[:, None] - 63.7, np.arange(128) - 95.2) < 29.0
+    for top, left in product(range(12, 128, 32), range(6, 60, 28)):
+        shown[top : top + 8, left : left + 8] = True
+        shown[np.ix_([top, top + 7], [left, left + 7])] = False
+        for bar in range(10, 22, 4):
+            shown[top + 1 : top + 7, left + bar : left + bar + 2] = True
+    levels[shown] = fill * (255.0 - varied * (varied > 12))[shown, None] / 255.0
+    drawing = draw((levels / 255.0).astype(np.float32))
+    drawn = 255.0 * render_scene(scene_of(drawing))
+    assert np.sqrt(np.square(drawn - levels)[:, :60].mean()) < 8.0
+    assert len(drawing.shapes) <= 60
 
 
 def test_letters_of_a_px_without_anti_aliasing_keep_all_of_their_strokes():

@@ -274,6 +274,18 @@ def test_the_artefacts_of_a_lossy_file_are_no_errors_of_its_drawing(file_format,
     assert level_db(task, scene, 24) > level_db(plain, scene, 24) + rise_db
 
 
+def test_a_drawing_through_the_steps_of_edges_without_anti_aliasing_has_lost_nothing():
+    y, x = np.mgrid[0:76, 0:76] - 37.4
+    radius, angle = np.hypot(x, y), np.arctan2(y, x)
+    shown = (radius < 37.0) & (radius > 13.0) & ~((np.abs(radius - 32.0) < 1.3) & (angle < -1.6))
+    shown &= ~((np.abs(radius - 19.0) < 1.3) & (np.abs(angle - 0.9) < 0.7))
+    task = task_for(np.repeat(np.where(shown, 0, 255).astype(np.uint8)[..., None], 3, axis=2))
+    (made,) = candidates(task)
+    assert made.style.name == "artwork" and made.facts["shapes"] <= 6
+    level = decibels((made.noise / 255.0) ** 2)
+    assert level - 1.0 < level_db(task, made.scene, made.samples) < level + 4.0
+
+
 def test_the_colour_fringes_of_text_for_an_lcd_are_no_errors_of_its_drawing():
     fine = Image.new("L", (3 * 180, 40), 255)
     for k in range(9):

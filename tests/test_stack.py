@@ -119,6 +119,20 @@ def test_the_misfit_is_linear_beyond_the_bound():
     assert misfit == pytest.approx(expected)
 
 
+def with_steps(goal):
+    """The goal without anti-aliasing: on half of its pixels a residual of more than 0.2 is on the wrong side."""
+    half = np.where(np.indices((HEIGHT, WIDTH)).sum(axis=0) % 2, 0.2, 1.0)
+    return replace(goal, half=half, steep=5.0)
+
+
+def test_pixels_on_the_wrong_side_of_an_edge_without_anti_aliasing_count_more():
+    plain, goal = goal_of(), with_steps(goal_of())
+    image, misfit = DrawnStack(stack_of(), goal).picture
+    beyond = np.clip(np.linalg.norm(image * goal.channels, axis=2) - goal.half, 0.0, goal.half)
+    assert beyond.any()
+    assert misfit == pytest.approx(DrawnStack(stack_of(), plain).picture[1] + 5.0 * beyond**2)
+
+
 def control_points(stack):
     """How the control points of a stack of one ring a layer move with its anchors and the handles of its cubics."""
     count, rows, columns, values = len(stack.cubics), [], [], []
@@ -171,12 +185,14 @@ def test_the_step_of_a_crowd_is_found_to_a_hundredth():
 
 
 # The Gram matrix leaves out that a blur goes on beyond the canvas as the picture ends there, which two outlines cross.
+@pytest.mark.parametrize("aliased", [False, True])
 @pytest.mark.parametrize(("taps", "gram_error"), [([1.0], 0.02), ([0.34, 0.23, 0.08, 0.02], 0.1)])
 @pytest.mark.parametrize("keep", [0.01, 10.0])
-def test_steps_match_finite_differences(taps, gram_error, keep):
+def test_steps_match_finite_differences(taps, gram_error, keep, aliased):
     stack, points = stack_of(), control_points(stack_of())
     target = image_of(stack_of((Rectangle(-3.0, 4.0, 40.0, 31.0, 6.0), *OUTLINES[1:])), goal_of())
     goal = replace(goal_of(target), bound=10.0, taps=np.array(taps))
+    goal = with_steps(goal) if aliased else goal
     first = [0, *stack.ends[:-1]]
     parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
     unknowns = Unknowns(first, np.diff([0, *stack.ends]), [0, 0, 0], parts, np.zeros(points.count), keep)
@@ -190,6 +206,8 @@ def test_steps_match_finite_differences(taps, gram_error, keep):
     )
     slope = 0.5 * (ahead.cost - behind.cost) / scale
     assert slope == pytest.approx(2.0 * found.gradient @ found.values, rel=0.02)
+    if aliased:
+        return  # its matrix weighs pixels by their residuals
     # The step solves (gram + keep) step = -gradient.
     change = 0.5 * (ahead.picture[0] - behind.picture[0]) / scale * goal.channels
     gram = -(found.gradient + keep * found.values) @ found.values

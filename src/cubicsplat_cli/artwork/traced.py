@@ -23,7 +23,7 @@ from cubicsplat_cli.artwork.layers.completion import outlines_of_all
 from cubicsplat_cli.artwork.layers.extents import Extent
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS
 from cubicsplat_cli.artwork.plan import Plan, planned
-from cubicsplat_cli.artwork.regions.fills import PURE, eight_bit
+from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills
 from cubicsplat_cli.artwork.regions.sampling import ONE_SAMPLE, ROUNDING
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
@@ -159,17 +159,18 @@ def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
 
 
 def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarray) -> Shape:
-    """Return the shape of an extent; if its outline is wrong, the pixels in its fill (4,) of a picture (H, W, 4)."""
+    """Return the shape of an extent; if its outline is wrong, the pixels of a picture (H, W, 4) that are nearly in its
+    fill (4,).
+    """
     around = ndimage.binary_dilation(extent.shown, ndimage.SQUARE) & ~extent.shown
     # Not in wide parts, nor below other shapes: there pixels would leave gaps to smooth outlines.
     if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any() or (around & extent.allowed).any():
         return shape
     height, width = extent.shown.shape
-    levels = levels[extent.top : extent.top + height, extent.left : extent.left + width]
-    own = extent.shown & (np.abs(levels - fill).max(axis=2) <= PURE)
+    off = np.abs(levels[extent.top : extent.top + height, extent.left : extent.left + width] - fill).max(axis=2)
+    own = extent.shown & (off <= 0.5 * off.max())
     drawn = coverage(*pieces_of_rings(shape.oriented()), extent.top, extent.left, height, width)
-    off = drawn - own
-    if not own.any() or (np.abs(off) > MOST_OFF).sum() <= FEW_OFF * own.sum():
+    if not own.any() or (np.abs(drawn - own) > MOST_OFF).sum() <= FEW_OFF * own.sum():
         return shape
     corner = np.array([extent.left, extent.top], dtype=float)
     loops = [cracks for inside, cracks, _ in border_map(own.astype(np.int32)).loops if inside]

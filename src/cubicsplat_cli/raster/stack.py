@@ -30,8 +30,8 @@ PolygonStep = tuple[float, float, np.ndarray, np.ndarray]  # score, rise of the 
 
 class _Goal(ctypes.Structure):
     _fields_ = [
-        *members(c_int32, "width height grid reach threads"), *members(c_void_p, "target taps opaque"),
-        ("channels", c_double * 4), *members(c_double, "bound leak_weight"),
+        *members(c_int32, "width height grid reach threads"), *members(c_void_p, "target taps opaque half"),
+        ("channels", c_double * 4), *members(c_double, "bound leak_weight steep"),
     ]  # fmt: skip
 
 
@@ -58,7 +58,9 @@ class Goal:
     is compared; space: (4, 4) the factor of RGBA that gives the coordinates of the target, in which fills are too.
     leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that share, so it
     counts only without one. share_error: standard deviation of the shares of pixels that shapes cover in the target;
-    error: that of pixels on edges, of full scale, beyond that of a clean picture."""
+    error: that of pixels on edges, of full scale, beyond that of a clean picture. half: (H, W) of a target without
+    anti-aliasing the weighted residual beyond which a pixel is on the wrong side of an edge, else None; steep: the
+    weight of the square of what is beyond."""
 
     target: np.ndarray
     channels: Sequence[float]
@@ -69,6 +71,8 @@ class Goal:
     leak_weight: float = 0.0
     share_error: float = 0.04
     error: float = 0.0
+    half: np.ndarray | None = None
+    steep: float = 0.0
 
     @property
     def reach(self) -> int:
@@ -87,7 +91,8 @@ class Goal:
         return _Goal(
             width, height, self.grid, self.reach, work().threads, _at(self.target, np.float64, self.target.shape),
             _at(self.taps, np.float64, self.taps.shape), None if self.reach else address_of(self.inside),
-            (c_double * 4)(*self.channels), self.bound, self.leak_weight,
+            None if self.half is None else address_of(self.half), (c_double * 4)(*self.channels), self.bound,
+            self.leak_weight, self.steep,
         )  # fmt: skip
 
 

@@ -16,12 +16,15 @@ from cubicsplat_cli.artwork.geometry.outlines import areas_beside
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 # Residuals beyond count linearly: they are details that no shape draws. Times the error of shares, for edges in steps.
 HUBER, ERRORS = 0.15, 3.0
+# px within which there is an edge whose side matters; the least residual of a pixel on the wrong side.
+NEAR, FAINT_EDGE = 5, 0.05
 # Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
@@ -239,7 +242,18 @@ def goal_of(
     space = np.eye(4) if space is None else space
     target = np.ascontiguousarray(target @ space, dtype=np.float64)
     bound = max(HUBER, ERRORS * share_error)
-    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error)
+    half = _half_contrast(target) if share_error > FEW_SAMPLES else None
+    steep = (share_error / FEW_SAMPLES) ** 2
+    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error, error, half, steep)
+
+
+def _half_contrast(target: np.ndarray) -> np.ndarray:
+    """Return (H, W) half of the contrast near each pixel of a target (H, W, 4), as a weighted residual. Without
+    anti-aliasing a pixel is on the wrong side of an edge if its residual is larger.
+    """
+    weighted, window = (target * WHITE).astype(np.float32), (NEAR, NEAR, 1)
+    contrast = ndimage.maximum_filter(weighted, window) - ndimage.minimum_filter(weighted, window)
+    return np.maximum(0.5 * np.linalg.norm(contrast, axis=2), FAINT_EDGE).astype(float)
 
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:

@@ -25,6 +25,7 @@ from cubicsplat_cli.artwork.input.sharpening import without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.regions.regions import ShadowSides
+from cubicsplat_cli.artwork.regions.sampling import error_of_steps
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.record import record
@@ -63,6 +64,13 @@ class PreparedInput:
     def mean_scale(self) -> float:
         """The geometric mean of the factors across and down."""
         return math.sqrt(self.scale[0] * self.scale[1])
+
+    @property
+    def unavoidable_error(self) -> float:
+        """Root mean square error, in levels, of a drawing that has lost nothing: the noise of the picture, or its steps
+        where edges have no anti-aliasing.
+        """
+        return error_of_steps(self.levels) if self.condition.aliased else self.condition.noise
 
     @property
     def notes(self) -> list[str]:

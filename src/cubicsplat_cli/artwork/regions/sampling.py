@@ -61,6 +61,15 @@ def _steps_and_blends(levels: np.ndarray) -> tuple[int, int]:
     return int(steps.sum()), int(blends.sum())
 
 
+def error_of_steps(levels: np.ndarray) -> float:
+    """Return the root mean square error in levels, over white, that smooth edges have where those of an aliased picture
+    (H, W, 4) are: ONE_SAMPLE of the contrast in each pixel whose right or lower neighbour differs.
+    """
+    colours = levels[..., :3] + FULL - levels[..., 3:]
+    right, below = (np.diff(colours, axis=axis, append=np.take(colours, [-1], axis)) for axis in (1, 0))
+    return ONE_SAMPLE * float(np.sqrt(np.maximum(right**2, below**2).mean()))
+
+
 def samples_across(levels: np.ndarray, regions: Regions) -> int:
     """4 where the picture (H, W, 4) in levels was drawn with 4 x 4 samples a pixel, else 0."""
     labels, shares = regions.labels, []

@@ -14,9 +14,11 @@ struct CsGoal {
   const double* target;   // H x W x 4, premultiplied
   const double* taps;     // reach + 1: its weights along a row or column, from the middle on
   const uint8_t* opaque;  // H x W: where the background may not show, or null
+  const double* half;     // H x W: residuals beyond which a pixel is wrong, of a picture without anti-aliasing; or null
   double channels[4];     // weights
   double bound;           // of a pixel's residual, beyond which it counts linearly
   double leak_weight;     // of the squared share of the background that shows where it may not
+  double steep;           // weight of the square of a residual beyond `half`
 };
 
 struct CsPicture;  // a stack as it is drawn

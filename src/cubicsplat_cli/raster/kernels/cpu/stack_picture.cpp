@@ -219,6 +219,10 @@ void compare(const CsPicture& picture, int number, Tile& tile) {
       double rest[4];
       const double squares = residual(goal, colour, pixel, rest), bound = goal.bound;
       tile.misfit[place] = squares <= bound * bound ? squares : bound * (2.0 * std::sqrt(squares) - bound);
+      if (goal.half) {
+        const double beyond = std::clamp(std::sqrt(squares) - goal.half[pixel], 0.0, goal.half[pixel]);
+        tile.misfit[place] += goal.steep * beyond * beyond;
+      }
       const double shown = leak(goal, colour, pixel);
       tile.cost += tile.misfit[place] + goal.leak_weight * shown * shown;
     }
