@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, pieces_of_rings
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
-from cubicsplat_cli.artwork.regions.sampling import aliased
+from cubicsplat_cli.artwork.regions.sampling import aliased, error_of_steps
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.load import as_picture
@@ -190,6 +190,24 @@ def test_what_has_no_anti_aliasing_is_drawn_through_its_steps():
     assert analysed(in_steps(IN_STEPS, smooth=False)).notes == [
         "drawn through the steps of its edges, which have no anti-aliasing"
     ]
+
+
+@pytest.mark.parametrize("angle", [0.2, 0.5, 1.2, 2.0])
+def test_the_error_of_steps_is_that_of_a_smooth_edge_at_its_place(angle):
+    y, x = (np.mgrid[0 : 64 * 8, 0 : 64 * 8] + 0.5) / 8.0 - 32.0
+    inside = np.abs(np.cos(angle) * x + np.sin(angle) * y) < 18.3
+    share = inside.reshape(64, 8, 64, 8).mean(axis=(1, 3))
+    steps = np.dstack([np.where(share > 0.5, 255.0, 0.0)] * 3 + [np.full((64, 64), 255.0)])
+    error = 255.0 * np.sqrt(np.square(share - (share > 0.5)).mean())
+    assert error_of_steps(steps) == pytest.approx(error, rel=0.25)
+
+
+def test_level_and_upright_edges_have_no_steps():
+    steps = np.full((64, 64, 4), 255.0)
+    steps[10:50, 12:60, :3] = 0.0
+    some = steps.copy()
+    some[10, 12:30, :3] = 255.0
+    assert error_of_steps(steps) < 12.0 and error_of_steps(steps) < error_of_steps(some)
 
 
 def test_small_shapes_without_anti_aliasing_keep_their_corners():

@@ -14,6 +14,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import FULL, blend_of, largest
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import border_positions
 from cubicsplat_cli.raster.outlines import EdgePositions
 
@@ -29,6 +30,7 @@ SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
 # by which it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
 # as blends, and FEWEST steps at least, in rows and columns of LOOKED_AT px.
 EDGE, BETWEEN, MORE_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 262_144
+STRAIGHT = 4  # px: a smooth edge that runs level for longer, between steps of a pixel, is rare
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
 COVERS = np.array([np.zeros(4), np.full(4, FULL)])  # levels of nothing and of all, for shares as a picture
@@ -64,10 +66,16 @@ def _steps_and_blends(levels: np.ndarray) -> tuple[int, int]:
 def error_of_steps(levels: np.ndarray) -> float:
     """Return the root mean square error in levels, over white, that smooth edges have where those of an aliased picture
     (H, W, 4) are: ONE_SAMPLE of the contrast in each pixel whose right or lower neighbour differs.
+
+    None where an edge runs straight for STRAIGHT px to both sides: level and upright ones have no steps.
     """
-    colours = levels[..., :3] + FULL - levels[..., 3:]
-    right, below = (np.diff(colours, axis=axis, append=np.take(colours, [-1], axis)) for axis in (1, 0))
-    return ONE_SAMPLE * float(np.sqrt(np.maximum(right**2, below**2).mean()))
+    colours, squares = levels[..., :3] + FULL - levels[..., 3:], np.zeros((*levels.shape[:2], 3))
+    for axis in (0, 1):
+        off = np.diff(colours, axis=axis, append=np.take(colours, [-1], axis))
+        along = np.ones((1, 2 * STRAIGHT + 1) if axis == 0 else (2 * STRAIGHT + 1, 1), dtype=bool)
+        off[ndimage.binary_erosion(off.any(axis=2), along)] = 0.0
+        squares = np.maximum(squares, off**2)
+    return ONE_SAMPLE * float(np.sqrt(squares.mean()))
 
 
 def samples_across(levels: np.ndarray, regions: Regions) -> int:
