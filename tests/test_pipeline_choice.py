@@ -282,7 +282,7 @@ def test_a_drawing_through_the_steps_of_edges_without_anti_aliasing_has_lost_not
     task = task_for(np.repeat(np.where(shown, 0, 255).astype(np.uint8)[..., None], 3, axis=2))
     (made,) = candidates(task)
     assert made.style.name == "artwork" and made.facts["shapes"] <= 6
-    level = decibels((made.noise / 255.0) ** 2)
+    level = decibels((made.unavoidable_error / 255.0) ** 2)
     assert level - 1.0 < level_db(task, made.scene, made.samples) < level + 4.0
 
 

@@ -102,7 +102,7 @@ def drawn_outlines(
         damage: dict[str, Any] = {
             "blur": prepared.mean_scale
             * math.hypot(prepared.condition.blur, ENLARGED if prepared.upscale_factor > 1 else 0.0),
-            "noise": prepared.unavoidable_error,
+            "unavoidable_error": prepared.unavoidable_error,
             "may_be_photo": not prepared.scanned,
             "of_scan": prepared.scanned,
         }

@@ -274,8 +274,9 @@ def _failure(style: str, error: Exception) -> str:
 
 
 def _enough_db(drawing: Made) -> float:
-    """Return the level of a drawing that has lost nothing, or nothing but the noise of its picture."""
-    return min(ENOUGH_DB, decibels((drawing.noise / 255.0) ** 2) - MARGIN_DB) if drawing.noise else ENOUGH_DB
+    """Return the level of a drawing that has lost nothing, or nothing but noise or steps of its picture."""
+    error = drawing.unavoidable_error / 255.0
+    return min(ENOUGH_DB, decibels(error**2) - MARGIN_DB) if error else ENOUGH_DB
 
 
 def _level_db(task: Task, made: Made) -> float:

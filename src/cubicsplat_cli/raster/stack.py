@@ -91,8 +91,8 @@ class Goal:
         return _Goal(
             width, height, self.grid, self.reach, work().threads, _at(self.target, np.float64, self.target.shape),
             _at(self.taps, np.float64, self.taps.shape), None if self.reach else address_of(self.inside),
-            None if self.half is None else address_of(self.half), (c_double * 4)(*self.channels), self.bound,
-            self.leak_weight, self.steep,
+            None if self.half is None else _at(self.half, np.float64, (height, width)),
+            (c_double * 4)(*self.channels), self.bound, self.leak_weight, self.steep,
         )  # fmt: skip
 
 

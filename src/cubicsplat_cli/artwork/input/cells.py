@@ -136,7 +136,7 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
     if not 0.0 < noise <= 0.25 * step or (off[inner] > step).mean() > 0.004:
         return None
     # Where a logo lies on a code, more than noise differs within cells.
-    # Cells of 2 px have no pixel that is not beside a border.
+    # Cells of a px at the picture's border, and of 2 px, have no pixel that is not beside a border.
     uneven = np.sqrt(_cell_means(off**2, grid) / np.maximum(_cell_means(inner, grid), 1e-9))
     if (uneven > max(0.15 * step, 4.0 * float(np.quantile(uneven, 0.9)))).mean() > 0.01:
         return None
