@@ -185,8 +185,7 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
     """
     near = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1)
     rough = rough & near
-    everywhere = _everywhere(rough, near)
-    ripples = everywhere and _rippled(levels, rough, near, spans, quiet)
+    ripples = _rippled(levels, rough, near, spans, quiet) and _everywhere(rough, near)
     if not ripples and rough.sum() <= 0.02 * near.sum():
         return False
     luma, opaque, indexed = levels @ SEEN, bool((levels[..., 3] >= 255.0).all()), _indexed(levels)
@@ -200,7 +199,7 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
         return ripples and not indexed and even < MOST_EVEN_BLOCKS
     if ripples or (opaque and _blocky(coefficients, luma)):
         return True
-    return everywhere and not (noise or indexed) and _rings(levels, rough, near)
+    return not (noise or indexed) and _rings(levels, rough, near) and _everywhere(rough, near)
 
 
 def _everywhere(rough: np.ndarray, near: np.ndarray) -> bool:

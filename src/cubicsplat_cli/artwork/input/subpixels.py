@@ -161,8 +161,8 @@ def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
             towards /= np.maximum(np.abs(towards).max(axis=1, keepdims=True), 1e-9)
             same = np.abs(contrast[left] - towards).max(axis=1) <= ALIKE
             same[0] = True
-            best = left[same][np.argmax(peaks[left[same]])]
-            fill = grounds[best] + towards[left == best][0] * peaks[best]
+            best = int(np.argmax(np.where(same, peaks[left], -1.0)))
+            fill = grounds[left[best]] + towards[best] * peaks[left[best]]
         fills[left[same]] = np.clip(fill, 0.0, 255.0)
         left = left[~same]
     return fills

@@ -162,20 +162,13 @@ class Equations {
     const double* colour = picture_.tiles[from.tile]->seen->data() + 4 * from.place;
     Crossing c{piece, pixel % goal_.width, pixel / goal_.width, {}, 0.0, 0.0, 0.0, &trace.change[8 * n]};
     double rest[4];
-    c.trust = trust(residual(goal_, colour, pixel, rest), pixel);
+    c.trust = trust(goal_, pixel, residual(goal_, colour, pixel, rest));
     for (int k = 0; k < 4; k++) c.slope[k] = slope[k] * goal_.channels[k], c.pull += c.trust * rest[k] * c.slope[k];
     if (const double shown = leak(goal_, colour, pixel); shown > 0.0) {
       c.leak = std::sqrt(goal_.leak_weight) * slope[3];
       c.pull -= goal_.leak_weight * shown * slope[3];
     }
     crossings_.push_back(c);
-  }
-
-  // By how much less a pixel counts that is far off.
-  double trust(double squares, int64_t pixel) const {
-    const double off = std::sqrt(squares), within = squares <= goal_.bound * goal_.bound ? 1.0 : goal_.bound / off;
-    if (!goal_.half || off <= goal_.half[pixel] || off >= 2.0 * goal_.half[pixel]) return within;
-    return within + goal_.steep * (off - goal_.half[pixel]) / off;
   }
 
   // What pulls at a pixel of the sharp picture is what the blur carries from there, which stays on the canvas: beyond its
@@ -197,7 +190,7 @@ class Equations {
         const Address from = picture_.at(x, y);
         double* pull = &pulls[4 * (size_t(y - top) * width + x - left)];
         const double* colour = picture_.tiles[from.tile]->seen->data() + 4 * from.place;
-        const double part = trust(residual(goal_, colour, pixel, pull), pixel);
+        const double part = trust(goal_, pixel, residual(goal_, colour, pixel, pull));
         for (int k = 0; k < 4; k++) pull[k] *= part;
       }
     spread(pulls.data(), height, int64_t(width), width, 1, left, goal_.width);

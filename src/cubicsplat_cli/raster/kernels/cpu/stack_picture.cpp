@@ -217,12 +217,7 @@ void compare(const CsPicture& picture, int number, Tile& tile) {
       const int place = (y - top) * kTile + x - left;
       const double* colour = tile.seen->data() + 4 * place;
       double rest[4];
-      const double squares = residual(goal, colour, pixel, rest), bound = goal.bound;
-      tile.misfit[place] = squares <= bound * bound ? squares : bound * (2.0 * std::sqrt(squares) - bound);
-      if (goal.half) {
-        const double beyond = std::clamp(std::sqrt(squares) - goal.half[pixel], 0.0, goal.half[pixel]);
-        tile.misfit[place] += goal.steep * beyond * beyond;
-      }
+      tile.misfit[place] = misfit(goal, pixel, residual(goal, colour, pixel, rest));
       const double shown = leak(goal, colour, pixel);
       tile.cost += tile.misfit[place] + goal.leak_weight * shown * shown;
     }

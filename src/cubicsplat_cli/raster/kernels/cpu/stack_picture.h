@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -32,6 +33,24 @@ inline double residual(const CsGoal& goal, const double* colour, int64_t pixel, 
     squares += rest[k] * rest[k];
   }
   return squares;
+}
+
+// The misfit of a pixel by the square of its residual: linear beyond the bound, and steep where it is on the wrong side of
+// an edge without anti-aliasing.
+inline double misfit(const CsGoal& goal, int64_t pixel, double squares) {
+  const double within = squares <= goal.bound * goal.bound ? squares
+                                                           : goal.bound * (2.0 * std::sqrt(squares) - goal.bound);
+  if (!goal.half) return within;
+  const double beyond = std::clamp(std::sqrt(squares) - goal.half[pixel], 0.0, goal.half[pixel]);
+  return within + goal.steep * beyond * beyond;
+}
+
+// The derivative of the misfit by that square: how much a pixel counts in least squares.
+inline double trust(const CsGoal& goal, int64_t pixel, double squares) {
+  const double within = squares <= goal.bound * goal.bound ? 1.0 : goal.bound / std::sqrt(squares);
+  if (!goal.half) return within;
+  const double off = std::sqrt(squares), half = goal.half[pixel];
+  return half < off && off < 2.0 * half ? within + goal.steep * (off - half) / off : within;
 }
 
 // The share of the background that shows in a pixel where it may not.
