@@ -23,7 +23,7 @@ from cubicsplat_cli.artwork.strokes.centre_line import end_of
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate.rerender import rerender
 
-SIDE, FILL = 600, np.array([26.0, 43.0, 109.0])
+SIDE, FILL, WHITE = 600, np.array([26.0, 43.0, 109.0]), np.full(3, 255.0)
 
 
 def target_of(pixels: np.ndarray) -> np.ndarray:
@@ -41,8 +41,7 @@ def drawn(name: str, width: float, **how: float | None) -> np.ndarray:
 )
 def test_ink_blur_and_width_are_told_by_profiles(name, width, blur, texture, quality):
     found = scan_of(as_levels(drawn(name, width, blur=blur, texture=texture, quality=quality)))
-    assert found is not None
-    pens = pens_of(found.bare, found.grain)
+    pens = found and found.pens
     assert pens is not None and len(pens.inks) == 1
     assert pens.blur == pytest.approx(blur, abs=0.06)
     assert np.abs(pens.inks[0] - FILL).max() < 12.0
@@ -61,9 +60,8 @@ def paper_with(*lines: tuple[int, float, tuple[float, float, float]], blur: floa
 
 def test_inks_of_two_pens_are_told_apart_and_two_widths_of_one_are_not():
     pale, dark = (170.0, 200.0, 235.0), (30.0, 40.0, 60.0)
-    pens = pens_of(
-        paper_with((40.3, 1.6, pale), (80.2, 3.0, dark), (120, 1.6, pale), (160.4, 5.0, dark), blur=0.8), 2.0
-    )
+    paper = paper_with((40.3, 1.6, pale), (80.2, 3.0, dark), (120, 1.6, pale), (160.4, 5.0, dark), blur=0.8)
+    pens = pens_of(paper, WHITE, 2.0)
     assert pens is not None and pens.blur == pytest.approx(0.8, abs=0.05)
     assert len(pens.inks) == 2
     assert np.abs(np.sort(pens.inks, axis=0) - np.array([dark, pale])).max() < 10.0
@@ -75,15 +73,15 @@ def test_inks_of_two_pens_are_told_apart_and_two_widths_of_one_are_not():
 def test_areas_have_inks_of_their_own_and_more_of_them_than_lines_are_no_pens():
     paper = paper_with((60, 2.5, (30.0, 30.0, 30.0)))
     paper[150:190, 100:160] = (200.0, 40.0, 50.0)
-    pens = pens_of(paper, 2.0)
+    pens = pens_of(paper, WHITE, 2.0)
     assert pens is not None
     assert np.abs(pens.inks[pens.owners[pens.places[:, 1] > 140]] - (200.0, 40.0, 50.0)).max() <= 3.0
     paper[120:290, 20:380] = (200.0, 40.0, 50.0)
-    assert pens_of(paper, 2.0) is None
+    assert pens_of(paper, WHITE, 2.0) is None
 
 
 def test_nothing_drawn_has_no_pens():
-    assert pens_of(paper_with(), 2.0) is None
+    assert pens_of(paper_with(), WHITE, 2.0) is None
 
 
 def test_blurred_lines_become_as_wide_as_they_were():
@@ -92,7 +90,7 @@ def test_blurred_lines_become_as_wide_as_they_were():
     soft = ndimage.gaussian_filter(share, 1.2)[..., None]
     levels = np.concatenate([255.0 + soft * (FILL - 255.0), np.full((60, 200, 1), 255.0)], axis=2)
     places = np.stack([np.arange(200.0), 30.2 + 0.05 * np.arange(200.0)], axis=1)
-    pens = Pens(1.2, FILL[None], places, np.zeros(200, dtype=int), np.full(200, 2.5))
+    pens = Pens(1.2, WHITE, FILL[None], places, np.zeros(200, dtype=int), np.full(200, 2.5))
     sharp, inks = sharpened(levels.astype(np.float32), pens)
     assert inks == pytest.approx(np.array([[255.0, 255.0, 255.0, 255.0], [*FILL, 255.0]]))
     assert np.abs((255.0 - sharp[..., 0]) / (255.0 - FILL[0]) - share)[:, 10:-10].mean() < 0.02
@@ -108,7 +106,7 @@ def test_pens_of_scans_become_strokes_of_their_width_and_ink(name, width, blur, 
     picture = drawn(name, width, blur=blur, texture=texture, quality=quality)
     prepared = analysed(picture)
     assert prepared.pens is not None and prepared.condition.coarse
-    assert prepared.scanned and prepared.notes[0] == "drawn as ink on white paper under even light"
+    assert prepared.scanned and prepared.notes[0] == "drawn as ink on even paper, without its grain and shadows"
     ground, *shapes = draw(picture, ArtworkSettings(strokes=True), prepared).shapes
     assert ground.fill == (255, 255, 255, 255)
     pens = scaled_pens(ICONS[name], width * SIZE / SIDE)

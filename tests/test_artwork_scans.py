@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from conftest import rest_slow
-from scans import scaled_pens
+from scans import PAPER, scaled_pens
 from scans import scan_of as scan
 from scipy import ndimage
 from skimage import data
@@ -41,7 +43,49 @@ def test_a_scan_is_not_given_up_for_what_its_paper_lacks():
     # Uneven light alone is more than the 18 dB that any other drawing may be off.
     made = vectorize(scan(PENS, 320, light=0.5), mode="open", threads=1)
     assert made.report.style == "artwork" and made.report.quality.svg.psnr_db < 18.0
-    assert "drawn as ink on white paper under even light" in made.report.notes
+    assert "drawn as ink on even paper, without its grain and shadows" in made.report.notes
+
+
+def test_an_evenly_lit_scan_keeps_its_papers_colour_and_one_ink_for_all_lines():
+    pens = [*scaled_pens(ICONS["circle"], 3.0), *scaled_pens(ICONS["thin cross"], 1.4)]
+    picture = scan(pens, 320, light=0.0, texture=3.0)
+    made = vectorize(picture, threads=1)
+    assert "drawn as ink on even paper, without its grain and shadows" in made.report.notes
+    drawn = rerender(made.svg.encode(), 320, 320).pixels[..., :3].astype(float)
+    truth = rerender(svg_of(pens).encode(), 320, 320).pixels[..., :3] / 255.0 * PAPER
+    assert np.abs(drawn[0, 0] - PAPER).max() <= 1.0
+    assert np.sqrt(np.mean((drawn - truth) ** 2)) < 8.0 < np.sqrt(np.mean((picture - truth) ** 2))
+    assert len(set(re.findall('"(#[0-9a-f]{6})"', made.svg))) == 2
+
+
+def test_thin_lines_that_are_blurred_have_one_ink_without_any_grain():
+    picture = scan(
+        [*scaled_pens(ICONS["circle"], 3.0), *scaled_pens(ICONS["thin cross"], 1.4)], 320, light=0, texture=0
+    )
+    made = vectorize(picture, threads=1)
+    assert any(note.startswith("drawn through a blur of 1.") for note in made.report.notes)
+    assert len(set(re.findall('"(#[0-9a-f]{6})"', made.svg))) == 2 and made.svg.count("<path") <= 4
+
+
+def relief() -> np.ndarray:
+    """(256, 256) levels: hills of 10 to 50 px, lit from one side."""
+    generator = np.random.default_rng(7)
+    hills = sum(side**0.9 * ndimage.gaussian_filter(generator.normal(size=(256, 256)), side) for side in (6, 12, 24))
+    slope = np.diff(hills, axis=1, append=hills[:, -1:])
+    return 180.0 + 10.0 * slope / slope.std() - 15.0 * np.linspace(0.0, 1.0, 256)
+
+
+def test_shaded_relief_is_no_grain_and_coloured_roads_are_no_shadow():
+    hills, line = relief(), np.abs(np.mgrid[:256, :256][0] - 128) < 2
+    bar = np.where(line, 20.0, hills)[..., None].repeat(3, axis=2)
+    assert scan_of(as_levels(target_of(np.clip(np.rint(bar), 0, 255)))) is None
+    grain = ndimage.gaussian_filter(np.random.default_rng(8).normal(size=(256, 256)), 1.0)
+    rough = hills.mean() + np.linspace(-10.0, 10.0, 256) + 8.0 * grain / grain.std()
+    for roads in (False, True):
+        picture = np.where(line, 20.0, rough)[..., None].repeat(3, axis=2)
+        if roads:
+            picture[:, 60:64] += (45.0, -15.0, -80.0)
+        assert (scan_of(as_levels(target_of(np.clip(np.rint(picture), 0, 255)))) is None) == roads
 
 
 def gradient() -> np.ndarray:

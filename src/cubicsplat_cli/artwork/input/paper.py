@@ -10,32 +10,38 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, in_blocks
 from cubicsplat_cli.artwork.input.condition import OUTLIER
+from cubicsplat_cli.artwork.input.pens import Pens, pens_of, unexplained
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
 DEGREE = 4  # of the polynomial
 LEAST_GRAIN, MOST_GRAIN = 0.6, 14.0  # levels
+FAR = 24.0  # levels by which a pixel is clearly no paper
+LEAST_BLUR = 0.5  # px, standard deviation: lines on even paper that are sharper need no pens to be told
+MOST_UNEXPLAINED = 0.05  # of ink's pixels, off by FAR from what pens drew: noise and JPEGs leave up to half of that
 NORMAL = 1.4826  # standard deviation of normal errors over the median of their sizes
 
 
 @record
 class Scan:
-    """levels: (H, W, 4), the drawing on white paper under even light; bare: (H, W, 3), the same with the paper's grain
-    and with pixels lighter than the paper; grain: standard deviation in levels.
+    """levels: (H, W, 4), the drawing on even paper: white if its light is uneven, else of its own colour; grain:
+    standard deviation in levels, 0 if the paper has none; pens: those of its lines, if they are thin enough to tell.
     """
 
     levels: np.ndarray
-    bare: np.ndarray
     grain: float
+    pens: Pens | None
 
 
 def scan_of(levels: np.ndarray) -> Scan | None:
-    """Return the drawing on a scan's paper; None if a picture is no scan, or one under even light.
+    """Return the drawing on a scan's paper; None if a picture is no scan.
 
-    A scan has at least 96 px a side and 48 cells along the longer one. Its paper has fine grain, at least a quarter of
-    what differs from the light, is at least as light as the middle tone at its lightest, at least 0.3 of that at its
-    darkest, and varies by 6 levels or more. It covers 0.6 of the pixels; at most 0.004 of them are clearly lighter, and
-    at least 0.0005 are clearly darker: ink.
+    A scan has at least 96 px a side and 48 cells along the longer one. Its paper is at least as light as the middle
+    tone at its lightest, and at least 0.3 of that at its darkest. It covers 0.6 of the pixels; at most 0.004 of them
+    are clearly lighter, and at least 0.0005 are clearly darker: ink.
+    Outside of ink all of it has one tint. Under light that varies by 6 levels or more, it has grain, which is alike
+    over a px or two; means over 4 px, which show shading, differ by at most 1.5 times as much. Under even light it may
+    have none, but the ink is in lines that pens drew, which nearly all pixels confirm.
     """
     if min(levels.shape[:2]) < 96 or (levels[..., 3] < 255.0).any():
         return None
@@ -45,36 +51,61 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     # The lightest quarter of a cell is paper.
     light = _enlarged(_polynomial(np.quantile(_cells(luma, cell), 0.75, axis=-1)), luma.shape, cell)
     light, grain = _centred(luma, light)
-    if not LEAST_GRAIN <= grain <= MOST_GRAIN:
+    even = _is_even(light)
+    if grain > MOST_GRAIN or (grain < LEAST_GRAIN and not even) or (even and not _soft(light - luma)):
         return None
-    paper = np.abs(luma - light) <= OUTLIER * grain
-    if _fine_grain(luma, paper) < max(LEAST_GRAIN, 0.25 * grain):
-        return None
+    rest = max(grain, LEAST_GRAIN)  # levels, that of paper from its light
+    paper = np.abs(luma - light) <= OUTLIER * rest
     surface = np.stack([_surface(colours[..., k], paper, cell) for k in range(3)], axis=-1)
     light = surface @ LUMA
     off = luma - light
-    even = light.max() - light.min() < 6.0
-    if even or light.max() < 128.0 or light.min() < 0.3 * light.max():
+    fine, coarse = _grain(off, paper)
+    grainy = fine >= max(LEAST_GRAIN, coarse / 1.5)
+    if not (grainy or even):
         return None
-    far = max(24.0, 2.0 * OUTLIER * grain)
-    if (np.abs(off) <= OUTLIER * grain).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
+    if light.max() < 128.0 or light.min() < 0.3 * light.max():
         return None
-    bare = colours * (255.0 / np.maximum(surface, 1.0))
-    white = np.clip(bare, 0.0, 255.0)
-    grain *= 255.0 / float(np.median(light))
-    ink = _ink(white, grain)
-    if not ink.any():
+    far = max(FAR, 2.0 * OUTLIER * rest)
+    if (np.abs(off) <= OUTLIER * rest).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
         return None
+    even = _is_even(light)
+    colour = np.median(colours[paper], axis=0) if even else np.full(3, 255.0)
+    bare = colours * (colour / np.maximum(surface, 1.0))
+    drawn = np.clip(bare, 0.0, colour)
+    rest *= float(colour @ LUMA) / float(np.median(light))
+    ink = _ink((colour - drawn) @ LUMA, rest)
+    tint = bare - colour - ((bare - colour) @ LUMA)[..., None]
+    lost = (np.abs(tint) > FAR).any(axis=-1) & ~ink
+    if not ink.any() or lost.mean() > 0.004:
+        return None
+    pens = pens_of(bare, colour, rest)
     out = levels.copy()
-    out[..., :3] = np.where(ink[..., None], white, 255.0)
-    return Scan(out, bare, grain)
+    out[..., :3] = np.where(ink[..., None], drawn, colour)
+    if even and (pens is None or pens.blur < LEAST_BLUR or unexplained(out, pens, far) > MOST_UNEXPLAINED):
+        return None
+    return Scan(out, rest if grainy else 0.0, pens)
 
 
-def _ink(white: np.ndarray, grain: float) -> np.ndarray:
-    """Return (H, W) bool: ink on white paper (H, W, 3), and the pixels within 3 px of it. Faint specks are grain, and
-    parts that do not lose half of their depth within 7 px are shadows, since ink has edges even in a soft scan.
+def _is_even(light: np.ndarray) -> bool:
+    """True if light (H, W) varies by less than 6 levels."""
+    return bool(light.max() - light.min() < 6.0)
+
+
+def _soft(depth: np.ndarray) -> bool:
+    """True if the lines of a depth (H, W), in levels below the paper, may be blurred by LEAST_BLUR: no neighbours
+    differ by the depth of ink, as they do at sharp edges. Through such a blur they differ by 0.61 of it at most.
     """
-    depth = ndimage.gaussian_filter(255.0 - (white @ LUMA), 1.0)
+    dark = depth > FAR
+    steps = (np.abs(np.diff(depth, axis=k, prepend=depth.take([0], axis=k))) for k in (0, 1))
+    return bool(dark.any() and np.quantile(np.maximum(*steps)[dark], 0.99) < 0.7 * np.quantile(depth[dark], 0.99))
+
+
+def _ink(depth: np.ndarray, grain: float) -> np.ndarray:
+    """Return (H, W) bool: ink, of a depth (H, W) in levels below the paper, and the pixels within 3 px of it. Faint
+    specks are grain, and parts that do not lose half of their depth within 7 px are shadows, since ink has edges even
+    in a soft scan.
+    """
+    depth = ndimage.gaussian_filter(depth, 1.0)
     parts, count = ndimage.label(depth > OUTLIER * grain, ndimage.SQUARE)
     deepest = ndimage.maximum(depth, parts, np.arange(count + 1))
     steps = ndimage.maximum_filter(depth, 7) - ndimage.minimum_filter(depth, 7)
@@ -128,14 +159,17 @@ def _centred(luma: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, float]:
     return light + middle, float(np.sqrt(np.mean(above[above <= np.quantile(above, 0.99)] ** 2)))
 
 
-def _fine_grain(luma: np.ndarray, paper: np.ndarray) -> float:
-    """Return the standard deviation in levels of the paper (H, W) bool from its mean nearby, a Gaussian of 4 px. A
-    gradient has hardly any, even if a polynomial leaves as much of it as paper has grain.
+def _grain(off: np.ndarray, paper: np.ndarray) -> tuple[float, float]:
+    """Return the standard deviations in levels of the paper (H, W) bool: from its means nearby, by a Gaussian of 4 px,
+    and of these. off: (H, W) levels from the light.
     """
     paper = ndimage.binary_erosion(paper, iterations=2)
+    if not paper.any():
+        return 0.0, 0.0
     weight = ndimage.gaussian_filter(paper.astype(np.float32), 4.0)
-    off = luma - ndimage.gaussian_filter(np.where(paper, luma, 0.0), 4.0) / np.maximum(weight, 1e-6)
-    return NORMAL * float(np.median(np.abs(off[paper]))) if paper.any() else 0.0
+    means = ndimage.gaussian_filter(np.where(paper, off, 0.0), 4.0) / np.maximum(weight, 1e-6)
+    fine, coarse = (NORMAL * float(np.median(np.abs(part[paper]))) for part in (off - means, means))
+    return fine, coarse
 
 
 def _surface(channel: np.ndarray, paper: np.ndarray, cell: int) -> np.ndarray:

@@ -11,6 +11,8 @@ a pen covered before it was blurred.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA
@@ -95,36 +97,40 @@ def _sampled(values: np.ndarray, places: np.ndarray, directions: np.ndarray, off
 
 @record
 class Pens:
-    """blur: standard deviation in px. inks: (k, 3) levels on white paper. places: (n, 2) px, on the middle of lines and
-    in areas; owners: (n,) their inks; widths: (n,) px.
+    """blur: standard deviation in px. paper: (3,) and inks: (k, 3), levels. places: (n, 2) px, on the middle of lines
+    and in areas; owners: (n,) their inks; widths: (n,) px.
     """
 
     blur: float
+    paper: np.ndarray
     inks: np.ndarray
     places: np.ndarray
     owners: np.ndarray
     widths: np.ndarray
 
 
-def pens_of(bare: np.ndarray, grain: float) -> Pens | None:
+def pens_of(bare: np.ndarray, paper: np.ndarray, grain: float) -> Pens | None:
     """Return the pens that drew on paper; None if too few lines are thin enough to tell.
 
-    bare: (H, W, 3) levels, in which paper is 255 but for its grain; grain: the standard deviation of that, in levels.
+    bare: (H, W, 3) levels under even light; paper: (3,) those of its paper, but for the grain; grain: the standard
+    deviation of that, in levels.
     """
     if min(bare.shape[:2]) < 2 * REACH:
         return None
-    lines = profiles_of(255.0 - bare, OUTLIER * grain)
+    lines = profiles_of(paper - bare, OUTLIER * grain)
     kinds = _kinds(lines)
     own = kinds >= 0
     if not own.any():
         return None
     tints = np.array([np.median(lines.tints[kinds == k], axis=0) for k in range(kinds.max() + 1)])
-    blur, depths, errors = _fitted(lines, kinds, tints, grain)
+    black = 1.0 / (tints / paper).max(axis=1)
+    blur, depths, errors = _fitted(lines, kinds, black, grain)
     masses = np.array([np.median(lines.masses[kinds == k]) for k in range(len(tints))])
-    owners, inks = _inks(tints, depths, errors, masses, blur)
+    owners, first = _inks(tints, depths, errors, masses, blur)
+    inks = np.rint(np.clip(paper - depths[first][:, None] * tints[first], 0.0, 255.0))
     owner = owners[kinds[own]]
-    widths = lines.masses[own] / ((255.0 - inks) @ LUMA)[owner]
-    pens = Pens(blur, inks, lines.places[own], owner, widths)
+    widths = lines.masses[own] / ((paper - inks) @ LUMA)[owner]
+    pens = Pens(blur, paper, inks, lines.places[own], owner, widths)
     return _with_areas(pens, bare, OUTLIER * grain)
 
 
@@ -134,7 +140,7 @@ def _with_areas(pens: Pens, bare: np.ndarray, least: float) -> Pens | None:
 
     least: levels by which ink is darker than paper.
     """
-    dark = ndimage.gaussian_filter((255.0 - bare) @ LUMA, 1.0) > 2.0 * least
+    dark = ndimage.gaussian_filter((pens.paper - bare) @ LUMA, 1.0) > 2.0 * least
     wide = 3.0 * (float(np.quantile(pens.widths, 0.95)) + pens.blur) + 2.0
     deep = ndimage.distance_transform_edt(dark) > 0.5 * wide
     parts, count = ndimage.label(deep)
@@ -150,12 +156,12 @@ def _with_areas(pens: Pens, bare: np.ndarray, least: float) -> Pens | None:
         if owners[k] == len(inks):
             inks.append(ink)
     y, x = np.nonzero(deep)
-    return Pens(
-        pens.blur,
-        np.array(inks),
-        np.concatenate([pens.places, np.stack([x, y], axis=1)]),
-        np.concatenate([pens.owners, owners[parts[y, x]]]),
-        np.concatenate([pens.widths, np.full(len(y), wide)]),
+    return replace(
+        pens,
+        inks=np.array(inks),
+        places=np.concatenate([pens.places, np.stack([x, y], axis=1)]),
+        owners=np.concatenate([pens.owners, owners[parts[y, x]]]),
+        widths=np.concatenate([pens.widths, np.full(len(y), wide)]),
     )
 
 
@@ -180,9 +186,10 @@ def _kinds(lines: Profiles) -> np.ndarray:
 
 
 def _fitted(
-    lines: Profiles, kinds: np.ndarray, tints: np.ndarray, grain: float
+    lines: Profiles, kinds: np.ndarray, black: np.ndarray, grain: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the blur, px, and for each kind of line the depth of its ink, in levels of luma, and its standard error.
+    black: the depth of the darkest ink of its tint, in levels.
 
     Mean profiles are off by 0.3 levels whatever their number, and the grain is alike over 6 places of a line. Besides,
     the darkest channel of an ink is usually at 0.85 +- 0.15 of the depth of black, and lines are rarely thinner than
@@ -192,10 +199,9 @@ def _fitted(
     from scipy.optimize import least_squares
     from scipy.special import erf
 
-    count = len(tints)
+    count = len(black)
     means = np.array([lines.depths[kinds == k].mean(axis=0) for k in range(count)])
     errors = np.array([np.hypot(grain * (6.0 / (kinds == k).sum()) ** 0.5, 0.3) for k in range(count)])
-    black = 255.0 / tints.max(axis=1)
 
     def off(x: np.ndarray) -> np.ndarray:
         depths, widths, grounds = x[1:].reshape(3, count)
@@ -216,10 +222,10 @@ def _fitted(
 
 def _inks(
     tints: np.ndarray, depths: np.ndarray, errors: np.ndarray, masses: np.ndarray, blur: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (kinds,) the ink of each kind, and (k, 3) the inks in levels. Kinds of one tint share an ink if their
-    depths differ by at most 2.5 standard errors, or a quarter; or by a factor of 2, if the line that seems darker is
-    thinner than 1.5 standard deviations of its blur, which hides its depth.
+) -> tuple[np.ndarray, list[int]]:
+    """Return (kinds,) the ink of each kind, and for each ink the kind that tells it best. Kinds of one tint share an
+    ink if their depths differ by at most 2.5 standard errors, or a quarter; or by a factor of 2, if the line that seems
+    darker is thinner than 1.5 standard deviations of its blur, which hides its depth.
     """
     owners, first = np.full(len(depths), -1), list[int]()
     for kind in np.argsort(errors / depths, kind="stable").tolist():
@@ -234,28 +240,36 @@ def _inks(
         else:
             owners[kind] = len(first)
             first.append(kind)
-    inks = 255.0 - depths[first][:, None] * tints[first]
-    return owners, np.rint(np.clip(inks, 0.0, 255.0))
+    return owners, first
 
 
 def sharpened(levels: np.ndarray, pens: Pens) -> tuple[np.ndarray, np.ndarray]:
-    """Return the drawing on white paper as sharp and even as its pens drew it, (H, W, 4) float32 in levels: white,
-    inks, and blends of white and one ink; and the fills (k, 4), white first. levels: (H, W, 4) the drawing, white
-    elsewhere.
+    """Return the drawing as sharp and even as its pens drew it, (H, W, 4) float32 in levels: paper, inks, and blends of
+    paper and one ink; and the fills (k, 4), the paper's first. levels: (H, W, 4) the drawing, paper elsewhere.
     """
-    drawn = np.any(levels[..., :3] < 255.0, axis=-1)
+    drawn = np.any(levels[..., :3] < pens.paper, axis=-1)
     owner = _owners(drawn, pens)
     # A pale ink shows in those channels that it darkens.
-    depths = 255.0 - pens.inks
+    depths = pens.paper - pens.inks
     weights = depths * LUMA
-    weights /= (weights * depths).sum(axis=1, keepdims=True)
-    share = ((255.0 - levels[..., :3]) * weights[owner]).sum(axis=-1, dtype=np.float32)
+    weights /= np.maximum((weights * depths).sum(axis=1, keepdims=True), 1e-6)
+    share = ((pens.paper - levels[..., :3]) * weights[owner]).sum(axis=-1, dtype=np.float32)
     share = _unblurred(share, pens.blur)
     share = np.where(share < SNAP, 0.0, np.where(share > 1.0 - SNAP, 1.0, share))[..., None]
     out = np.full(levels.shape, 255.0, dtype=np.float32)
-    out[..., :3] += share * (pens.inks[owner] - 255.0)
+    out[..., :3] = pens.paper + share * (pens.inks[owner] - pens.paper)
     opaque = np.full((len(pens.inks) + 1, 1), 255.0)
-    return out, np.hstack([np.vstack([np.full((1, 3), 255.0), pens.inks]), opaque])
+    return out, np.hstack([np.vstack([pens.paper, pens.inks]), opaque])
+
+
+def unexplained(levels: np.ndarray, pens: Pens, far: float) -> float:
+    """Return the share of the pixels of ink, off the paper by `far` levels or more, that differ by as much from what
+    the pens drew, blurred as they are. levels: (H, W, 4) the drawing, paper elsewhere.
+    """
+    sharp, _ = sharpened(levels, pens)
+    off = [levels[..., k] - ndimage.gaussian_filter(sharp[..., k], pens.blur, truncate=3.0) for k in range(3)]
+    ink = (np.abs(levels[..., :3] - pens.paper) >= far).any(axis=-1).sum()
+    return float((np.abs(off) >= far).any(axis=0).sum()) / max(1, int(ink))
 
 
 def _owners(drawn: np.ndarray, pens: Pens) -> np.ndarray:

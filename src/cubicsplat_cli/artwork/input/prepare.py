@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import scan_of
-from cubicsplat_cli.artwork.input.pens import Pens, pens_of
+from cubicsplat_cli.artwork.input.pens import Pens
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.input.sharpening import without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
@@ -39,7 +39,7 @@ class PreparedInput:
     levels: (H, W, 4) float32 premultiplied RGBA in 0..255, the picture to draw, in a condition. scale: the factors
     across and down by which its drawing is enlarged to the canvas of (width, height) px. upscale_factor: the mean
     factor by which the picture had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made
-    white and evenly lit; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated
+    even; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated
     from these. lifted: levels without their soft shadow, if the condition was estimated from these; with_shadow: the
     condition estimated with it. compression: that of the levels' file, if it has any loss. shaded: the sides of the
     shadows that levels lack. edge_notes: notes on how edges had been blended.
@@ -78,8 +78,8 @@ class PreparedInput:
         times = self.upscale_factor
         notes = [f"drawn as it was before it was made {times:.3g} times as large"] if times > 1 else []
         notes += self.edge_notes
-        if self.scanned:
-            notes.append("drawn as ink on white paper under even light")
+        if self.scanned and self.condition.coarse:
+            notes.append("drawn as ink on even paper, without its grain and shadows")
         if self.condition.aliased:
             notes.append("drawn through the steps of its edges, which have no anti-aliasing")
         if not self.condition.clean:
@@ -130,10 +130,11 @@ def _prepared(
     picture, of (width, height) px, was reduced to these; lossy: True if their file was compressed with loss.
     """
     if scan := scan_of(levels):
-        pens = pens_of(scan.bare, scan.grain)
-        blur = condition.blur if pens is None else pens.blur
-        condition = replace(condition, noise=scan.grain, coarse=True, blur=blur)
-        return PreparedInput(scan.levels, condition, (factor, factor), 1.0, width, height, scanned=True, pens=pens)
+        blur = scan.pens.blur if scan.pens else condition.blur
+        condition = replace(condition, blur=blur)
+        if scan.grain:
+            condition = replace(condition, noise=scan.grain, coarse=True)
+        return PreparedInput(scan.levels, condition, (factor, factor), 1.0, width, height, scanned=True, pens=scan.pens)
     across, down = 1.0, 1.0
     if not condition.noise or condition.jpeg:  # kernels of enlarging ring as JPEGs do
         levels, (across, down) = before_enlargement(levels)
