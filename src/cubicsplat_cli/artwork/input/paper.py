@@ -6,6 +6,8 @@ cells, in which cells full of ink do not count. Then the smoothed means of the p
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, in_blocks
@@ -41,18 +43,36 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     are clearly lighter, and at least 0.0005 are clearly darker: ink.
     Outside of ink all of it has one tint. Under light that varies by 6 levels or more, it has grain, which is alike
     over a px or two; means over 4 px, which show shading, differ by at most 1.5 times as much. Under even light it may
-    have none, but the ink is in lines that pens drew, which nearly all pixels confirm.
+    have none, but the ink is in lines that pens drew, which nearly all pixels confirm. Such paper may be dark, too, and
+    its ink light.
     """
     if min(levels.shape[:2]) < 96 or (levels[..., 3] < 255.0).any():
         return None
+    scan = _on_light_paper(levels, may_be_uneven=True)
+    if scan is not None or np.median(levels[..., :3] @ LUMA) >= 128.0:
+        return scan
+    scan = _on_light_paper(_negative(levels), may_be_uneven=False)
+    if scan is None or scan.pens is None:
+        return None
+    pens = replace(scan.pens, paper=255.0 - scan.pens.paper, inks=255.0 - scan.pens.inks)
+    return Scan(_negative(scan.levels), scan.grain, pens)
+
+
+def _negative(levels: np.ndarray) -> np.ndarray:
+    """Return an opaque picture (H, W, 4) with its colours turned to the opposite ones."""
+    return np.where([True, True, True, False], 255.0 - levels, levels)
+
+
+def _on_light_paper(levels: np.ndarray, *, may_be_uneven: bool) -> Scan | None:
+    """Return the drawing on light paper, as `scan_of` does; None if there is none."""
     colours = levels[..., :3]
     luma = colours @ LUMA
     cell = max(4, round(max(luma.shape) / 48))
     # The lightest quarter of a cell is paper.
     light = _enlarged(_polynomial(np.quantile(_cells(luma, cell), 0.75, axis=-1)), luma.shape, cell)
     light, grain = _centred(luma, light)
-    even = _is_even(light)
-    if grain > MOST_GRAIN or (grain < LEAST_GRAIN and not even) or (even and not _soft(light - luma)):
+    possible = _soft(light - luma) if _is_even(light) else may_be_uneven and grain >= LEAST_GRAIN
+    if not possible or grain > MOST_GRAIN:
         return None
     rest = max(grain, LEAST_GRAIN)  # levels, that of paper from its light
     paper = np.abs(luma - light) <= OUTLIER * rest
@@ -61,14 +81,14 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     off = luma - light
     fine, coarse = _grain(off, paper)
     grainy = fine >= max(LEAST_GRAIN, coarse / 1.5)
-    if not (grainy or even):
+    even = _is_even(light)
+    if not (even or (grainy and may_be_uneven)):
         return None
     if light.max() < 128.0 or light.min() < 0.3 * light.max():
         return None
     far = max(FAR, 2.0 * OUTLIER * rest)
     if (np.abs(off) <= OUTLIER * rest).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
         return None
-    even = _is_even(light)
     colour = np.median(colours[paper], axis=0) if even else np.full(3, 255.0)
     bare = colours * (colour / np.maximum(surface, 1.0))
     drawn = np.clip(bare, 0.0, colour)

@@ -247,7 +247,7 @@ def sharpened(levels: np.ndarray, pens: Pens) -> tuple[np.ndarray, np.ndarray]:
     """Return the drawing as sharp and even as its pens drew it, (H, W, 4) float32 in levels: paper, inks, and blends of
     paper and one ink; and the fills (k, 4), the paper's first. levels: (H, W, 4) the drawing, paper elsewhere.
     """
-    drawn = np.any(levels[..., :3] < pens.paper, axis=-1)
+    drawn = np.any(levels[..., :3] != pens.paper, axis=-1)
     owner = _owners(drawn, pens)
     # A pale ink shows in those channels that it darkens.
     depths = pens.paper - pens.inks
