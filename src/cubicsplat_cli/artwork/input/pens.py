@@ -123,7 +123,7 @@ def pens_of(bare: np.ndarray, paper: np.ndarray, grain: float) -> Pens | None:
     if not own.any():
         return None
     tints = np.array([np.median(lines.tints[kinds == k], axis=0) for k in range(kinds.max() + 1)])
-    black = 1.0 / (tints / paper).max(axis=1)
+    black = 1.0 / (tints / np.maximum(paper, 1.0)).max(axis=1)
     blur, depths, errors = _fitted(lines, kinds, black, grain)
     masses = np.array([np.median(lines.masses[kinds == k]) for k in range(len(tints))])
     owners, first = _inks(tints, depths, errors, masses, blur)
