@@ -109,6 +109,18 @@ def test_what_is_linked_and_what_is_enclosed(mask, structure, data):
     same(ours.binary_fill_holes(mask), theirs.binary_fill_holes(mask))
 
 
+@given(MASKS, st.integers(1, 4), st.data())
+def test_a_shape_reaches_its_surroundings_and_what_they_enclose_of_what_is_above(mask, steps, data):
+    above, hull = (data.draw(arrays.arrays(bool, mask.shape)) for _ in range(2))
+    shown = mask & (np.cumsum(mask).reshape(mask.shape) % 5 == 0)
+    for within in (hull, None):
+        known = shown | above & (theirs.binary_dilation(shown, iterations=steps) | (hull & (within is not None)))
+        parts, count = theirs.label(np.pad(~known, 1, constant_values=True))
+        beyond = np.pad(~above, 1, constant_values=True)
+        holes = [k for k in range(1, count + 1) if not beyond[parts == k].any()]
+        same(ours.reached(shown, above, within, steps), known | np.isin(parts[1:-1, 1:-1], holes))
+
+
 @given(MASKS)
 def test_distances(mask):
     mask[data_pixel(mask)] = False

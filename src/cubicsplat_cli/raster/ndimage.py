@@ -147,15 +147,17 @@ def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
 def holes_of(mask: np.ndarray) -> np.ndarray:
     """Return (H, W) bool: the pixels that a mask encloses and that are not in it, connected along the sides of pixels.
     None of scipy's."""
-    return _native("cs_holes", bools(mask), *mask.shape, Out(mask.shape, bool))
+    return _enclosed(~bools(mask))
 
 
 def reached(shown: np.ndarray, above: np.ndarray, hull: np.ndarray | None, steps: int) -> np.ndarray:
     """Return (H, W) bool: the mask `shown`; the pixels of `above` within so many steps along rows and columns of it, or
     in `hull`, None for none; and the holes in all this that lie wholly in `above`. None of scipy's.
     """
-    masks = [None if mask is None else bools(mask) for mask in (shown, above, hull)]
-    return _native("cs_reach", *shown.shape, *masks, steps, Out(shown.shape, bool))
+    shown, above = bools(shown), bools(above)
+    near = binary_dilation(shown, iterations=steps)
+    out = shown | above & (near if hull is None else near | bools(hull))
+    return out | _enclosed(~out, ~above)
 
 
 def distance_transform_edt(pixels: np.ndarray) -> np.ndarray:
@@ -210,6 +212,16 @@ def _filtered(operation: int, values: np.ndarray, windows: Iterable[_Window], mo
             given = operation, kinds[out.dtype], _MODES.index(mode), *shape, size // 2, (size - 1) // 2
             _native("cs_filter_lines", *given, None if weights is None else doubles(weights), out)
     return out
+
+
+def _enclosed(pixels: np.ndarray, outside: np.ndarray | None = None) -> np.ndarray:
+    """Return (H, W) bool: the parts of a mask that reach neither the border nor the pixels `outside`, None for none."""
+    parts, count = label(pixels)
+    opened = np.zeros(count + 1, dtype=bool)
+    opened[0] = True
+    for seen in (parts[:1], parts[-1:], parts[:, :1], parts[:, -1:], parts[:0] if outside is None else parts[outside]):
+        opened[seen] = True
+    return ~opened[parts]
 
 
 def _mask(pixels: np.ndarray) -> np.ndarray:

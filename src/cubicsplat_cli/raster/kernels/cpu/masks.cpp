@@ -137,42 +137,6 @@ using namespace cs;
 
 extern "C" {
 
-// What a shape may reach: out (height x width), what shows of it, what of `above` lies within so many steps along rows and
-// columns of that, and in its hull (null: none), and what all this encloses of `above` alone. 1 where there is no memory.
-CS_EXPORT int32_t cs_reach(int64_t height, int64_t width, const uint8_t* shown, const uint8_t* above,
-                           const uint8_t* hull, int64_t steps, uint8_t* out) {
-  using namespace cs;
-  try {
-    const int64_t count = height * width;
-    constexpr int64_t kFar = int64_t(1) << 30;
-    std::vector<int64_t> apart(count);
-    const auto pass = [&](int64_t n, int64_t x, int64_t y, int64_t way) {
-      apart[n] = shown[n] ? 0 : way > 0 ? kFar : apart[n];
-      if (way > 0 ? x > 0 : x + 1 < width) apart[n] = std::min(apart[n], apart[n - way] + 1);
-      if (way > 0 ? y > 0 : y + 1 < height) apart[n] = std::min(apart[n], apart[n - way * width] + 1);
-    };
-    for (int64_t n = 0; n < count; n++) pass(n, n % width, n / width, 1);
-    for (int64_t n = count; n-- > 0;) pass(n, n % width, n / width, -1);
-    for (int64_t n = 0; n < count; n++)
-      out[n] = shown[n] || (above[n] && (apart[n] <= steps || (hull != nullptr && hull[n])));
-    std::vector<uint8_t> free(count);
-    for (int64_t n = 0; n < count; n++) free[n] = !out[n];
-    Groups groups;
-    const std::vector<Run> runs = runs_of(height, width, free.data(), 0, groups);
-    std::vector<int32_t> number;
-    std::vector<uint8_t> open(groups.numbered(number), 0);  // groups that reach the border, or what is not above
-    for (const Run& run : runs) {
-      bool is_open = run.row == 0 || run.row + 1 == height || run.start == 0 || run.stop == width;
-      for (int64_t x = run.start; x < run.stop && !is_open; x++) is_open = !above[run.row * width + x];
-      if (is_open) open[number[run.part]] = 1;
-    }
-    for (const Run& run : runs)
-      if (!open[number[run.part]]) std::fill(out + run.row * width + run.start, out + run.row * width + run.stop, 1);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
-}
 // Numbers the parts of a mask from 1 on, in the order of their first pixels. Returns how many, or -1 without memory.
 CS_EXPORT int64_t cs_label(int64_t height, int64_t width, const uint8_t* mask, int64_t diagonally, int32_t* out) try {
   Groups groups;

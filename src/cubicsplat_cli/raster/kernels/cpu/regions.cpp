@@ -1,4 +1,4 @@
-// The regions of a picture: connected pixels of one fill colour, what they touch, and what they enclose.
+// The regions of a picture: connected pixels of one fill colour.
 #include <algorithm>
 #include <cstdint>
 #include <exception>
@@ -39,31 +39,5 @@ CS_EXPORT int64_t cs_components(const int32_t* values, int64_t height, int64_t w
   } catch (const std::exception&) {
     return -1;
   }
-}
-
-// What a mask (height x width) encloses without being it, connected along the sides of pixels. Returns 1 where there is no
-// memory.
-CS_EXPORT int32_t cs_holes(const uint8_t* mask, int64_t height, int64_t width, uint8_t* holes) {
-  if (!height || !width) return 0;
-  try {
-    for (int64_t i = 0; i < height * width; i++) holes[i] = !mask[i];
-    std::vector<int64_t> left;
-    const auto reach = [&](int64_t i) {
-      if (holes[i]) holes[i] = 0, left.push_back(i);
-    };
-    for (int64_t x = 0; x < width; x++) reach(x), reach((height - 1) * width + x);
-    for (int64_t y = 0; y < height; y++) reach(y * width), reach(y * width + width - 1);
-    while (!left.empty()) {
-      const int64_t i = left.back(), x = i % width;
-      left.pop_back();
-      if (i >= width) reach(i - width);
-      if (i + width < height * width) reach(i + width);
-      if (x > 0) reach(i - 1);
-      if (x + 1 < width) reach(i + 1);
-    }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
 }
 }
