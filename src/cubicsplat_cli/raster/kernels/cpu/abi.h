@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <exception>
 
 #if defined(_WIN32)
 #define CS_EXPORT extern "C" __declspec(dllexport)
@@ -11,7 +12,28 @@
 
 namespace cs {
 struct Blunting;
+
+// Runs the body of an exported function: 1 where it throws, for lack of memory, else 0.
+template <class Body>
+int32_t failed(const Body& body) {
+  try {
+    body();
+    return 0;
+  } catch (const std::exception&) {
+    return 1;
+  }
 }
+
+// The same of a body with a result: returns that, or -1 where it throws.
+template <class Body>
+auto counted(const Body& body) -> decltype(body()) {
+  try {
+    return body();
+  } catch (const std::exception&) {
+    return -1;
+  }
+}
+}  // namespace cs
 
 extern "C" {
 

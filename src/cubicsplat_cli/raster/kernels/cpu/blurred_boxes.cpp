@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <utility>
 #include <vector>
 
@@ -191,7 +190,7 @@ CS_EXPORT void cs_shadow_box(const double* box, const double* numbers, double* o
 // What the layers (6 each) of a box let through at rows y (h) and columns x (w), (h x w). Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_shadow_window(const double* box, int64_t layers, const double* numbers, int64_t h, const double* y,
                                    int64_t w, const double* x, double* light) {
-  try {
+  return cs::failed([&] {
     std::fill(light, light + h * w, 1.0);
     const std::vector<double> ys(y, y + h), xs(x, x + w);
     cs::shadow::Corners corners;
@@ -205,10 +204,7 @@ CS_EXPORT int32_t cs_shadow_window(const double* box, int64_t layers, const doub
         for (int64_t j = 0; j < w; j++)
           light[i * w + j] *= 1.0 - layer.alpha * cs::shadow::coverage(rows, i, columns, j);
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // The same of some boxes (6 each) that have the same layers, at the middles of n pixels. open: (boxes x n). light (n): what
@@ -216,16 +212,13 @@ CS_EXPORT int32_t cs_shadow_window(const double* box, int64_t layers, const doub
 CS_EXPORT int32_t cs_shadow_light(int64_t boxes, const double* sides, int64_t n, const int64_t* rows,
                                   const int64_t* columns, const uint8_t* open, int64_t layers, const double* numbers,
                                   double* light) {
-  try {
+  return cs::failed([&] {
     cs::shadow::Shaded shaded(boxes, sides, n, rows, columns, open);
     for (int k = 0; k < layers; k++) {
       const std::vector<double> own = shaded.light(cs::shadow::Layer(numbers + cs::shadow::kNumbers * k));
       for (int64_t i = 0; i < n; i++) light[i] *= own[i];
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // Brings the numbers of layers (6 each) as near to what is seen (n), of which others let so much through (n), as they come,
@@ -233,7 +226,7 @@ CS_EXPORT int32_t cs_shadow_light(int64_t boxes, const double* sides, int64_t n,
 CS_EXPORT double cs_fit_shadows(int64_t boxes, const double* sides, int64_t n, const int64_t* rows,
                                 const int64_t* columns, const uint8_t* open, const double* seen, const double* through,
                                 double scale, int64_t layers, double* numbers) {
-  try {
+  return cs::counted([&] {
     cs::shadow::Shaded shaded(boxes, sides, n, rows, columns, open);
     cs::shadow::Fit fit(shaded, seen, through, scale, {numbers, numbers + cs::shadow::kNumbers * layers});
     const double loss = cs::minimise(fit, fit.begin(), cs::shadow::kRounds, cs::shadow::kEnough);
@@ -241,8 +234,6 @@ CS_EXPORT double cs_fit_shadows(int64_t boxes, const double* sides, int64_t n, c
       numbers[k] = k % cs::shadow::kNumbers == 4 ? std::log(cs::shadow::Layer(&fit.numbers()[k - 4]).sigma)
                                                  : fit.numbers()[k];
     return loss / double(std::max(n, int64_t(1)));
-  } catch (const std::exception&) {
-    return -1.0;
-  }
+  });
 }
 }

@@ -2,7 +2,6 @@
 // raster/borders.py says what each function means.
 #include <algorithm>
 #include <cstdint>
-#include <exception>
 #include <numeric>
 #include <vector>
 
@@ -104,25 +103,18 @@ extern "C" {
 CS_EXPORT int64_t cs_touching(const int32_t* labels, int64_t height, int64_t width, int64_t count, int64_t room,
                               int64_t* pairs) {
   using namespace cs;
-  try {
+  return counted([&] {
     const std::vector<Pair> found = touching({labels, height, width}, count);
     for (size_t k = 0; k < found.size() && int64_t(k) < room; k++)
       pairs[3 * k] = found[k].first, pairs[3 * k + 1] = found[k].second, pairs[3 * k + 2] = found[k].cracks;
     return int64_t(found.size());
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 
 // around: of each label, by the two of every pair as of cs_touching. 1 where there is no memory, else 0.
 CS_EXPORT int32_t cs_enclosing(const int32_t* labels, int64_t height, int64_t width, int64_t count, int64_t pairs,
                                const int64_t* first, const int64_t* second, int32_t* around) {
-  try {
-    cs::enclose({labels, height, width}, count, pairs, first, second, around);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  return cs::failed([&] { cs::enclose({labels, height, width}, count, pairs, first, second, around); });
 }
 
 // cracks: x 3, x, y and direction; beside: of each; ends, owners: of the loops. There is room for all. Returns the number
@@ -130,7 +122,7 @@ CS_EXPORT int32_t cs_enclosing(const int32_t* labels, int64_t height, int64_t wi
 CS_EXPORT int64_t cs_loops(const int32_t* labels, int64_t height, int64_t width, int64_t* cracks, int64_t* beside,
                            int64_t* ends, int64_t* owners) {
   using namespace cs;
-  try {
+  return counted([&] {
     const Labels map{labels, height, width};
     struct Loop {
       int64_t owner, twice, first, end;
@@ -157,8 +149,6 @@ CS_EXPORT int64_t cs_loops(const int32_t* labels, int64_t height, int64_t width,
         beside[count] = map.at(c.x + kLeft[c.d][0], c.y + kLeft[c.d][1]);
       }
     return int64_t(loops.size());
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <new>
 #include <numeric>
@@ -225,16 +224,14 @@ CS_EXPORT int64_t cs_fit_contours(int64_t loops, const int64_t* ends, const doub
       lines[place + i] = found.lines[i], smooth[place + i] = found.smooth[i];
     }
   };
-  try {
+  return counted([&] {
     // The longest loops first, so that no thread begins one when the others are done.
     std::vector<int64_t> order(loops);
     std::iota(order.begin(), order.end(), int64_t(0));
     std::stable_sort(order.begin(), order.end(),
                      [&](int64_t a, int64_t b) { return ends[a] - first(a) > ends[b] - first(b); });
     each_index(loops, threads, [&](int64_t n) { fit(order[n]); });
-  } catch (const std::exception&) {
-    return -1;
-  }
-  return std::count(pieces, pieces + loops, -1);
+    return std::count(pieces, pieces + loops, -1);
+  });
 }
 }

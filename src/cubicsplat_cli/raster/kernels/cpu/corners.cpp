@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <map>
 #include <utility>
 #include <vector>
@@ -202,9 +201,9 @@ extern "C" {
 CS_EXPORT int64_t cs_corners(int64_t count, const double* points, const double* weights, int64_t* indices,
                              double* positions, double* turns) {
   using namespace cs;
-  try {
+  return counted([&] {
     const Chain chain(count, points, weights);
-    if (chain.known < 6) return 0;
+    if (chain.known < 6) return int64_t(0);
     std::vector<Found> able;
     for (int64_t i = chain.pad; i < chain.pad + chain.known; i++) {
       const Flank before = chain.flank(i, -1, kStraight), after = chain.flank(i, 1, kStraight);
@@ -224,8 +223,6 @@ CS_EXPORT int64_t cs_corners(int64_t count, const double* points, const double* 
       positions[2 * n] = corner.meet.x, positions[2 * n + 1] = corner.meet.y, n++;
     }
     return n;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

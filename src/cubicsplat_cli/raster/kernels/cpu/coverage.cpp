@@ -1,6 +1,5 @@
 // What outlines cover of pixels, without derivatives.
 #include <cstdint>
-#include <exception>
 
 #include "abi.h"
 #include "stack_trace.h"
@@ -24,13 +23,10 @@ extern "C" {
 // some are lines. 1 where there is no memory, else 0.
 CS_EXPORT int32_t cs_coverage(int64_t pieces, const double* cubics, const uint8_t* lines, int64_t left, int64_t top,
                               int64_t width, int64_t height, double* out) {
-  try {
+  return cs::failed([&] {
     cs::stack::Window window{int(left), int(top), int(width), int(height), {}};
     cs::stack::trace(pieces, cubics, lines, window);
     window.finish(out);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

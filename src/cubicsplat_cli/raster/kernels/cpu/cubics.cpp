@@ -1,7 +1,6 @@
 // Runs of points divided into lines and cubics, and the feet of points on cubics. What pieces cost is said in
 // tests/outline_loops.py (`laid_out`).
 #include <cstdint>
-#include <exception>
 
 #include "abi.h"
 #include "divide.h"
@@ -24,7 +23,7 @@ CS_EXPORT int64_t cs_divide(int64_t count, const double* at, const double* along
                             const double* end_errors, double price, int64_t* sizes, double* anchors, double* handles,
                             uint8_t* lines, uint8_t* level, uint8_t* from_corner, double* cost) {
   using namespace cs;
-  try {
+  return counted([&] {
     Section run;
     run.corners = true;
     run.weights.assign(weights, weights + count), run.bend.assign(bend, bend + count);
@@ -41,8 +40,6 @@ CS_EXPORT int64_t cs_divide(int64_t count, const double* at, const double* along
     PieceArrays out{sizes, anchors, handles, lines, level, from_corner};
     out.write(division, count, true);
     return out.count;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

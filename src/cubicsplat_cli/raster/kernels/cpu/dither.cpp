@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -44,7 +43,7 @@ CS_EXPORT int32_t cs_dither_dots(const float* levels, int64_t height, int64_t wi
 CS_EXPORT int32_t cs_guided_means(const float* levels, const float* guide, int64_t height, int64_t width,
                                   int64_t channels, const uint8_t* where, double px, double range, int64_t threads,
                                   float* out) {
-  try {
+  return cs::failed([&] {
     std::copy(levels, levels + height * width * channels, out);
     const int64_t reach = int64_t(std::ceil(2.5 * px));
     const float near = float(-0.5 / (px * px)), alike = float(-0.5 / (range * range));
@@ -67,8 +66,5 @@ CS_EXPORT int32_t cs_guided_means(const float* levels, const float* guide, int64
         for (int64_t c = 0; c < channels; c++) out[(y * width + x) * channels + c] = float(sums[c] / total);
       }
     });
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }

@@ -1,7 +1,6 @@
 // Groups of things that are linked. raster/sparse.py says what each function means.
 #include <algorithm>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -71,22 +70,19 @@ using namespace cs;
 
 // Each returns how many groups there are, or -1 without memory.
 extern "C" {
-CS_EXPORT int64_t cs_linked(int64_t count, int64_t links, const int64_t* first, const int64_t* second,
-                            int32_t* out) try {
-  Groups groups(count);
-  for (int64_t k = 0; k < links; k++) groups.join(first[k], second[k]);
-  std::vector<int32_t> numbers;
-  const int64_t found = groups.numbered(numbers);
-  std::copy(numbers.begin(), numbers.end(), out);
-  return found;
-} catch (const std::exception&) {
-  return -1;
+CS_EXPORT int64_t cs_linked(int64_t count, int64_t links, const int64_t* first, const int64_t* second, int32_t* out) {
+  return counted([&] {
+    Groups groups(count);
+    for (int64_t k = 0; k < links; k++) groups.join(first[k], second[k]);
+    std::vector<int32_t> numbers;
+    const int64_t found = groups.numbered(numbers);
+    std::copy(numbers.begin(), numbers.end(), out);
+    return found;
+  });
 }
 
 CS_EXPORT int64_t cs_linked_both_ways(int64_t count, int64_t links, const int64_t* from, const int64_t* to,
-                                      int32_t* out) try {
-  return Search(count, links, from, to).number(out);
-} catch (const std::exception&) {
-  return -1;
+                                      int32_t* out) {
+  return counted([&] { return Search(count, links, from, to).number(out); });
 }
 }

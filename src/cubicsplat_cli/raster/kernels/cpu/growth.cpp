@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -186,14 +185,11 @@ CS_EXPORT int32_t cs_grow_shade(int64_t height, int64_t width, const float* leve
                                 const double* frame, int64_t radial, int64_t knots, const double* places,
                                 const double* colours, double off, double unlike, double mean, const double* space,
                                 const double* means, int64_t on, uint8_t* inside) {
-  try {
+  return cs::failed([&] {
     const cs::Geometry geometry(frame, radial != 0);
     const cs::Ramp ramp = {{places, places + knots}, {colours, colours + 4 * knots}};
     const cs::Tolerance tolerance = {off, unlike, mean, space, means};
     cs::Growth(height, width, levels, kinds, geometry, ramp, tolerance, inside).run(on != 0);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -74,7 +73,7 @@ CS_EXPORT int64_t cs_passings(const int64_t* cracks, const int64_t* beside, int6
                               int64_t reaches, const double* reach, double most, double least, int64_t* places,
                               double* turns) {
   using namespace cs;
-  try {
+  return counted([&] {
     std::vector<Crack> loop;
     std::vector<EdgePoint> points;
     std::vector<int64_t> own;
@@ -121,8 +120,6 @@ CS_EXPORT int64_t cs_passings(const int64_t* cracks, const int64_t* beside, int6
       }
     }
     return found;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

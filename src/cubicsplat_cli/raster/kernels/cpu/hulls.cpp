@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -66,15 +65,12 @@ extern "C" {
 
 // out: height x width, the pixels that lie by half or more in the hull of a mask. 1 where there is no memory, else 0.
 CS_EXPORT int32_t cs_hull(const uint8_t* mask, int64_t height, int64_t width, uint8_t* out) {
-  try {
+  return cs::failed([&] {
     const auto rows = cs::stack::hull_of(int(height), int(width),
                                          [&](int y, int x) { return mask[int64_t(y) * width + x] != 0; });
     for (int64_t y = 0; y < height; y++)
       for (int64_t x = 0; x < width; x++) out[y * width + x] = rows[y].has(int(x));
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // Of a window of labels, its rows `stride` apart: of how many pixels of each label, that is none of those marked as own,
@@ -82,7 +78,7 @@ CS_EXPORT int32_t cs_hull(const uint8_t* mask, int64_t height, int64_t width, ui
 // hull or the window. 1 where there is no memory, else 0.
 CS_EXPORT int32_t cs_hull_holds(const int32_t* labels, int64_t stride, int64_t height, int64_t width,
                                 const uint8_t* own, int64_t* held, int64_t* inner) {
-  try {
+  return cs::failed([&] {
     const auto is_own = [&](int y, int x) { return own[labels[y * stride + x]] != 0; };
     const auto hull = cs::stack::hull_of(int(height), int(width), is_own);
     const cs::stack::HullRow none{};
@@ -96,9 +92,6 @@ CS_EXPORT int32_t cs_hull_holds(const int32_t* labels, int64_t stride, int64_t h
         inner[label] += above.has(x) && below.has(x) && hull[y].has(x - 1) && hull[y].has(x + 1);
       }
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

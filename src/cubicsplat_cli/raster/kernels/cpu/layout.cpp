@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <map>
 #include <utility>
 #include <vector>
@@ -270,7 +269,7 @@ CS_EXPORT int64_t cs_lay_out(int64_t count, const double* points, const double* 
                              double price, uint8_t* kept, int64_t* start, double* chosen, int64_t* sizes,
                              double* anchors, double* handles, uint8_t* lines, uint8_t* level, uint8_t* from_corner) {
   using namespace cs;
-  try {
+  return counted([&] {
     Loop loop(count, points, weights, price);
     std::vector<Corner> left;
     for (int64_t i = 0; i < corners; i++)
@@ -288,8 +287,6 @@ CS_EXPORT int64_t cs_lay_out(int64_t count, const double* points, const double* 
     for (int64_t k = 0; k < int64_t(left.size()); k++)
       out.write(loop.between(left, k, k + 1), loop.size(left[k], left[(k + 1) % left.size()]), true);
     return out.count;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

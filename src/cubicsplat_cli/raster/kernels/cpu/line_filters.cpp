@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <vector>
 
@@ -170,16 +169,14 @@ using namespace cs;
 extern "C" {
 // In place. weights: (before + after + 1,) of sums, else null. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_filter_lines(int64_t operation, int64_t kind, int64_t mode, int64_t outer, int64_t length,
-                                  int64_t inner, int64_t before, int64_t after, const double* weights,
-                                  void* values) try {
-  const Lines lines{outer, length, inner, before, after, int32_t(mode)};
-  if (kind == kByte) filter(int32_t(operation), lines, weights, static_cast<uint8_t*>(values));
-  if (kind == kInt32) filter(int32_t(operation), lines, weights, static_cast<int32_t*>(values));
-  if (kind == kInt64) filter(int32_t(operation), lines, weights, static_cast<int64_t*>(values));
-  if (kind == kFloat) filter(int32_t(operation), lines, weights, static_cast<float*>(values));
-  if (kind == kDouble) filter(int32_t(operation), lines, weights, static_cast<double*>(values));
-  return 0;
-} catch (const std::exception&) {
-  return 1;
+                                  int64_t inner, int64_t before, int64_t after, const double* weights, void* values) {
+  return failed([&] {
+    const Lines lines{outer, length, inner, before, after, int32_t(mode)};
+    if (kind == kByte) filter(int32_t(operation), lines, weights, static_cast<uint8_t*>(values));
+    if (kind == kInt32) filter(int32_t(operation), lines, weights, static_cast<int32_t*>(values));
+    if (kind == kInt64) filter(int32_t(operation), lines, weights, static_cast<int64_t*>(values));
+    if (kind == kFloat) filter(int32_t(operation), lines, weights, static_cast<float*>(values));
+    if (kind == kDouble) filter(int32_t(operation), lines, weights, static_cast<double*>(values));
+  });
 }
 }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -88,7 +87,7 @@ CS_EXPORT int64_t cs_fewest_links(int64_t count, const double* nodes, const doub
                                   const uint8_t* mask, const uint8_t* hidden, const uint8_t* allowed,
                                   const double* ends, double near, double at_end, int64_t* path) {
   using namespace cs;
-  try {
+  return counted([&] {
     const Hiding hiding{box[0], box[1], box[2], box[3],  box[4],
                         box[5], mask,   hidden, allowed, {{ends[0], ends[1]}, {ends[2], ends[3]}},
                         near,   at_end};
@@ -112,9 +111,7 @@ CS_EXPORT int64_t cs_fewest_links(int64_t count, const double* nodes, const doub
       for (size_t k = 0; k < found.size(); k++) path[k] = order[found[k]];
       return int64_t(found.size());
     }
-    return 0;
-  } catch (const std::exception&) {
-    return -1;
-  }
+    return int64_t(0);
+  });
 }
 }

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -138,17 +137,17 @@ using namespace cs;
 extern "C" {
 
 // Numbers the parts of a mask from 1 on, in the order of their first pixels. Returns how many, or -1 without memory.
-CS_EXPORT int64_t cs_label(int64_t height, int64_t width, const uint8_t* mask, int64_t diagonally, int32_t* out) try {
-  Groups groups;
-  const std::vector<Run> runs = runs_of(height, width, mask, diagonally ? 1 : 0, groups);
-  std::vector<int32_t> numbers;
-  const int64_t count = groups.numbered(numbers);
-  std::fill(out, out + height * width, 0);
-  for (const Run& run : runs)
-    std::fill(out + run.row * width + run.start, out + run.row * width + run.stop, numbers[run.part] + 1);
-  return count;
-} catch (const std::exception&) {
-  return -1;
+CS_EXPORT int64_t cs_label(int64_t height, int64_t width, const uint8_t* mask, int64_t diagonally, int32_t* out) {
+  return counted([&] {
+    Groups groups;
+    const std::vector<Run> runs = runs_of(height, width, mask, diagonally ? 1 : 0, groups);
+    std::vector<int32_t> numbers;
+    const int64_t count = groups.numbered(numbers);
+    std::fill(out, out + height * width, 0);
+    for (const Run& run : runs)
+      std::fill(out + run.row * width + run.start, out + run.row * width + run.stop, numbers[run.part] + 1);
+    return count;
+  });
 }
 
 CS_EXPORT void cs_boxes(int64_t height, int64_t width, const void* labels, int64_t large, int64_t count, int64_t* out) {
@@ -162,32 +161,30 @@ CS_EXPORT void cs_boxes(int64_t height, int64_t width, const void* labels, int64
 // rounds: how often; mask: what alone may change, or null. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_dilate(int64_t height, int64_t width, const uint8_t* in, int64_t high, int64_t wide,
                             const uint8_t* structure, const uint8_t* mask, int64_t rounds, int64_t border,
-                            uint8_t* out) try {
-  Padded from(height, width, high, wide, uint8_t(border)), to = from;
-  for (int64_t y = 0; y < height; y++) std::copy(in + y * width, in + (y + 1) * width, from.at(y, 0));
-  for (int64_t round = 0; round < rounds; round++) {
-    dilate(from, structure, mask, to);
-    std::swap(from.bytes, to.bytes);
-  }
-  for (int64_t y = 0; y < height; y++) std::copy(from.at(y, 0), from.at(y, 0) + width, out + y * width);
-  return 0;
-} catch (const std::exception&) {
-  return 1;
+                            uint8_t* out) {
+  return failed([&] {
+    Padded from(height, width, high, wide, uint8_t(border)), to = from;
+    for (int64_t y = 0; y < height; y++) std::copy(in + y * width, in + (y + 1) * width, from.at(y, 0));
+    for (int64_t round = 0; round < rounds; round++) {
+      dilate(from, structure, mask, to);
+      std::swap(from.bytes, to.bytes);
+    }
+    for (int64_t y = 0; y < height; y++) std::copy(from.at(y, 0), from.at(y, 0) + width, out + y * width);
+  });
 }
 
 // Distances to the nearest pixel outside a mask, infinite without one. Returns 0, or 1 without memory.
-CS_EXPORT int32_t cs_distances(int64_t height, int64_t width, const uint8_t* mask, double* out) try {
-  const int64_t far = height + width;
-  std::vector<int64_t> depths(height * width);
-  for (int64_t y = 0; y < height; y++)
-    for (int64_t x = 0, i = y * width; x < width; x++, i++)
-      depths[i] = !mask[i] ? 0 : y ? std::min(far, depths[i - width] + 1) : far;
-  for (int64_t i = (height - 1) * width - 1; i >= 0; i--) depths[i] = std::min(depths[i], depths[i + width] + 1);
-  std::vector<std::pair<int64_t, int64_t>> parabolas;
-  for (int64_t y = 0; y < height; y++) envelope(width, &depths[y * width], far, parabolas, out + y * width);
-  return 0;
-} catch (const std::exception&) {
-  return 1;
+CS_EXPORT int32_t cs_distances(int64_t height, int64_t width, const uint8_t* mask, double* out) {
+  return failed([&] {
+    const int64_t far = height + width;
+    std::vector<int64_t> depths(height * width);
+    for (int64_t y = 0; y < height; y++)
+      for (int64_t x = 0, i = y * width; x < width; x++, i++)
+        depths[i] = !mask[i] ? 0 : y ? std::min(far, depths[i - width] + 1) : far;
+    for (int64_t i = (height - 1) * width - 1; i >= 0; i--) depths[i] = std::min(depths[i], depths[i + width] + 1);
+    std::vector<std::pair<int64_t, int64_t>> parabolas;
+    for (int64_t y = 0; y < height; y++) envelope(width, &depths[y * width], far, parabolas, out + y * width);
+  });
 }
 
 // The greater of the distances along rows and columns to the nearest pixel outside a mask, -1 without one.

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <vector>
 
@@ -203,7 +202,7 @@ CS_EXPORT int64_t cs_find_merges(int64_t pieces, const double* cubics, const uin
                                  const double* weights, double nats, double hopeful, double most_turn,
                                  const int64_t* runs, int64_t* numbers, double* nets, double* found) {
   using namespace cs;
-  try {
+  return counted([&] {
     const Ring ring{pieces, cubics, lines, smooth, ends, points, weights};
     Merges merges(ring, nats, hopeful, most_turn);
     int64_t count = 0;
@@ -219,8 +218,6 @@ CS_EXPORT int64_t cs_find_merges(int64_t pieces, const double* cubics, const uin
         nets[count++] = merge.net;
       }
     return count;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

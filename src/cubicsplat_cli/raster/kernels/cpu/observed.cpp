@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <numeric>
 #include <vector>
 
@@ -110,7 +109,7 @@ extern "C" {
 CS_EXPORT int64_t cs_edge_widths(const float* levels, const float* luma, int64_t height, int64_t width, int64_t most,
                                  double even, double contrast, double off, double* out) {
   using namespace cs;
-  try {
+  return counted([&] {
     int64_t found = 0;
     const Limits limits{even, contrast, off};
     for (const Lines& lines :
@@ -127,16 +126,14 @@ CS_EXPORT int64_t cs_edge_widths(const float* levels, const float* luma, int64_t
       }
     }
     return found;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 
 // The means of windows of size x size px of values (height x width x channels), whose border goes on beyond it, and by how
 // much the planes through them change per px, in the channel with most. Returns 1 where there is no memory.
 CS_EXPORT int32_t cs_planes(const float* values, int64_t height, int64_t width, int64_t channels, int64_t size,
                             float* means, float* slopes) {
-  try {
+  return cs::failed([&] {
     const int64_t half = size / 2, line = width * channels;
     // Of the rows of a window: the sums along the row, and those times the distance from the middle.
     std::vector<float> sums(size * line), moments(size * line), padded(line + 2 * half * channels);
@@ -178,10 +175,7 @@ CS_EXPORT int32_t cs_planes(const float* values, int64_t height, int64_t width, 
         slopes[y * width + x] = std::sqrt(most);
       }
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // The larger one of the second differences along the row and along the column at each pixel of a picture (height x width x
@@ -228,7 +222,7 @@ CS_EXPORT void cs_off_palette(const float* values, int64_t pixels, const double*
 }
 
 CS_EXPORT int64_t cs_distinct(int64_t count, const uint64_t* keys, int64_t* numbers, int64_t* first) {
-  try {
+  return cs::counted([&] {
     std::vector<int64_t> table(1024, -1);
     const auto slot_of = [&](uint64_t key) {
       uint64_t at = (key ^ (key >> 32)) * 0x9e3779b97f4a7c15u >> 20;
@@ -262,8 +256,6 @@ CS_EXPORT int64_t cs_distinct(int64_t count, const uint64_t* keys, int64_t* numb
     for (int64_t k = 0; k < found; k++) first[k] = unsorted[order[k]];
     for (int64_t i = 0; i < count; i++) numbers[i] = place[numbers[i]];
     return found;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

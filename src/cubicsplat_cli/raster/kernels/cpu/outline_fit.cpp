@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -203,11 +202,7 @@ extern "C" {
 // is no memory.
 CS_EXPORT int64_t cs_count_variables(int64_t anchors, int64_t pieces, const uint8_t* lines, const uint8_t* smooth,
                                      const uint8_t* level, const int64_t* tied) {
-  try {
-    return cs::Joints(anchors, pieces, lines, smooth, level, tied).total;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  return cs::counted([&] { return cs::Joints(anchors, pieces, lines, smooth, level, tied).total; });
 }
 
 // The control points, pieces x 8, of an outline of handles relative to its anchors; those of a line lie at its thirds.
@@ -230,15 +225,12 @@ CS_EXPORT int32_t cs_move_outline(int64_t anchors, int64_t pieces, const uint8_t
                                   const uint8_t* level, const int64_t* tied, const double* step, double* at,
                                   double* incoming, double* outgoing, double* cubics) {
   using namespace cs;
-  try {
+  return failed([&] {
     const Joints joints(anchors, pieces, lines, smooth, level, tied);
     const Outline outline(anchors, at, incoming, outgoing);
     outline.moved(joints, {step, step + joints.total}).write(at, incoming, outgoing);
     cs_outline_cubics(anchors, pieces, lines, at, incoming, outgoing, cubics);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // How the control points of an outline move with its variables, as a sparse matrix by rows, 8 to a piece. starts: 8 x
@@ -248,7 +240,7 @@ CS_EXPORT int64_t cs_outline_jacobian(int64_t anchors, int64_t pieces, const uin
                                       const double* incoming, const double* outgoing, int32_t* starts, int32_t* columns,
                                       double* values) {
   using namespace cs;
-  try {
+  return counted([&] {
     const Joints joints(anchors, pieces, lines, smooth, level, tied);
     const Outline outline(anchors, at, incoming, outgoing);
     const std::vector<Vector> directions = outline.directions(joints);
@@ -270,9 +262,7 @@ CS_EXPORT int64_t cs_outline_jacobian(int64_t anchors, int64_t pieces, const uin
     }
     starts[8 * pieces] = count;
     return count;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 
 // Fits an outline to points (x 2) in at most `rounds` steps. at, incoming, outgoing: anchors x 2, the anchors and the
@@ -283,7 +273,7 @@ CS_EXPORT double cs_refine(int64_t anchors, int64_t pieces, const uint8_t* lines
                            int64_t count, const double* points, const double* weights, int64_t* piece, double* u,
                            int64_t rounds) {
   using namespace cs;
-  try {
+  return counted([&] {
     const Joints joints(anchors, pieces, lines, smooth, level, tied);
     Outline outline(anchors, at, incoming, outgoing);
     Feet feet{{piece, piece + count}, {u, u + count}, std::vector<double>(count), std::vector<double>(2 * count)};
@@ -291,8 +281,6 @@ CS_EXPORT double cs_refine(int64_t anchors, int64_t pieces, const uint8_t* lines
     outline.write(at, incoming, outgoing);
     std::copy(feet.piece.begin(), feet.piece.end(), piece), std::copy(feet.u.begin(), feet.u.end(), u);
     return chi;
-  } catch (const std::exception&) {
-    return -1.0;
-  }
+  });
 }
 }

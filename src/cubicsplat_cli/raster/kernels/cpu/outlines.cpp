@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -134,7 +133,7 @@ CS_EXPORT int64_t cs_contours(const uint8_t* part, const uint8_t* shown, int64_t
                               const double* columns, const double* column_sigma, double rim, int64_t room,
                               double* points, double* sigma, int64_t* ends, double* told, int64_t* count) {
   using namespace cs;
-  try {
+  return counted([&] {
     Loops loops({part, high, wide});
     std::vector<uint8_t> seen;
     for (const Crack& c : loops.cracks) seen.push_back(shown[(c.y + kRight[c.d][1]) * wide + c.x + kRight[c.d][0]]);
@@ -160,15 +159,13 @@ CS_EXPORT int64_t cs_contours(const uint8_t* part, const uint8_t* shown, int64_t
         ends[k] = *count, told[2 * k] = 0.5 * double(twice_enclosed(loop, loop + many)), told[2 * k + 1] = double(many);
     }
     return loops.count();
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 
 // The method of Ramer, Douglas and Peucker: kept (count) is set at the first and last point of a chain (x 2), and where
 // another one is more than `tolerance` off the straight line between those kept. 1 where there is no memory, else 0.
 CS_EXPORT int32_t cs_fewer_points(int64_t count, const double* points, double tolerance, uint8_t* kept) {
-  try {
+  return cs::failed([&] {
     std::vector<std::pair<int64_t, int64_t>> left{{0, count - 1}};
     kept[0] = kept[count - 1] = 1;
     while (!left.empty()) {
@@ -191,9 +188,6 @@ CS_EXPORT int32_t cs_fewer_points(int64_t count, const double* points, double to
         left.push_back({first, farthest}), left.push_back({farthest, last});
       }
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

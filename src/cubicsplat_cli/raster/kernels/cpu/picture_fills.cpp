@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <map>
 #include <vector>
 
@@ -84,7 +83,7 @@ extern "C" {
 CS_EXPORT int64_t cs_part_fills(int64_t count, const float* levels, const int32_t* owner, int64_t parts, double even,
                                 double side, double* fills, double* sizes) {
   using namespace cs;
-  try {
+  return counted([&] {
     std::vector<int64_t> ends(parts + 1, 0), order;
     for (int64_t i = 0; i < count; i++) ends[owner[i]] += owner[i] > 0;
     for (int64_t k = 1; k <= parts; k++) ends[k] += ends[k - 1];
@@ -113,9 +112,7 @@ CS_EXPORT int64_t cs_part_fills(int64_t count, const float* levels, const int32_
       }
     }
     return found;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 
 // Fills (count x 4) in their order, each joined to the nearest of those kept before where that is within `same` levels,

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <numeric>
 #include <tuple>
@@ -228,20 +227,20 @@ CS_EXPORT int64_t cs_lay_on(const Outline* lines, const Point* boxes, int64_t ow
 // parts. Returns how many there are, or -1 without memory.
 CS_EXPORT int64_t cs_within(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes,
                             int64_t places, const Point* at, const double* reaches, int64_t room, int64_t* ends,
-                            int64_t* out) try {
-  const Tree tree{count, points, order, axes};
-  std::vector<int64_t> found;
-  int64_t total = 0;
-  for (int64_t i = 0; i < places; i++) {
-    found.clear();
-    tree.within(at[i], reaches[i], 0, count, found);
-    std::sort(found.begin(), found.end());
-    if (total + int64_t(found.size()) <= room) std::copy(found.begin(), found.end(), out + total);
-    total += int64_t(found.size());
-    ends[i] = total;
-  }
-  return total;
-} catch (const std::exception&) {
-  return -1;
+                            int64_t* out) {
+  return counted([&] {
+    const Tree tree{count, points, order, axes};
+    std::vector<int64_t> found;
+    int64_t total = 0;
+    for (int64_t i = 0; i < places; i++) {
+      found.clear();
+      tree.within(at[i], reaches[i], 0, count, found);
+      std::sort(found.begin(), found.end());
+      if (total + int64_t(found.size()) <= room) std::copy(found.begin(), found.end(), out + total);
+      total += int64_t(found.size());
+      ends[i] = total;
+    }
+    return total;
+  });
 }
 }

@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -85,7 +84,7 @@ CS_EXPORT int64_t cs_polygon_steps(const float* goal, const float* weights, int6
                                    int64_t index, int64_t most, double price, double slack, int64_t threads,
                                    int64_t found, double* scores, double* rises, int32_t* outlines, int32_t* corners,
                                    int32_t* paints) {
-  try {
+  return counted([&] {
     const Stack stack{goal,     weights, int(height), int(width), int(channels), scale,
                       vertices, ends,    levels,      count,      ground,        float(opacity)};
     const Outline own = stack.outline(index);
@@ -136,9 +135,7 @@ CS_EXPORT int64_t cs_polygon_steps(const float* goal, const float* weights, int6
       std::copy(steps[k].paint.begin(), steps[k].paint.end(), paints + kColours * k);
     }
     return int64_t(kept);
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 
 // By how much the loss rises without each vertex of a polygon that has more than the fewest, and then without all of it:
@@ -147,7 +144,7 @@ CS_EXPORT int32_t cs_polygon_removals(const float* goal, const float* weights, i
                                       int64_t channels, const double* scale, const int32_t* vertices,
                                       const int32_t* ends, const int32_t* levels, int64_t count, const float* ground,
                                       double opacity, int64_t index, double* rises) {
-  try {
+  return failed([&] {
     const Stack stack{goal,     weights, int(height), int(width), int(channels), scale,
                       vertices, ends,    levels,      count,      ground,        float(opacity)};
     const Outline own = stack.outline(index);
@@ -157,8 +154,5 @@ CS_EXPORT int32_t cs_polygon_removals(const float* goal, const float* weights, i
     const int n = int(own.size()) / 2;
     for (int j = 0; n > kFewest && j < n; ++j) *rises++ = place.cost(without(own, j)).of(paint) - with;
     *rises = -with;
-    return 0;
-  } catch (const std::exception&) {
-    return 1;
-  }
+  });
 }

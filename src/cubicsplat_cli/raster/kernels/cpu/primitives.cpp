@@ -2,7 +2,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <vector>
 
@@ -256,7 +255,7 @@ extern "C" {
 // told: cost and mean squared residual. 0 where none comes near, -1 where there is no memory, else 1.
 CS_EXPORT int64_t cs_nearest_primitive(int64_t count, const double* points, const double* weights, double price,
                                        int32_t* form, double* values, double* told) {
-  try {
+  return cs::counted([&] {
     cs::Search search(count, points, weights, price);
     const cs::Nearest* found = search.nearest();
     if (!found) return 0;
@@ -265,8 +264,6 @@ CS_EXPORT int64_t cs_nearest_primitive(int64_t count, const double* points, cons
     form[0] = found->shape.kind, form[1] = found->shape.rounded, form[2] = found->shape.turned;
     std::copy(out, out + 6, values), told[0] = found->cost, told[1] = found->mean;
     return 1;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

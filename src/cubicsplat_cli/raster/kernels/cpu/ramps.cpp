@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <vector>
 
@@ -103,7 +102,7 @@ extern "C" {
 // worth. knots (most), colours (most x 4): filled in. Returns how many, -1 without memory.
 CS_EXPORT int64_t cs_ramp(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                           int64_t radial, int64_t most, double price, double* knots, double* colours) {
-  try {
+  return cs::counted([&] {
     const cs::Geometry own{frame, radial != 0};
     const cs::Bins bins({n, x, y, values}, own);
     double first = bins.middles.front(), last = bins.middles.back();
@@ -119,15 +118,13 @@ CS_EXPORT int64_t cs_ramp(int64_t n, const double* x, const double* y, const dou
     std::copy(best.knots.begin(), best.knots.end(), knots);
     std::copy(best.colours.begin(), best.colours.end(), colours);
     return best.count();
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 
 // The mean square, levels^2, by which pixels differ from those that have about the same t; below 0 without memory.
 CS_EXPORT double cs_scatter(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                             int64_t radial) {
-  try {
+  return cs::counted([&] {
     const cs::Geometry own{frame, radial != 0};
     const cs::Bins bins({n, x, y, values}, own);
     cs::Ramp means{bins.middles, bins.means};
@@ -141,8 +138,6 @@ CS_EXPORT double cs_scatter(int64_t n, const double* x, const double* y, const d
       sum += cs::squared(at, values + 4 * i);
     }
     return sum / double(n);
-  } catch (const std::exception&) {
-    return -1.0;
-  }
+  });
 }
 }

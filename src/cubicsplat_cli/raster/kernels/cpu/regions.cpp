@@ -1,7 +1,6 @@
 // The regions of a picture: connected pixels of one fill colour.
 #include <algorithm>
 #include <cstdint>
-#include <exception>
 #include <numeric>
 #include <vector>
 
@@ -13,7 +12,7 @@ extern "C" {
 // The parts of equal values >= -1, connected along the sides of pixels (height x width), numbered by their values and then
 // their first pixels. Returns how many there are; -1 where there is no memory.
 CS_EXPORT int64_t cs_components(const int32_t* values, int64_t height, int64_t width, int32_t* labels) {
-  try {
+  return cs::counted([&] {
     cs::Groups groups;
     std::vector<int32_t> value, numbers;  // of what a group is made of; of each such thing that of its group
     for (int64_t y = 0; y < height; y++)
@@ -36,8 +35,6 @@ CS_EXPORT int64_t cs_components(const int32_t* values, int64_t height, int64_t w
     for (int64_t n = 0; n < count; n++) place[order[n]] = int32_t(n);
     for (int64_t i = 0; i < height * width; i++) labels[i] = place[numbers[labels[i]]];
     return count;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

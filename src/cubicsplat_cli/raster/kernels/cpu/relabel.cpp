@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <utility>
 #include <vector>
 
@@ -129,12 +128,9 @@ CS_EXPORT int32_t cs_relabel(int64_t height, int64_t width, const float* values,
                              const int64_t* pixels, int64_t slots, const int32_t* candidates, double scale, double most,
                              double neighbour, double unsure, int64_t sure, int64_t bounded, int64_t rounds,
                              int32_t* labels) {
-  try {
+  return cs::failed([&] {
     const cs::Costs costs = {scale, most, neighbour, unsure, sure, bounded != 0};
     cs::Relabelling(height, width, values, fills, count, pixels, slots, candidates, costs, labels).run(rounds);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

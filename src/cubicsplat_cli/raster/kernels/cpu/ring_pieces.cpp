@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -41,12 +40,7 @@ void tie(int64_t anchors, int64_t pieces, const double* at, const uint8_t* lines
 extern "C" {
 
 CS_EXPORT int32_t cs_tie(int64_t anchors, int64_t pieces, const double* at, const uint8_t* lines, int64_t* tied) {
-  try {
-    cs::tie(anchors, pieces, at, lines, nullptr, tied);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  return cs::failed([&] { cs::tie(anchors, pieces, at, lines, nullptr, tied); });
 }
 
 // A ring of `count` anchors: controls x 2 x 2. pins: of x, and behind so many of these of y. on_border: px. at: its anchors, incoming,
@@ -56,7 +50,7 @@ CS_EXPORT int32_t cs_hold_ring(int64_t count, const double* controls, const uint
                                double* at, double* incoming, double* outgoing, uint8_t* smooth, uint8_t* level,
                                int64_t* tied) {
   using namespace cs;
-  try {
+  return failed([&] {
     std::vector<uint8_t> fixed(2 * count, 0);
     for (int64_t k = 0; k < 2 * count; k++) {
       const int64_t before = (k / 2 + count - 1) % count;
@@ -77,23 +71,17 @@ CS_EXPORT int32_t cs_hold_ring(int64_t count, const double* controls, const uint
     const Joints joints(count, count, lines, smooth, level, tied);
     const Outline outline(count, at, incoming, outgoing);
     outline.moved(joints, std::vector<double>(joints.total, 0.0)).write(at, incoming, outgoing);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // numbers: anchors x 5, the variables of each joint: see `JointNumbers` in raster/cubics.py.
 CS_EXPORT int32_t cs_number_joints(int64_t anchors, int64_t pieces, const uint8_t* lines, const uint8_t* smooth,
                                    const uint8_t* level, const int64_t* tied, int64_t* numbers) {
-  try {
+  return cs::failed([&] {
     for (const cs::Joint& joint : cs::Joints(anchors, pieces, lines, smooth, level, tied).of)
       for (const int64_t number : {joint.angle, joint.length_in, joint.length_out, joint.vector_in, joint.vector_out})
         *numbers++ = number;
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // directions: anchors x 2, unit tangents of the smooth joints of an outline as in `cs_refine`.
@@ -101,13 +89,10 @@ CS_EXPORT int32_t cs_directions(int64_t anchors, int64_t pieces, const uint8_t* 
                                 const uint8_t* level, const int64_t* tied, const double* at, const double* incoming,
                                 const double* outgoing, double* directions) {
   using namespace cs;
-  try {
+  return failed([&] {
     const Joints joints(anchors, pieces, lines, smooth, level, tied);
     for (const Vector& d : Outline(anchors, at, incoming, outgoing).directions(joints))
       *directions++ = d.x, *directions++ = d.y;
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

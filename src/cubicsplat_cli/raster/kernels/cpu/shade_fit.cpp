@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -192,7 +191,7 @@ extern "C" {
 // geometry, 2, 3, 5 or 7. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_fit_shade(int64_t n, const double* x, const double* y, const double* values, double* frame,
                                int64_t parameters, int64_t stops, double* knots, double* colours) {
-  try {
+  return cs::failed([&] {
     cs::Shade shade{
         {frame, parameters != 2}, int(parameters), {{knots, knots + stops}, {colours, colours + 4 * stops}}};
     cs::Fit fit({n, x, y, values}, std::move(shade));
@@ -201,26 +200,20 @@ CS_EXPORT int32_t cs_fit_shade(int64_t n, const double* x, const double* y, cons
     std::copy(found.frame.map, found.frame.map + 8, frame);
     std::copy(found.ramp.knots.begin(), found.ramp.knots.end(), knots);
     std::copy(found.ramp.colours.begin(), found.ramp.colours.end(), colours);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // The best colours (stops x 4) of given stops.
 CS_EXPORT int32_t cs_shade_colours(int64_t n, const double* x, const double* y, const double* values,
                                    const double* frame, int64_t radial, int64_t stops, const double* knots,
                                    double* colours) {
-  try {
+  return cs::failed([&] {
     const cs::Geometry own{frame, radial != 0};
     cs::RampEquations equations{int(stops)};
     for (int64_t i = 0; i < n; i++) equations.add(cs::Hat(knots, int(stops), own.t(x[i], y[i])), 1.0, values + 4 * i);
     const std::vector<double> found = equations.colours();
     std::copy(found.begin(), found.end(), colours);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // What a shade has at places (n x 4), levels; where values are given, off them instead.
@@ -283,7 +276,7 @@ CS_EXPORT void cs_shade_reach(int64_t n, const double* x, const double* y, const
 CS_EXPORT int64_t cs_slopes(int64_t n, const double* x, const double* y, const double* values, int64_t size,
                             int64_t fewest, int64_t room, double* middles, double* slopes, double* means,
                             double* weights) {
-  try {
+  return cs::counted([&] {
     const double left = *std::min_element(x, x + n), top = *std::min_element(y, y + n);
     const double right = *std::max_element(x, x + n), bottom = *std::max_element(y, y + n);
     const int64_t columns = int64_t(right - left) / size + 1, rows = int64_t(bottom - top) / size + 1;
@@ -321,8 +314,6 @@ CS_EXPORT int64_t cs_slopes(int64_t n, const double* x, const double* y, const d
       count++;
     }
     return count;
-  } catch (const std::exception&) {
-    return -1;
-  }
+  });
 }
 }

@@ -2,7 +2,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -110,10 +109,5 @@ class Similarity {
 }  // namespace cs
 
 CS_EXPORT int32_t cs_similarity(const float* planes, int64_t count, int64_t height, int64_t width, double* sums) {
-  try {
-    cs::Similarity(planes, count, height, width).add(sums);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  return cs::failed([&] { cs::Similarity(planes, count, height, width).add(sums); });
 }

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <vector>
 
@@ -72,7 +71,7 @@ extern "C" {
 // Of every pixel of a picture (height x width x 4), levels, the greatest second difference of all channels and four
 // directions, and the greatest difference between opposite neighbours. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_bends(int64_t height, int64_t width, const float* levels, float* bends, float* steps) {
-  try {
+  return cs::failed([&] {
     const std::vector<float> around = cs::extended(height, width, levels);
     const int64_t wide = 4 * (width + 2), offsets[4] = {4, wide, wide + 4, wide - 4};
     for (int64_t y = 0; y < height; y++)
@@ -87,10 +86,7 @@ CS_EXPORT int32_t cs_bends(int64_t height, int64_t width, const float* levels, f
           }
         bends[y * width + x] = bend, steps[y * width + x] = step;
       }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // Of `count` parts, numbered from 1 on, of a picture (height x width x 4): pixels, first and last row and column (x 4), and
@@ -126,12 +122,10 @@ CS_EXPORT void cs_part_spreads(int64_t height, int64_t width, const float* level
 // Levels between which all values (n x 4) lie but a share of them at either end, of the widest channel; below 0 without
 // memory.
 CS_EXPORT double cs_trimmed_range(int64_t n, const double* values, double share) {
-  try {
+  return cs::counted([&] {
     cs::Range range;
     for (int64_t i = 0; i < n; i++) range.add(values + 4 * i);
     return range.trimmed(share);
-  } catch (const std::exception&) {
-    return -1.0;
-  }
+  });
 }
 }

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <vector>
 
 #include "parallel.h"
@@ -118,7 +117,7 @@ int64_t cs_stack_crossings(const CsPicture* picture, const CsCrossings* out) {
   int64_t count = 0;
   for (const int32_t k : picture->own) count += int64_t(picture->layers[k]->pixel.size());
   if (out == nullptr) return count;
-  try {
+  return cs::counted([&] {
     std::vector<uint8_t> wanted(picture->layers.size(), 0);
     for (const int32_t k : picture->own) wanted[k] = 1;
     const auto slopes = cs::stack::slopes(*picture, wanted);
@@ -134,15 +133,13 @@ int64_t cs_stack_crossings(const CsPicture* picture, const CsCrossings* out) {
       std::copy(slopes[k].begin(), slopes[k].end(), out->slope + 4 * first);
       first += int64_t(trace.pixel.size());
     }
-  } catch (const std::exception&) {
-    return -1;
-  }
-  return count;
+    return count;
+  });
 }
 
 int32_t cs_stack_growth(const CsPicture* before, const CsPicture* after, const int32_t* group_before,
                         const int32_t* group_after, int64_t groups, int64_t spread, int64_t leaks, double* growth) {
-  try {
+  return cs::failed([&] {
     const cs::stack::Groups old(group_before, before->starts.back(), groups),
         fresh(group_after, after->starts.back(), groups);
     const int64_t parts = cs::worth_starting(before->goal.threads, int64_t(old.pieces.size()), kLeastPieces);
@@ -156,10 +153,7 @@ int32_t cs_stack_growth(const CsPicture* before, const CsPicture* after, const i
           pixels.add(*after, fresh.pieces[n], int32_t(k), growth[k]);
       }
     });
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 void cs_stack_changed(const CsPicture* before, const CsPicture* after, const int32_t* group, double least,

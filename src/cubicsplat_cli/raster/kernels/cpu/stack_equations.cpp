@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -321,7 +320,7 @@ extern "C" {
 
 int32_t cs_stack_step(const CsPicture* picture, const CsUnknowns* unknowns, double chance, double* step,
                       double* gradient, double* moves, double* misfits) {
-  try {
+  return cs::failed([&] {
     if (!cs::stack::Equations(*picture, *unknowns).solve(step, gradient))
       std::fill(step, step + unknowns->variables, 0.0);
     int64_t row = 0;
@@ -338,9 +337,6 @@ int32_t cs_stack_step(const CsPicture* picture, const CsUnknowns* unknowns, doub
         moves[k] = std::max(moves[k], std::fabs(sum));
       }
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -207,17 +206,17 @@ CS_EXPORT void cs_plan_offset(int64_t count, const double* cubics, const uint8_t
 // second 0 where there is one. Returns n, or -1 without memory.
 CS_EXPORT int64_t cs_offset(int64_t count, const double* cubics, const uint8_t* lines, const int64_t* parts,
                             const double* turns, double half, int64_t cap, int64_t join, double* points,
-                            uint8_t* straight, int64_t* ends) try {
-  StrokeOutline outline;
-  outline.around({count, reinterpret_cast<const Vector(*)[4]>(cubics), lines, parts, turns}, {half, cap, join});
-  for (const Piece& piece : outline.pieces) {
-    for (const Vector& at : piece.at) *points++ = at.x, *points++ = at.y;
-    *straight++ = piece.line;
-  }
-  std::copy(outline.ends.begin(), outline.ends.end(), ends);
-  return int64_t(outline.pieces.size());
-} catch (const std::exception&) {
-  return -1;
+                            uint8_t* straight, int64_t* ends) {
+  return counted([&] {
+    StrokeOutline outline;
+    outline.around({count, reinterpret_cast<const Vector(*)[4]>(cubics), lines, parts, turns}, {half, cap, join});
+    for (const Piece& piece : outline.pieces) {
+      for (const Vector& at : piece.at) *points++ = at.x, *points++ = at.y;
+      *straight++ = piece.line;
+    }
+    std::copy(outline.ends.begin(), outline.ends.end(), ends);
+    return int64_t(outline.pieces.size());
+  });
 }
 
 // How the coordinates of the outline's points move with those of the centre line, by differences of `step` px. No two
@@ -225,39 +224,39 @@ CS_EXPORT int64_t cs_offset(int64_t count, const double* cubics, const uint8_t* 
 // (128 n,) derivatives that are not 0. Returns how many there are, or -1 without memory.
 CS_EXPORT int64_t cs_offset_slopes(int64_t count, const double* cubics, const uint8_t* lines, const int64_t* parts,
                                    const double* turns, double half, int64_t cap, int64_t join, double step,
-                                   int64_t* rows, int64_t* columns, double* values) try {
-  std::vector<double> moved(cubics, cubics + 8 * count);
-  const Line line{count, reinterpret_cast<const Vector(*)[4]>(moved.data()), lines, parts, turns};
-  StrokeOutline still, now;
-  still.around(line, {half, cap, join});
-  const auto colour_of = [&](int64_t i) { return count % 2 && i + 1 == count ? 2 : i % 2; };
-  int64_t found = 0;
-  for (int64_t colour = 0; colour < 3; colour++)
-    for (int64_t k = 0; k < 8; k++) {
-      for (int64_t i = 0; i < count; i++)
-        if (colour_of(i) == colour) moved[8 * i + k] += step;
-      now.around(line, {half, cap, join});
-      int64_t first = 0;
-      for (const int64_t end : still.ends) {
-        for (int64_t n = first; n < end; n++)
-          for (int64_t q = 0; q < 4; q++) {
-            // The end of each piece is the start of the next.
-            const Piece& owner = still.pieces[q < 3 ? n : n + 1 < end ? n + 1 : first];
-            const int64_t own = colour_of(owner.first) == colour ? owner.first : owner.last;
-            if (colour_of(own) != colour) continue;
-            const Vector change = (now.pieces[n].at[q] - still.pieces[n].at[q]) * (1.0 / step);
-            for (int c = 0; c < 2; c++) {
-              const double value = c ? change.y : change.x;
-              if (std::fabs(value) <= 1e-12) continue;
-              rows[found] = 8 * n + 2 * q + c, columns[found] = 8 * own + k, values[found++] = value;
+                                   int64_t* rows, int64_t* columns, double* values) {
+  return counted([&] {
+    std::vector<double> moved(cubics, cubics + 8 * count);
+    const Line line{count, reinterpret_cast<const Vector(*)[4]>(moved.data()), lines, parts, turns};
+    StrokeOutline still, now;
+    still.around(line, {half, cap, join});
+    const auto colour_of = [&](int64_t i) { return count % 2 && i + 1 == count ? 2 : i % 2; };
+    int64_t found = 0;
+    for (int64_t colour = 0; colour < 3; colour++)
+      for (int64_t k = 0; k < 8; k++) {
+        for (int64_t i = 0; i < count; i++)
+          if (colour_of(i) == colour) moved[8 * i + k] += step;
+        now.around(line, {half, cap, join});
+        int64_t first = 0;
+        for (const int64_t end : still.ends) {
+          for (int64_t n = first; n < end; n++)
+            for (int64_t q = 0; q < 4; q++) {
+              // The end of each piece is the start of the next.
+              const Piece& owner = still.pieces[q < 3 ? n : n + 1 < end ? n + 1 : first];
+              const int64_t own = colour_of(owner.first) == colour ? owner.first : owner.last;
+              if (colour_of(own) != colour) continue;
+              const Vector change = (now.pieces[n].at[q] - still.pieces[n].at[q]) * (1.0 / step);
+              for (int c = 0; c < 2; c++) {
+                const double value = c ? change.y : change.x;
+                if (std::fabs(value) <= 1e-12) continue;
+                rows[found] = 8 * n + 2 * q + c, columns[found] = 8 * own + k, values[found++] = value;
+              }
             }
-          }
-        first = end;
+          first = end;
+        }
+        std::copy(cubics, cubics + 8 * count, moved.begin());
       }
-      std::copy(cubics, cubics + 8 * count, moved.begin());
-    }
-  return found;
-} catch (const std::exception&) {
-  return -1;
+    return found;
+  });
 }
 }

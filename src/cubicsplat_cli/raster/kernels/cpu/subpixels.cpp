@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -224,7 +223,7 @@ CS_EXPORT int32_t cs_blend_pairs(int64_t count, const float* values, const int32
                                  const double* palette, int64_t slots, const int32_t* near, double farther,
                                  int32_t* first, int32_t* second, float* share) {
   using namespace cs;
-  try {
+  return failed([&] {
     std::vector<Pair> pairs(count);
     std::vector<std::vector<int64_t>> members;
     for (int64_t i = 0; i < count; i++) {
@@ -237,10 +236,7 @@ CS_EXPORT int32_t cs_blend_pairs(int64_t count, const float* values, const int32
         with_few_fills(part, values, fills, palette, slots, near, farther, pairs);
     for (int64_t i = 0; i < count; i++)
       first[i] = pairs[i].first, second[i] = pairs[i].second, share[i] = float(pairs[i].share);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // The labels (height steps x width steps) and levels of a picture in so many steps a pixel each way, whose pixels are
@@ -250,7 +246,7 @@ CS_EXPORT int32_t cs_subpixels(int64_t height, int64_t width, int64_t steps, con
                                const int32_t* sizes, const float* weights, double contrast, int64_t threads,
                                int32_t* labels, float* levels) {
   using namespace cs;
-  try {
+  return failed([&] {
     const Blended picture{height, width, first, second, share};
     std::vector<int64_t> mixed;
     const auto write = [&](int64_t p, const float* parts) {
@@ -276,8 +272,5 @@ CS_EXPORT int32_t cs_subpixels(int64_t height, int64_t width, int64_t steps, con
       ask(network, picture, &mixed[start], some, contrast, steps, rows, shares.data());
       for (int64_t k = 0; k < some; k++) write(mixed[start + k], &shares[k * steps * steps]);
     });
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -32,32 +31,31 @@ using namespace cs;
 extern "C" {
 // Thins a mask (height, width) whose border is 0, in place: pixels on its four sides go in turns (A. Rosenfeld, "A
 // Characterization of Parallel Thinning Algorithms", 1975). Returns 0, or 1 without memory.
-CS_EXPORT int32_t cs_thin(int64_t height, int64_t width, uint8_t* mask) try {
-  static const std::array<bool, 256> goes = removable();
-  const int64_t around[8] = {1, width + 1, width, width - 1, -1, -width - 1, -width, 1 - width};
-  std::vector<int64_t> edge, gone;  // pixels beside others that are not in the mask
-  std::vector<uint8_t> on_edge(height * width, 0);
-  const auto add = [&](int64_t i) {
-    if (mask[i] && !on_edge[i]) on_edge[i] = 1, edge.push_back(i);
-  };
-  for (int64_t i = width; i < (height - 1) * width; i++)
-    if (mask[i] && !(mask[i - 1] && mask[i + 1] && mask[i - width] && mask[i + width])) add(i);
-  for (int64_t idle = 0, side = 0; idle < 4; side = (side + 2) % 8) {
-    gone.clear();
-    for (const int64_t i : edge) {
-      if (mask[i + around[side]]) continue;
-      int set = 0;
-      for (int k = 0; k < 8; k++) set |= mask[i + around[k]] << k;
-      if (goes[set]) gone.push_back(i);
+CS_EXPORT int32_t cs_thin(int64_t height, int64_t width, uint8_t* mask) {
+  return failed([&] {
+    static const std::array<bool, 256> goes = removable();
+    const int64_t around[8] = {1, width + 1, width, width - 1, -1, -width - 1, -width, 1 - width};
+    std::vector<int64_t> edge, gone;  // pixels beside others that are not in the mask
+    std::vector<uint8_t> on_edge(height * width, 0);
+    const auto add = [&](int64_t i) {
+      if (mask[i] && !on_edge[i]) on_edge[i] = 1, edge.push_back(i);
+    };
+    for (int64_t i = width; i < (height - 1) * width; i++)
+      if (mask[i] && !(mask[i - 1] && mask[i + 1] && mask[i - width] && mask[i + width])) add(i);
+    for (int64_t idle = 0, side = 0; idle < 4; side = (side + 2) % 8) {
+      gone.clear();
+      for (const int64_t i : edge) {
+        if (mask[i + around[side]]) continue;
+        int set = 0;
+        for (int k = 0; k < 8; k++) set |= mask[i + around[k]] << k;
+        if (goes[set]) gone.push_back(i);
+      }
+      for (const int64_t i : gone) mask[i] = 0;
+      edge.erase(std::remove_if(edge.begin(), edge.end(), [&](int64_t i) { return !mask[i]; }), edge.end());
+      for (const int64_t i : gone)
+        for (int k = 0; k < 8; k += 2) add(i + around[k]);
+      idle = gone.empty() ? idle + 1 : 0;
     }
-    for (const int64_t i : gone) mask[i] = 0;
-    edge.erase(std::remove_if(edge.begin(), edge.end(), [&](int64_t i) { return !mask[i]; }), edge.end());
-    for (const int64_t i : gone)
-      for (int k = 0; k < 8; k += 2) add(i + around[k]);
-    idle = gone.empty() ? idle + 1 : 0;
-  }
-  return 0;
-} catch (const std::exception&) {
-  return 1;
+  });
 }
 }

@@ -3,7 +3,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -153,7 +152,7 @@ extern "C" {
 CS_EXPORT int32_t cs_unexplained(const float* levels, const double* painted, int64_t height, int64_t width,
                                  const double* space, const float* ringing, int64_t reach, double seam, double unlike,
                                  double own, double allowed, double* gap, uint8_t* where) {
-  try {
+  return cs::failed([&] {
     cs::Unexplained pictures(levels, painted, height, width, space);
     std::vector<int64_t> rough;
     for (int64_t pixel = 0; pixel < height * width; pixel++) {
@@ -161,9 +160,6 @@ CS_EXPORT int32_t cs_unexplained(const float* levels, const double* painted, int
       if (gap[pixel] > own * unlike) rough.push_back(pixel);
     }
     if (!rough.empty()) pictures.mark(rough, reach, seam, unlike, own, allowed, ringing, where);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 }

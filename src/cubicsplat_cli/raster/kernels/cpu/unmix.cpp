@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <exception>
 #include <iterator>
 #include <vector>
 
@@ -77,7 +76,7 @@ extern "C" {
 // The spread of the values (height x width x channels) in windows of rows x columns px, odd, in the channel with most.
 CS_EXPORT int32_t cs_spread(const float* values, int64_t height, int64_t width, int64_t channels, int64_t rows,
                             int64_t columns, float* out) {
-  try {
+  return cs::failed([&] {
     const int64_t line = width * channels, up = rows / 2, beside = columns / 2;
     // The least and greatest along the row, of as many rows as a window has.
     std::vector<float> low(rows * line), high(rows * line), least(line), most(line);
@@ -117,10 +116,7 @@ CS_EXPORT int32_t cs_spread(const float* values, int64_t height, int64_t width, 
         out[y * width + x] = found;
       }
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // The nearest fill (n) to each of n values, by their distance where that is to be `straight`, else by the channel that is
@@ -163,7 +159,7 @@ CS_EXPORT int32_t cs_near(const int32_t* map, int64_t height, int64_t width, int
   struct Step {
     int64_t square, y, x;
   };
-  try {
+  return cs::failed([&] {
     std::vector<Step> steps;
     for (int64_t dy = -reach; dy <= reach; dy++)
       for (int64_t dx = -reach; dx <= reach; dx++) steps.push_back({dy * dy + dx * dx, dy, dx});
@@ -183,10 +179,7 @@ CS_EXPORT int32_t cs_near(const int32_t* map, int64_t height, int64_t width, int
       }
       std::fill(own + used, own + slots, -1);
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // The pair of near fills (n x slots) that blends best to n values: the fill with the greater share, and the residual.
@@ -257,7 +250,7 @@ CS_EXPORT int32_t cs_line_fills(int64_t count, const float* values, const int64_
                                 double* residual) {
   using namespace cs;
   if (!count) return 0;
-  try {
+  return failed([&] {
     Windows sums(count, y, x, window);
     std::vector<double> around(count), best(count, INFINITY);
     std::vector<Blend> blends(count);
@@ -274,10 +267,7 @@ CS_EXPORT int32_t cs_line_fills(int64_t count, const float* values, const int64_
         if (mean < best[i]) best[i] = mean, fill[i] = k, share[i] = blends[i].share, residual[i] = blends[i].residual;
       }
     }
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
+  });
 }
 
 // The squared distance of n values to the nearest blend of two fills, one of them from `from` on.

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <vector>
 
 #include "abi.h"
@@ -121,16 +120,15 @@ using namespace cs;
 extern "C" {
 // shape_ends: of the rings of each shape; out: its usual width, 0 where it is of no one width. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_even_widths(int64_t shapes, const int64_t* shape_ends, const int64_t* ring_ends,
-                                 const double* cubics, double share, double px, double beside, double* out) try {
-  std::vector<int64_t> ends;
-  for (int64_t shape = 0, first = 0; shape < shapes; first = shape_ends[shape++]) {
-    const int64_t begin = first ? ring_ends[first - 1] : 0;
-    ends.assign(ring_ends + first, ring_ends + shape_ends[shape]);
-    for (int64_t& end : ends) end -= begin;
-    out[shape] = even_width({cubics + 8 * begin, int64_t(ends.size()), ends.data()}, share, px, beside);
-  }
-  return 0;
-} catch (const std::exception&) {
-  return 1;
+                                 const double* cubics, double share, double px, double beside, double* out) {
+  return failed([&] {
+    std::vector<int64_t> ends;
+    for (int64_t shape = 0, first = 0; shape < shapes; first = shape_ends[shape++]) {
+      const int64_t begin = first ? ring_ends[first - 1] : 0;
+      ends.assign(ring_ends + first, ring_ends + shape_ends[shape]);
+      for (int64_t& end : ends) end -= begin;
+      out[shape] = even_width({cubics + 8 * begin, int64_t(ends.size()), ends.data()}, share, px, beside);
+    }
+  });
 }
 }
