@@ -149,20 +149,14 @@ Outline fitted(const Contour& contour, double price) {
 // px^2 that an outline may enclose more or less than a loop of points, and lie off these: a tenth of a px along them.
 double allowed(const std::vector<Point>& loop) {
   double length = 0.0;
-  for (size_t i = 0; i < loop.size(); i++) {
-    const Point a = loop[i], b = loop[(i + 1) % loop.size()];
-    length += std::hypot(b.x - a.x, b.y - a.y);
-  }
+  for (size_t i = 0; i < loop.size(); i++) length += (loop[(i + 1) % loop.size()] - loop[i]).length();
   return kStray * length + 1.0;
 }
 
 // Whether an outline encloses what a loop of points does.
 bool sound(const std::vector<Point>& loop, const Outline& outline) {
   double area = 0.0;
-  for (size_t i = 0; i < loop.size(); i++) {
-    const Point a = loop[i], b = loop[(i + 1) % loop.size()];
-    area += 0.5 * (a.x * b.y - b.x * a.y);
-  }
+  for (size_t i = 0; i < loop.size(); i++) area += 0.5 * cross(loop[i], loop[(i + 1) % loop.size()]);
   return std::fabs(std::fabs(outline.area()) - std::fabs(area)) <= allowed(loop);
 }
 

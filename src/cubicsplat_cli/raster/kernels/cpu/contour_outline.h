@@ -148,10 +148,9 @@ struct Pieces {
     for (int64_t i = 0; i < count(); i++) {
       if (between_lines(i)) continue;
       const Point here = anchors[i], last = anchors[before(i)], next = anchors[after(i)];
-      const Point arrive = lines[before(i)] ? Point{here.x - last.x, here.y - last.y}
-                                            : Point{-incoming[i].x, -incoming[i].y};
-      const Point leave = lines[i] ? Point{next.x - here.x, next.y - here.y} : outgoing[i];
-      const double bend = std::atan2(arrive.x * leave.y - arrive.y * leave.x, arrive.x * leave.x + arrive.y * leave.y);
+      const Point arrive = lines[before(i)] ? here - last : incoming[i] * -1.0;
+      const Point leave = lines[i] ? next - here : outgoing[i];
+      const double bend = std::atan2(cross(arrive, leave), dot(arrive, leave));
       found[i] |= std::fabs(bend) < widest;
     }
     smooth = found;
@@ -216,7 +215,7 @@ struct Outline {
     for (size_t i = 0; i < out.anchors.size(); i++) {
       const size_t j = (i + 1) % out.anchors.size();
       const Point a = out.anchors[i], b = out.anchors[j], on = pieces.outgoing[i], in = pieces.incoming[j];
-      out.controls[i] = {Point{a.x + on.x, a.y + on.y}, Point{b.x + in.x, b.y + in.y}};
+      out.controls[i] = {a + on, b + in};
       if (out.lines[i]) out.straighten(i);
     }
     return out;
@@ -234,7 +233,7 @@ struct Outline {
       int64_t nearest = 0;
       double least = HUGE_VAL;
       for (int64_t k = 0; k < n; k++) {
-        const double away = std::hypot(loop.at[k].x - here.x, loop.at[k].y - here.y);
+        const double away = (loop.at[k] - here).length();
         if (away < least) least = away, nearest = k;
       }
       if (!(least > kLongestTip)) continue;
@@ -242,9 +241,8 @@ struct Outline {
       for (int64_t k = nearest - 1; hidden(k) && nearest - k < n; k--) most += 1.0;
       for (int64_t k = nearest; hidden(k) && k - nearest < n; k++) most += 1.0;
       if (least <= most) continue;
-      const Point from = loop.at[nearest],
-                  to{from.x + (here.x - from.x) * most / least, from.y + (here.y - from.y) * most / least};
-      move(i, {to.x - here.x, to.y - here.y});
+      const Point from = loop.at[nearest], to = from + (here - from) * most / least;
+      move(i, to - here);
       moved = true;
     }
     if (moved) straighten();
@@ -266,13 +264,12 @@ struct Outline {
       // Of the side that comes in the first crossing, of that which goes out the last one: beyond lies the anchor.
       const Crossing &in = first[(i + n - 1) % n], &out = last[i];
       const Point here = anchors[i];
-      if (!(in.t < HUGE_VAL && out.t >= 0.0) || !(std::hypot(in.at.x - out.at.x, in.at.y - out.at.y) < kLongestTip))
-        continue;
-      const Point middle{0.5 * (in.at.x + out.at.x), 0.5 * (in.at.y + out.at.y)};
-      const double away = std::hypot(here.x - middle.x, here.y - middle.y);
+      if (!(in.t < HUGE_VAL && out.t >= 0.0) || !((in.at - out.at).length() < kLongestTip)) continue;
+      const Point middle = (in.at + out.at) * 0.5;
+      const double away = (here - middle).length();
       if (!(away < kLongestTip)) continue;
       const double back = 1.0 + kClear / std::max(away, kClear);
-      move(i, {back * (middle.x - here.x), back * (middle.y - here.y)});
+      move(i, (middle - here) * back);
       moved = true;
     }
     if (moved) straighten();
@@ -291,8 +288,7 @@ struct Outline {
     for (size_t k = 0; k < points.at.size(); k++) {
       const int64_t i = feet.piece[k];
       const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
-      const Point foot = Place(&p[0].x, feet.u[k]).at;
-      out += std::hypot(points.at[k].x - foot.x, points.at[k].y - foot.y);
+      out += (points.at[k] - Place(&p[0].x, feet.u[k]).at).length();
     }
     return out;
   }
@@ -374,22 +370,19 @@ struct Outline {
   static void each_crossing(const Side& a, const Side& b, Tell tell) {
     for (size_t i = 0; i < kSides; i++)
       for (size_t k = 0; k < kSides; k++) {
-        const double ax = a[i + 1].x - a[i].x, ay = a[i + 1].y - a[i].y;
-        const double bx = b[k + 1].x - b[k].x, by = b[k + 1].y - b[k].y;
-        const double gx = b[k].x - a[i].x, gy = b[k].y - a[i].y, across = ax * by - ay * bx;
+        const Point way = a[i + 1] - a[i], other = b[k + 1] - b[k], gap = b[k] - a[i];
+        const double across = cross(way, other);
         if (across == 0.0) continue;
-        const double t = (gx * by - gy * bx) / across, u = (gx * ay - gy * ax) / across;
+        const double t = cross(gap, other) / across, u = cross(gap, way) / across;
         if (t >= 0.0 && t < 1.0 && u >= 0.0 && u < 1.0)
-          tell((double(i) + t) / kSides, (double(k) + u) / kSides, Point{a[i].x + t * ax, a[i].y + t * ay});
+          tell((double(i) + t) / kSides, (double(k) + u) / kSides, a[i] + way * t);
       }
   }
 
   // Moves an anchor with its handles.
   void move(size_t i, Point step) {
     const size_t last = (i + anchors.size() - 1) % anchors.size();
-    anchors[i].x += step.x, anchors[i].y += step.y;
-    controls[i][0].x += step.x, controls[i][0].y += step.y;
-    controls[last][1].x += step.x, controls[last][1].y += step.y;
+    for (Point* own : {&anchors[i], &controls[i][0], &controls[last][1]}) *own = *own + step;
   }
 
   // Brings the control points of all lines to their thirds.
@@ -401,8 +394,8 @@ struct Outline {
   // Brings the control points of a line to its thirds.
   void straighten(size_t i) {
     const Point a = anchors[i], b = anchors[(i + 1) % anchors.size()];
-    const Point third{(b.x - a.x) / 3.0, (b.y - a.y) / 3.0};
-    controls[i] = {Point{a.x + third.x, a.y + third.y}, Point{b.x - third.x, b.y - third.y}};
+    const Point third = (b - a) / 3.0;
+    controls[i] = {a + third, b - third};
   }
 };
 

@@ -53,9 +53,7 @@ struct Judgement {
   Point meet;
 };
 
-double along(Point a, Point b) { return a.x * b.x + a.y * b.y; }
-double size(Point a) { return std::sqrt(a.x * a.x + a.y * a.y); }
-Point minus(Point a, Point b) { return {a.x - b.x, a.y - b.y}; }
+double size(Point a) { return std::sqrt(dot(a, a)); }
 
 class Chain {
  public:
@@ -106,28 +104,26 @@ class Chain {
       const Point way{curve.of[1][0], curve.of[1][1]};
       const double speed = std::max(size(way), kSlow);
       out.error = std::sqrt(curve.variance[1]);
-      out.at = {origin.x + curve.of[0][0], origin.y + curve.of[0][1]}, out.tangent = {way.x / speed, way.y / speed};
+      out.at = {origin.x + curve.of[0][0], origin.y + curve.of[0][1]}, out.tangent = way / speed;
     }
     return out;
   }
 
   Judgement judge(const Flank& a, const Flank& b) const {
-    const double cross = a.tangent.x * b.tangent.y - a.tangent.y * b.tangent.x;
-    Judgement out{std::atan2(cross, along(a.tangent, b.tangent)), 0.0, {}};
+    const double sine = cross(a.tangent, b.tangent);
+    Judgement out{std::atan2(sine, dot(a.tangent, b.tangent)), 0.0, {}};
     const double turn = std::fabs(out.turn);
     if (turn < std::max(kSmallestTurn, kSureTurn * std::hypot(a.error, b.error))) return out;
-    const Point gap = minus(b.at, a.at);
-    const double t = std::fabs(cross) > 1e-6 ? (gap.x * b.tangent.y - gap.y * b.tangent.x) / cross : 0.0;
-    out.meet = {a.at.x + t * a.tangent.x, a.at.y + t * a.tangent.y};
-    const double reach = along(minus(out.meet, at[a.first]), a.tangent);
-    const double onward = along(minus(at[b.first], out.meet), b.tangent), far = std::max(reach, onward);
+    const double t = std::fabs(sine) > 1e-6 ? cross(b.at - a.at, b.tangent) / sine : 0.0;
+    out.meet = a.at + a.tangent * t;
+    const double reach = dot(out.meet - at[a.first], a.tangent);
+    const double onward = dot(at[b.first] - out.meet, b.tangent), far = std::max(reach, onward);
     if (!(std::min(reach, onward) > -0.5)) return out;
     // A tip is drawn to where it is half a pixel wide; much farther on there is none, wherever the flanks would meet.
     const double most = kFarthest + 0.5 / std::max(std::tan(0.5 * (kHalfTurn - turn)), 0.15);
     if (far > most) {
       if (turn <= kBluntTurn) return out;
-      out.meet = {0.5 * (at[a.first].x + at[b.first].x + most * (a.tangent.x - b.tangent.x)),
-                  0.5 * (at[a.first].y + at[b.first].y + most * (a.tangent.y - b.tangent.y))};
+      out.meet = (at[a.first] + at[b.first] + (a.tangent - b.tangent) * most) * 0.5;
     }
     if (contradiction(out.meet, a, b) <= kRounding) out.score = 2.0 + turn - 0.15 * std::fabs(reach - onward);
     return out;
@@ -138,11 +134,11 @@ class Chain {
   double contradiction(Point meet, const Flank& a, const Flank& b) const {
     double worst = 0.0;
     for (int64_t i = a.first + 1; i < b.first && i <= a.first + kBetween; i++) {
-      const Point p = minus(at[i], meet), back{-a.tangent.x, -a.tangent.y};
+      const Point p = at[i] - meet, back{-a.tangent.x, -a.tangent.y};
       double nearest = INFINITY;
       for (const Point way : {back, b.tangent}) {
-        const double on = std::max(along(p, way), 0.0);
-        nearest = std::min(nearest, size({p.x - on * way.x, p.y - on * way.y}));
+        const double on = std::max(dot(p, way), 0.0);
+        nearest = std::min(nearest, size(p - way * on));
       }
       worst = std::max(worst, nearest);
     }
@@ -169,7 +165,7 @@ std::vector<Found> strongest(const std::vector<Found>& able) {
     for (int64_t cell = 0; cell < 9 && free; cell++) {
       const auto near = cells.find({column + cell % 3 - 1, row + cell / 3 - 1});
       if (near == cells.end()) continue;
-      for (const Point& other : near->second) free = free && size(minus(own, other)) > kSpacing;
+      for (const Point& other : near->second) free = free && size(own - other) > kSpacing;
     }
     if (free) chosen.push_back(k), cells[{column, row}].push_back(own);
   }
@@ -181,7 +177,7 @@ std::vector<Found> strongest(const std::vector<Found>& able) {
 
 // Which point of a loop (x 2) is the first one after a corner that lies between two of them.
 int64_t first_after(int64_t count, const double* points, const Found& corner) {
-  const auto away = [&](int64_t i) { return size(minus({points[2 * i], points[2 * i + 1]}, corner.meet)); };
+  const auto away = [&](int64_t i) { return size(Point{points[2 * i], points[2 * i + 1]} - corner.meet); };
   double least = INFINITY;
   int64_t out = corner.after;
   for (int64_t i = corner.before; i != corner.after; i = (i + 1) % count) {

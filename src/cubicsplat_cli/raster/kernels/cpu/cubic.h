@@ -11,13 +11,21 @@ constexpr double kLeast = 1e-12;
 constexpr double kStill = 1e-9;  // px per parameter, below which a curve has no direction
 
 struct Point {
-  double x, y;
+  double x = 0.0, y = 0.0;
+  Point operator+(Point o) const { return {x + o.x, y + o.y}; }
+  Point operator-(Point o) const { return {x - o.x, y - o.y}; }
+  Point operator*(double f) const { return {x * f, y * f}; }
+  Point operator/(double f) const { return {x / f, y / f}; }
+  double length() const { return std::hypot(x, y); }
 };
+
+inline double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
+inline double cross(Point a, Point b) { return a.x * b.y - a.y * b.x; }
 
 // A cubic of control points p[8] near a parameter.
 struct Place {
   double basis[4];
-  Point at{0.0, 0.0}, first{0.0, 0.0}, second{0.0, 0.0};  // the point and the derivatives
+  Point at, first, second;  // the point and the derivatives
 
   Place(const double* p, double u) {
     const double v = 1.0 - u, b[4] = {v * v * v, 3.0 * v * v * u, 3.0 * v * u * u, u * u * u};
@@ -45,9 +53,8 @@ inline double swept(const double* p) {
 // One Newton step towards the foot of a point. Where the distance is not convex, the Gauss-Newton step still leads downhill.
 inline double nearer(const double* cubic, const double* point, double u) {
   const Place place(cubic, u);
-  const Point rest{place.at.x - point[0], place.at.y - point[1]};
-  const double along = rest.x * place.first.x + rest.y * place.first.y;
-  const double speed = place.first.x * place.first.x + place.first.y * place.first.y;
+  const Point rest = place.at - Point{point[0], point[1]};
+  const double along = dot(rest, place.first), speed = dot(place.first, place.first);
   const double bend = speed + rest.x * place.second.x + rest.y * place.second.y;
   return u - along / std::max(bend > kConvex * speed ? bend : speed, kLeast);
 }

@@ -99,7 +99,7 @@ class Divider {
     const double line = price_ * kLineParameters, cubic = price_ * (kCubicParameters + starts - nodes_[last].level);
     out.line = out.cubic = INFINITY;
     if (line < most_line) {
-      const Point way{sampled.ends[1].x - sampled.ends[0].x, sampled.ends[1].y - sampled.ends[0].y};
+      const Point way = sampled.ends[1] - sampled.ends[0];
       out.line = 0.5 * sampled.line() + line;
       if (!starts) out.line += strain(way, sampled.tangents[0], sampled.errors[0][1]);
       if (!stops) out.line += strain(way, sampled.tangents[1], sampled.errors[1][1]);

@@ -114,7 +114,7 @@ CS_EXPORT int64_t cs_passings(const int64_t* cracks, const int64_t* beside, int6
         const Point u = arms[0].tangent, v = arms[1].tangent;
         const int64_t place[5] = {owners[k], around[behind], around[next], loop[next].x, loop[next].y};
         std::copy(place, place + 5, places + 5 * found);
-        turns[2 * found] = 3.141592653589793 - std::acos(std::clamp(u.x * v.x + u.y * v.y, -1.0, 1.0));
+        turns[2 * found] = 3.141592653589793 - std::acos(std::clamp(dot(u, v), -1.0, 1.0));
         turns[2 * found + 1] = std::sqrt(arms[0].error * arms[0].error + arms[1].error * arms[1].error + least * least);
         found++;
       }

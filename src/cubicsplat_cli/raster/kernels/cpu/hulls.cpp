@@ -12,7 +12,7 @@ namespace {
 
 // Adds a corner to one side of a convex hull, by the monotone chain.
 void extend(std::vector<Point>& chain, Point p) {
-  const auto turn = [](Point a, Point b, Point c) { return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x); };
+  const auto turn = [](Point a, Point b, Point c) { return cross(b - a, c - a); };
   while (chain.size() >= 2 && turn(chain[chain.size() - 2], chain.back(), p) <= 0.0) chain.pop_back();
   chain.push_back(p);
 }

@@ -27,8 +27,6 @@ constexpr double kMostTurned = 0.5;            // radians by which a tangent is 
 constexpr int64_t kPadding = 20;               // points beyond either end of a loop, as many as the widest window has
 constexpr int64_t kBlock = 32;                 // points with one box around them
 
-double distance(Point a, Point b) { return std::hypot(a.x - b.x, a.y - b.y); }
-
 // A place where two flanks of a loop meet at an angle; sure: nothing may take it away; index: of the point after it.
 struct Corner {
   int64_t index;
@@ -43,7 +41,7 @@ struct Corner {
 
   // By how much a point is clear of the corner: 0 within its reach, 1 from twice that on.
   double clear(Point point, double reach) const {
-    const double share = std::clamp(distance(point, at) / reach - 1.0, 0.0, 1.0);
+    const double share = std::clamp((point - at).length() / reach - 1.0, 0.0, 1.0);
     return share * share;
   }
 };
@@ -151,20 +149,19 @@ class Loop {
   }
 
   static void straighten(Section& run, int64_t size) {
-    const double length = std::max(distance(run.ends[0], run.ends[1]), 1e-9);
-    const Point a = run.ends[0], b = run.ends[1], way{(b.x - a.x) / length, (b.y - a.y) / length};
+    const Point a = run.ends[0], b = run.ends[1], way = (b - a) / std::max((b - a).length(), 1e-9);
     run.tangents[0] = run.tangents[1] = way;
     run.at.resize(size), run.along.assign(size, way), run.bend.assign(size, 0.0), run.known_to.assign(size, {1.0, 1.0});
     for (int64_t i = 0; i < size; i++) {
       const double t = (double(i) + 0.5) / double(size);
-      run.at[i] = {a.x * (1.0 - t) + b.x * t, a.y * (1.0 - t) + b.y * t};
+      run.at[i] = a * (1.0 - t) + b * t;
     }
   }
 
   // The tangent at an end, carried there from a point by the curvature.
   static Point towards(const Section& run, int64_t i, Point end) {
-    const Point t = run.along[i], way{end.x - run.at[i].x, end.y - run.at[i].y};
-    const double turn = std::clamp(run.bend[i] * dot(way, t), -kMostTurned, kMostTurned);
+    const Point t = run.along[i];
+    const double turn = std::clamp(run.bend[i] * dot(end - run.at[i], t), -kMostTurned, kMostTurned);
     const double cosine = std::cos(turn), sine = std::sin(turn);
     return {cosine * t.x - sine * t.y, sine * t.x + cosine * t.y};
   }
@@ -211,7 +208,7 @@ class Loop {
     for (int64_t i = 0; i < count; i++) {
       const Corner &a = corners[i], &b = corners[(i + 1) % count];
       linked[i] = std::fabs(a.turn) < kRoundingTurn && std::fabs(b.turn) < kRoundingTurn && !a.sure && !b.sure &&
-                  distance(a.at, b.at) <= kRoundingStep && a.turn * b.turn > 0.0;
+                  (a.at - b.at).length() <= kRoundingStep && a.turn * b.turn > 0.0;
       if (!linked[i] && start < 0) start = i;
     }
     std::vector<std::vector<int64_t>> out;
@@ -229,7 +226,7 @@ class Loop {
     if (corner.sure) return false;
     if (std::fabs(corner.turn) < kDoubtfulTurn) return true;
     return std::any_of(corners.begin(), corners.end(), [&](const Corner& other) {
-      return other.index != corner.index && distance(other.at, corner.at) <= kDoubtfulSpacing;
+      return other.index != corner.index && (other.at - corner.at).length() <= kDoubtfulSpacing;
     });
   }
 

@@ -31,11 +31,11 @@ struct Hiding {
     if (mask[pixel]) return true;
     if (!allowed[pixel]) return false;
     double away = INFINITY;
-    for (const Point& end : ends) away = std::min(away, std::hypot(point.x - end.x, point.y - end.y));
+    for (const Point& end : ends) away = std::min(away, (point - end).length());
     return (away < near && hidden[pixel]) || away < at_end;
   }
 
-  static Point between(Point a, Point b, double t) { return {a.x * (1.0 - t) + b.x * t, a.y * (1.0 - t) + b.y * t}; }
+  static Point between(Point a, Point b, double t) { return a * (1.0 - t) + b * t; }
 
   // Whether a line passes at samples; its ends, which most often do, come last.
   bool at_samples(Point a, Point b) const {
@@ -47,7 +47,7 @@ struct Hiding {
 
   // Whether a line passes all the way.
   bool all_along(Point a, Point b) const {
-    const int64_t steps = 2 * int64_t(std::hypot(b.x - a.x, b.y - a.y)) + 1;
+    const int64_t steps = 2 * int64_t((b - a).length()) + 1;
     for (int64_t k = 0; k <= steps; k++)
       if (!passes(between(a, b, double(k) / double(steps)))) return false;
     return true;
@@ -100,7 +100,7 @@ CS_EXPORT int64_t cs_fewest_links(int64_t count, const double* nodes, const doub
     for (int64_t a = 0; a < count; a++)
       for (int64_t b = a + 1; b < count; b++)
         if (place[order[a]] < place[order[b]] && hiding.at_samples(at[a], at[b]))
-          length[a * count + b] = std::hypot(at[b].x - at[a].x, at[b].y - at[a].y);
+          length[a * count + b] = (at[b] - at[a]).length();
     for (int repair = 0; repair < kMostRepairs; repair++) {
       const std::vector<int64_t> found = fewest(count, length, starts, before, stops, after);
       bool whole = true;

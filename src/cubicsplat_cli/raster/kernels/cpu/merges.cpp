@@ -17,15 +17,12 @@ constexpr double kFar = 1e-6;      // px, of points that have a direction from e
 constexpr double kDamped = 1e-12;  // so that what no point tells stays
 constexpr int kFits = 3;
 
-double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
-Point minus(Point a, Point b) { return {a.x - b.x, a.y - b.y}; }
-
 // The unit direction in which a cubic starts whose control points are `step` numbers apart.
 Point tangent(const double* p, int step) {
   for (int k = 1; k < 4; k++) {
     const Point way{p[step * k] - p[0], p[step * k + 1] - p[1]};
-    const double size = std::hypot(way.x, way.y);
-    if (size > kFar) return {way.x / size, way.y / size};
+    const double size = way.length();
+    if (size > kFar) return way / size;
   }
   return {1.0, 0.0};
 }
@@ -82,7 +79,7 @@ class CubicFit {
       handles[0] = handles[1] = {0.0, 0.0};
       for (int k = 0; k < unknowns; k++) {
         Point& handle = handles[k < at_a ? 0 : 1];
-        handle.x += found[k] * way(k).x, handle.y += found[k] * way(k).y;
+        handle = handle + way(k) * found[k];
       }
       const double control[8] = {
           a.x, a.y, a.x + handles[0].x, a.y + handles[0].y, b.x + handles[1].x, b.y + handles[1].y, b.x, b.y};
@@ -92,7 +89,7 @@ class CubicFit {
     if (dot(handles[0], ahead) <= 0.0 || dot(handles[1], back) <= 0.0) return std::numeric_limits<double>::infinity();
     double sum = 0.0;
     for (size_t n = 0; n < points.size(); n++) {
-      const Point off = minus(points[n], Place(cubic, t_[n]).at);
+      const Point off = points[n] - Place(cubic, t_[n]).at;
       sum += weights[n] * dot(off, off);
     }
     return 0.5 * sum;
@@ -107,11 +104,11 @@ class CubicFit {
     t_.resize(points.size());
     double way = 0.0;
     for (size_t n = 0; n < points.size(); n++) {
-      const Point step = minus(points[n], n == 0 ? a : points[n - 1]);
-      t_[n] = way += std::hypot(step.x, step.y);
+      const Point step = points[n] - (n == 0 ? a : points[n - 1]);
+      t_[n] = way += step.length();
     }
-    const Point last = minus(b, points.back());
-    for (double& t : t_) t /= way + std::hypot(last.x, last.y);
+    way += (b - points.back()).length();
+    for (double& t : t_) t /= way;
   }
 };
 
@@ -145,9 +142,9 @@ class Merges {
   bool find(int64_t first, int64_t count, Merge& out) {
     const int64_t last = (first + count - 1) % ring_.pieces;
     const double *start = ring_.cubics + 8 * first, *stop = ring_.cubics + 8 * last;
-    const Point a{start[0], start[1]}, b{stop[6], stop[7]}, chord = minus(b, a);
+    const Point a{start[0], start[1]}, b{stop[6], stop[7]}, chord = b - a;
     const Point ahead = tangent(start, 2), back = tangent(stop + 6, -2);
-    if (std::hypot(chord.x, chord.y) < kFar || -dot(ahead, back) < most_turn_) return false;
+    if (chord.length() < kFar || -dot(ahead, back) < most_turn_) return false;
     int64_t saved = 2 * (count - 1);
     bool curved = false;
     Moments moments;

@@ -24,7 +24,7 @@ constexpr double kStart = 1e-3, kLeastDamping = 1e-6;
 class Equations {
  public:
   Equations(const Joints& joints, const Outline& outline) : place_(joints.total, -1) {
-    const std::vector<Vector> directions = outline.directions(joints);
+    const std::vector<Point> directions = outline.directions(joints);
     parts_.resize(joints.pieces);
     int64_t count = 0;
     for (int64_t i = 0; i < joints.pieces; i++) {
@@ -138,7 +138,7 @@ struct Points {
         feet.u[i] = on ? 0.0 : back ? 1.0 : std::clamp(at, 0.0, 1.0);
       }
       const Place place(&cubics[8 * feet.piece[i]], feet.u[i]);
-      const double speed = std::max(std::hypot(place.first.x, place.first.y), kStill);
+      const double speed = std::max(place.first.length(), kStill);
       const double x = -place.first.y / speed, y = place.first.x / speed;
       feet.normals[2 * i] = x, feet.normals[2 * i + 1] = y;
       feet.rest[i] = (place.at.x - point[0]) * x + (place.at.y - point[1]) * y;
@@ -243,7 +243,7 @@ CS_EXPORT int64_t cs_outline_jacobian(int64_t anchors, int64_t pieces, const uin
   return counted([&] {
     const Joints joints(anchors, pieces, lines, smooth, level, tied);
     const Outline outline(anchors, at, incoming, outgoing);
-    const std::vector<Vector> directions = outline.directions(joints);
+    const std::vector<Point> directions = outline.directions(joints);
     PieceJacobian part;
     std::vector<size_t> order;
     int32_t count = 0;

@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "cubic.h"
+
 namespace cs {
 namespace {
 
@@ -14,13 +16,7 @@ constexpr double kLargestStep = 3.0, kLargestTurn = 0.5;  // px, radians
 constexpr double kLongestHandle = 1.2;  // of the distance between its piece's ends; longer ones do not grow
 constexpr double kShrunk = 0.2;         // of its length that a handle keeps at least in a step
 
-struct Vector {
-  double x = 0.0, y = 0.0;
-  Vector operator+(Vector o) const { return {x + o.x, y + o.y}; }
-  Vector operator-(Vector o) const { return {x - o.x, y - o.y}; }
-  Vector operator*(double f) const { return {x * f, y * f}; }
-  double length() const { return std::max(std::hypot(x, y), 1e-12); }
-};
+Point unit(Point way) { return way * (1.0 / std::max(way.length(), kLeast)); }
 
 struct Joint {
   bool after_line, before_line, long_in, long_out;
@@ -67,7 +63,7 @@ struct Joints {
 
 // Where an outline lies.
 struct Outline {
-  std::vector<Vector> anchors, incoming, outgoing;
+  std::vector<Point> anchors, incoming, outgoing;
 
   // From arrays x 2, and back to them.
   Outline(int64_t count, const double* at, const double* in, const double* out)
@@ -85,25 +81,24 @@ struct Outline {
     std::vector<double> out;
     out.reserve(8 * joints.pieces);
     for (int64_t i = 0; i < joints.pieces; i++) {
-      const Vector a = anchors[i], b = anchors[joints.after(i)], third = (b - a) * (1.0 / 3.0);
-      const Vector first = joints.lines[i] ? a + third : a + outgoing[i];
-      const Vector second = joints.lines[i] ? b - third : b + incoming[joints.after(i)];
-      for (const Vector p : {a, first, second, b}) out.push_back(p.x), out.push_back(p.y);
+      const Point a = anchors[i], b = anchors[joints.after(i)], third = (b - a) * (1.0 / 3.0);
+      const Point first = joints.lines[i] ? a + third : a + outgoing[i];
+      const Point second = joints.lines[i] ? b - third : b + incoming[joints.after(i)];
+      for (const Point p : {a, first, second, b}) out.push_back(p.x), out.push_back(p.y);
     }
     return out;
   }
 
   // Unit tangents of the smooth joints.
-  std::vector<Vector> directions(const Joints& joints) const {
-    std::vector<Vector> out(anchors.size());
+  std::vector<Point> directions(const Joints& joints) const {
+    std::vector<Point> out(anchors.size());
     for (int64_t i = 0; i < joints.anchors; i++) {
       const Joint& joint = joints.of[i];
-      Vector d = joint.long_out ? outgoing[i] : incoming[i] * -1.0;
-      if (joint.long_in && joint.long_out)
-        d = outgoing[i] * (1.0 / outgoing[i].length()) - incoming[i] * (1.0 / incoming[i].length());
+      Point d = joint.long_out ? outgoing[i] : incoming[i] * -1.0;
+      if (joint.long_in && joint.long_out) d = unit(outgoing[i]) - unit(incoming[i]);
       if (joint.after_line) d = anchors[i] - anchors[joints.before(i)];
       if (joint.before_line) d = anchors[joints.after(i)] - anchors[i];
-      out[i] = d * (1.0 / d.length());
+      out[i] = unit(d);
     }
     return out;
   }
@@ -113,44 +108,45 @@ struct Outline {
     const auto by = [&](int64_t variable) {
       return variable < 0 ? 0.0 : std::clamp(step[variable], -kLargestStep, kLargestStep);
     };
-    const std::vector<Vector> directions = this->directions(joints);
+    const std::vector<Point> directions = this->directions(joints);
     Outline out = *this;
     for (int64_t i = 0; i < joints.anchors; i++)
-      out.anchors[i] = anchors[i] + Vector{by(joints.tied[2 * i]), by(joints.tied[2 * i + 1])};
+      out.anchors[i] = anchors[i] + Point{by(joints.tied[2 * i]), by(joints.tied[2 * i + 1])};
     for (int64_t i = 0; i < joints.anchors; i++) {
       const Joint& joint = joints.of[i];
-      const Vector last = out.anchors[i] - out.anchors[joints.before(i)];
-      const Vector next = out.anchors[joints.after(i)] - out.anchors[i];
+      const Point last = out.anchors[i] - out.anchors[joints.before(i)];
+      const Point next = out.anchors[joints.after(i)] - out.anchors[i];
       const double turn = std::clamp(by(joint.angle), -kLargestTurn, kLargestTurn);
-      Vector d{std::cos(turn) * directions[i].x - std::sin(turn) * directions[i].y,
-               std::sin(turn) * directions[i].x + std::cos(turn) * directions[i].y};
-      if (joint.after_line) d = last * (1.0 / last.length());
-      if (joint.before_line) d = next * (1.0 / next.length());
-      const double came_in = std::hypot(incoming[i].x, incoming[i].y);
-      const double came_out = std::hypot(outgoing[i].x, outgoing[i].y);
+      Point d{std::cos(turn) * directions[i].x - std::sin(turn) * directions[i].y,
+              std::sin(turn) * directions[i].x + std::cos(turn) * directions[i].y};
+      if (joint.after_line) d = unit(last);
+      if (joint.before_line) d = unit(next);
+      const double came_in = incoming[i].length(), came_out = outgoing[i].length();
       const int64_t in = joint.vector_in, on = joint.vector_out;
       if (joint.long_in)
         out.incoming[i] = d * -std::max(came_in + by(joint.length_in), kShrunk * came_in);
       else if (in >= 0)
-        out.incoming[i] = incoming[i] + Vector{by(in), by(in + 1)};
+        out.incoming[i] = incoming[i] + Point{by(in), by(in + 1)};
       if (joint.long_out)
         out.outgoing[i] = d * std::max(came_out + by(joint.length_out), kShrunk * came_out);
       else if (on >= 0)
-        out.outgoing[i] = outgoing[i] + Vector{by(on), by(on + 1)};
-      shorten(out.incoming[i], std::max(kLongestHandle * std::hypot(last.x, last.y), came_in));
-      shorten(out.outgoing[i], std::max(kLongestHandle * std::hypot(next.x, next.y), came_out));
+        out.outgoing[i] = outgoing[i] + Point{by(on), by(on + 1)};
+      shorten(out.incoming[i], std::max(kLongestHandle * last.length(), came_in));
+      shorten(out.outgoing[i], std::max(kLongestHandle * next.length(), came_out));
     }
     return out;
   }
 
  private:
-  static std::vector<Vector> pairs(int64_t count, const double* values) {
-    std::vector<Vector> out(count);
+  static std::vector<Point> pairs(int64_t count, const double* values) {
+    std::vector<Point> out(count);
     for (int64_t i = 0; i < count; i++) out[i] = {values[2 * i], values[2 * i + 1]};
     return out;
   }
 
-  static void shorten(Vector& handle, double longest) { handle = handle * std::min(1.0, longest / handle.length()); }
+  static void shorten(Point& handle, double longest) {
+    handle = handle * std::min(1.0, longest / std::max(handle.length(), kLeast));
+  }
 };
 
 // How the 8 coordinates of a piece's control points move with some of the variables.
@@ -167,7 +163,7 @@ struct PieceJacobian {
     columns[8 * k + row] += share;
   }
 
-  void find(const Joints& joints, const Outline& outline, const std::vector<Vector>& directions, int64_t piece) {
+  void find(const Joints& joints, const Outline& outline, const std::vector<Point>& directions, int64_t piece) {
     clear();
     const int64_t start = piece, end = joints.after(piece);
     const double near = joints.lines[piece] ? 2.0 / 3.0 : 1.0, far = 1.0 - near;
@@ -187,11 +183,11 @@ struct PieceJacobian {
 
  private:
   // other: the anchor at the other end of the line that the handle continues, -1 where it continues none.
-  void add_handle(const Joints& joints, const Outline& outline, Vector d, int row, int64_t anchor, int64_t other,
-                  int64_t vector, int64_t length, int64_t angle, Vector handle, double sign) {
-    const double along[2] = {d.x, d.y}, across[2] = {-d.y, d.x}, size = std::hypot(handle.x, handle.y);
-    const Vector line = other < 0 ? Vector{} : outline.anchors[anchor] - outline.anchors[other];
-    const double lever = size / std::max(std::hypot(line.x, line.y), 1e-6);
+  void add_handle(const Joints& joints, const Outline& outline, Point d, int row, int64_t anchor, int64_t other,
+                  int64_t vector, int64_t length, int64_t angle, Point handle, double sign) {
+    const double along[2] = {d.x, d.y}, across[2] = {-d.y, d.x}, size = handle.length();
+    const Point line = other < 0 ? Point{} : outline.anchors[anchor] - outline.anchors[other];
+    const double lever = size / std::max(line.length(), 1e-6);
     for (int c = 0; c < 2; c++) {
       add(vector < 0 ? -1 : vector + c, row + c, 1.0);
       add(length, row + c, sign * along[c]);

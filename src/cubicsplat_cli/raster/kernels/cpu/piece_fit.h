@@ -10,8 +10,6 @@
 namespace cs {
 namespace {
 
-double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
-
 constexpr int kValues = 6;  // of a cubic: see `Sampled::exact`
 
 // Solves a x = b for a symmetric positive definite matrix, by Cholesky's decomposition in place of `a`.
@@ -51,7 +49,7 @@ double huber(double size) { return size <= kOutlying ? size * size : kOutlying *
 
 // Nats for the angle between a line along `way` and the tangent where it meets a smooth run, known to `error` radians.
 double strain(Point way, Point tangent, double error) {
-  const double angle = std::atan2(way.x * tangent.y - way.y * tangent.x, dot(way, tangent));
+  const double angle = std::atan2(cross(way, tangent), dot(way, tangent));
   const double size = std::min(std::fabs(angle) / (kLineSlack + error), kSteepest);
   return 0.5 * size * size;
 }
@@ -96,7 +94,7 @@ struct Sampled {
       last = {x[k], y[k]};
       u[k] = length;
     }
-    length = std::max(length + std::hypot(ends[1].x - last.x, ends[1].y - last.y), 1e-9);
+    length = std::max(length + (ends[1] - last).length(), 1e-9);
     for (double& at : u) at /= length;
   }
 
@@ -140,10 +138,7 @@ struct Sampled {
     const double scale = a11 * a22 - a12 * a12;
     const double out = std::clamp((a22 * r1 - a12 * r2) / scale, kShortest * length, kLongest * length);
     const double in = std::clamp((a11 * r2 - a12 * r1) / scale, kShortest * length, kLongest * length);
-    const Point p[4] = {ends[0],
-                        {ends[0].x + out * first.x, ends[0].y + out * first.y},
-                        {ends[1].x + in * last.x, ends[1].y + in * last.y},
-                        ends[1]};
+    const Point p[4] = {ends[0], ends[0] + first * out, ends[1] + last * in, ends[1]};
     for (int k = 0; k < 4; k++) cubic[2 * k] = p[k].x, cubic[2 * k + 1] = p[k].y;
     double at[kSamples];
     approach(cubic, u, at);

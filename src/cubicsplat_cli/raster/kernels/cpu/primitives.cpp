@@ -76,8 +76,7 @@ struct Solid {
     for (const Point& p : points) origin = {origin.x + p.x / double(n), origin.y + p.y / double(n)};
     double area = 0.0, xx = 0.0, yy = 0.0, xy = 0.0;
     for (size_t i = 0; i < n; i++) {
-      const Point &p = points[i], &q = points[(i + 1) % n];
-      const Point a{p.x - origin.x, p.y - origin.y}, b{q.x - origin.x, q.y - origin.y};
+      const Point a = points[i] - origin, b = points[(i + 1) % n] - origin;
       const double cross = a.x * b.y - a.y * b.x;
       area += 0.5 * cross, sum = {sum.x + (a.x + b.x) * cross, sum.y + (a.y + b.y) * cross};
       xx += (a.x * a.x + b.x * b.x + a.x * b.x) * cross, yy += (a.y * a.y + b.y * b.y + a.y * b.y) * cross;

@@ -91,7 +91,7 @@ CS_EXPORT int32_t cs_directions(int64_t anchors, int64_t pieces, const uint8_t* 
   using namespace cs;
   return failed([&] {
     const Joints joints(anchors, pieces, lines, smooth, level, tied);
-    for (const Vector& d : Outline(anchors, at, incoming, outgoing).directions(joints))
+    for (const Point& d : Outline(anchors, at, incoming, outgoing).directions(joints))
       *directions++ = d.x, *directions++ = d.y;
   });
 }

@@ -22,8 +22,6 @@ constexpr double kLeastError = 0.01;     // px and radians
 
 using Errors = std::array<double, 2>;  // px across the run, and radians
 
-inline double cross(Point a, Point b) { return a.x * b.y - a.y * b.x; }
-
 // A run of points: where the local fits place each one, and which way it heads and bends there. weights: 1/px^2, 0 where
 // the points tell nothing. ends, tangents, errors: where it starts and stops. corners: whether it does so at corners, or
 // is a loop.
@@ -47,8 +45,7 @@ struct Section {
     }();
     const int64_t count = int64_t(points.size());
     std::vector<double> length(count, 0.0);
-    for (int64_t i = 1; i < count; i++)
-      length[i] = length[i - 1] + std::hypot(points[i].x - points[i - 1].x, points[i].y - points[i - 1].y);
+    for (int64_t i = 1; i < count; i++) length[i] = length[i - 1] + (points[i] - points[i - 1]).length();
     at.resize(count), along.resize(count), bend.resize(count), known_to.resize(count);
     for (int64_t i = 0; i < count; i++) {
       double terms[6] = {};
@@ -88,11 +85,7 @@ inline std::vector<Node> extrema(const Section& run) {
       const double off = 0.5 * step * step * bend;
       const double ahead = std::copysign(1.0, c ? here.x : here.y);
       taken[k] = 1;
-      out.push_back({k,
-                     {run.at[k].x + step * here.x + off * normal.x, run.at[k].y + step * here.y + off * normal.y},
-                     c ? Point{ahead, 0.0} : Point{0.0, ahead},
-                     true,
-                     {}});
+      out.push_back({k, run.at[k] + here * step + normal * off, c ? Point{ahead, 0.0} : Point{0.0, ahead}, true, {}});
     }
   return out;
 }
@@ -106,7 +99,7 @@ inline std::vector<Node> nodes_of(const Section& run) {
   };
   double length = 0.0, turn = 0.0;
   for (int64_t i = 1; i < count; i++) {
-    const double step = std::hypot(run.at[i].x - run.at[i - 1].x, run.at[i].y - run.at[i - 1].y);
+    const double step = (run.at[i] - run.at[i - 1]).length();
     length += step;
     if (run.sure(i)) turn += std::fabs(0.5 * (run.bend[i] + run.bend[i - 1]) * step);
     measure[i] = measure[i - 1] + 0.5 * (density(i) + density(i - 1)) * step;

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "abi.h"
+#include "cubic.h"
 
 namespace cs::stack {
 
@@ -50,11 +51,7 @@ constexpr double kFlatness = 0.001;  // px between a cubic and its polyline
 constexpr int kMostEdges = 256;
 constexpr float kNothing = 1e-12f;  // coverage that is only the rounding of a sum
 
-struct Point {
-  double x, y;
-};
-
-inline Point between(Point a, Point b, double t) { return {a.x + (b.x - a.x) * t, a.y + (b.y - a.y) * t}; }
+inline Point between(Point a, Point b, double t) { return a + (b - a) * t; }
 
 struct Cubic {
   const double* p;

@@ -10,7 +10,6 @@
 
 #include "abi.h"
 #include "cubic.h"
-#include "outline_variables.h"
 
 namespace cs {
 namespace {
@@ -22,24 +21,23 @@ constexpr double kMiterLimit = 4.0;               // SVG's own: of the length of
 constexpr double kShort = 1e-9;                   // px: no length
 constexpr int64_t kMostParts = 64;
 
-Vector normal(Vector way) { return {-way.y, way.x}; }
-double cross(Vector a, Vector b) { return a.x * b.y - a.y * b.x; }
+Point normal(Point way) { return {-way.y, way.x}; }
 // Radians from one direction to another, positive from x to y.
-double turn(Vector a, Vector b) { return std::atan2(cross(a, b), a.x * b.x + a.y * b.y); }
+double turn(Point a, Point b) { return std::atan2(cross(a, b), dot(a, b)); }
 
 enum Cap { kButt, kRound, kSquare, kClosed, kOneSide };
 enum Join { kMiter, kRoundJoin, kBevel };
 
 // A piece of an outline, and the pieces of the centre line that it depends on, the same one twice but at a joint.
 struct Piece {
-  Vector at[4];
+  Point at[4];
   uint8_t line;
   int64_t first, last;
 };
 
 struct Line {
   int64_t count;
-  const Vector (*cubics)[4];
+  const Point (*cubics)[4];
   const uint8_t* lines;
   const int64_t* parts;
   const double* turns;
@@ -51,12 +49,12 @@ struct Style {
 };
 
 // Unit tangents at both ends of a cubic; where a handle has no length, those of what follows it.
-void tangents(const Vector* p, Vector* out) {
+void tangents(const Point* p, Point* out) {
   for (int end = 0; end < 2; end++) {
-    const Vector& from = end ? p[3] : p[0];
-    Vector way = (end ? p[2] : p[1]) - from;
+    const Point& from = end ? p[3] : p[0];
+    Point way = (end ? p[2] : p[1]) - from;
     for (int k = 2; k < 4 && way.length() <= kShort; k++) way = (end ? p[3 - k] : p[k]) - from;
-    out[end] = way * ((end ? -1.0 : 1.0) / way.length());
+    out[end] = way * ((end ? -1.0 : 1.0) / std::max(way.length(), kLeast));
   }
 }
 
@@ -74,7 +72,7 @@ class StrokeOutline {
     if (style.cap == kOneSide) return close();
     if (style.cap == kClosed) close();
     const int64_t last = line.count - 1;
-    Vector end[2], start[2];
+    Point end[2], start[2];
     tangents(line.cubics[last], end), tangents(line.cubics[0], start);
     if (style.cap != kClosed) cap(line.cubics[last][3], end[1], style, last);
     const size_t back = pieces.size();
@@ -86,7 +84,7 @@ class StrokeOutline {
   }
 
  private:
-  void straight(Vector a, Vector b, int64_t first, int64_t last) {
+  void straight(Point a, Point b, int64_t first, int64_t last) {
     pieces.push_back({{a, a + (b - a) * (1.0 / 3.0), a + (b - a) * (2.0 / 3.0), b}, 1, first, last});
   }
 
@@ -97,14 +95,15 @@ class StrokeOutline {
     ends.push_back(int64_t(pieces.size()));
   }
 
-  void arc(Vector middle, Vector start, double by, int64_t count, int64_t first, int64_t last) {
-    const double radius = (start - middle).length(), from = std::atan2(start.y - middle.y, start.x - middle.x);
+  void arc(Point middle, Point start, double by, int64_t count, int64_t first, int64_t last) {
+    const Point spoke = start - middle;
+    const double radius = std::max(spoke.length(), kLeast), from = std::atan2(spoke.y, spoke.x);
     const double reach = 4.0 / 3.0 * std::tan(by / count / 4.0);
     for (int64_t k = 0; k < count; k++) {
       const double angles[2] = {from + by * k / count, from + by * (k + 1) / count};
-      Vector unit[2];
+      Point unit[2];
       for (int e = 0; e < 2; e++) unit[e] = {std::cos(angles[e]), std::sin(angles[e])};
-      const Vector way[4] = {unit[0], unit[0] + normal(unit[0]) * reach, unit[1] - normal(unit[1]) * reach, unit[1]};
+      const Point way[4] = {unit[0], unit[0] + normal(unit[0]) * reach, unit[1] - normal(unit[1]) * reach, unit[1]};
       Piece piece{{}, 0, first, last};
       for (int e = 0; e < 4; e++) piece.at[e] = middle + way[e] * radius;
       pieces.push_back(piece);
@@ -115,7 +114,7 @@ class StrokeOutline {
   void side(const Line& line, double reach, Style style) {
     for (int64_t i = 0; i < line.count; i++) {
       const int64_t next = (i + 1) % line.count;
-      Vector own[2], following[2];
+      Point own[2], following[2];
       tangents(line.cubics[i], own), tangents(line.cubics[next], following);
       offset(line.cubics[i], line.lines[i], reach, own, line.parts[i], i);
       if (line.turns[i] != 0.0 && (next || style.cap == kClosed || style.cap == kOneSide))
@@ -123,20 +122,19 @@ class StrokeOutline {
     }
   }
 
-  void offset(const Vector* p, bool line, double reach, const Vector* ends_of, int64_t count, int64_t owner) {
+  void offset(const Point* p, bool line, double reach, const Point* ends_of, int64_t count, int64_t owner) {
     if (line) {
-      const Vector by = normal(ends_of[0]) * reach;
+      const Point by = normal(ends_of[0]) * reach;
       return straight(p[0] + by, p[3] + by, owner, owner);
     }
-    std::vector<Vector> places(count + 1), slopes(count + 1);
+    std::vector<Point> places(count + 1), slopes(count + 1);
     std::vector<double> speeds(count + 1), turning(count + 1);
     double fastest = 0.0;
     for (int64_t k = 0; k <= count; k++) {
       const Place here(&p->x, double(k) / count);
-      const Vector first{here.first.x, here.first.y}, second{here.second.x, here.second.y};
-      places[k] = {here.at.x, here.at.y};
-      speeds[k] = first.length(), turning[k] = cross(first, second);
-      slopes[k] = first * (1.0 / std::max(speeds[k], kShort));
+      places[k] = here.at;
+      speeds[k] = std::max(here.first.length(), kLeast), turning[k] = cross(here.first, here.second);
+      slopes[k] = here.first * (1.0 / std::max(speeds[k], kShort));
       fastest = std::max(fastest, speeds[k]);
     }
     slopes[0] = ends_of[0], slopes[count] = ends_of[1];
@@ -153,21 +151,20 @@ class StrokeOutline {
 
   // What fills the gap between the offsets of two pieces; on the inner side the way over the joint itself. planned:
   // about the angle by which the line turns, which says what it is made of.
-  void join(Vector at, Vector before, Vector after, double reach, int64_t kind, double planned, int64_t i,
-            int64_t next) {
-    const Vector a = at + normal(before) * reach, b = at + normal(after) * reach;
+  void join(Point at, Point before, Point after, double reach, int64_t kind, double planned, int64_t i, int64_t next) {
+    const Point a = at + normal(before) * reach, b = at + normal(after) * reach;
     if (planned * reach > 0.0) return straight(a, at, i, next), straight(at, b, i, next);
     if (kind == kRoundJoin) return arc(at, a, turn(before, after), eighths(planned), i, next);
     if (kind != kMiter || 1.0 > kMiterLimit * std::max(std::cos(0.5 * planned), kShort)) return straight(a, b, i, next);
-    const Vector middle = normal(before) + normal(after);
+    const Point middle = normal(before) + normal(after);
     const double stretch = 1.0 / std::max(std::cos(0.5 * turn(before, after)), kShort);
-    const Vector tip = at + middle * (reach * stretch / std::max(middle.length(), kShort));
+    const Point tip = at + middle * (reach * stretch / std::max(middle.length(), kShort));
     straight(a, tip, i, next), straight(tip, b, i, next);
   }
 
   // From the left side of an end (that of the normal) around to its right.
-  void cap(Vector at, Vector way, Style style, int64_t owner) {
-    const Vector out = way * style.half, a = at + normal(out), b = at - normal(out);
+  void cap(Point at, Point way, Style style, int64_t owner) {
+    const Point out = way * style.half, a = at + normal(out), b = at - normal(out);
     if (style.cap == kRound) return arc(at, a, -kPi, eighths(kPi), owner, owner);
     if (style.cap == kButt) return straight(a, b, owner, owner);
     straight(a, a + out, owner, owner), straight(a + out, b + out, owner, owner), straight(b + out, b, owner, owner);
@@ -183,15 +180,15 @@ extern "C" {
 // from each to the next, 0 where that needs no join.
 CS_EXPORT void cs_plan_offset(int64_t count, const double* cubics, const uint8_t* lines, int64_t* parts,
                               double* turns) {
-  const auto* p = reinterpret_cast<const Vector(*)[4]>(cubics);
+  const auto* p = reinterpret_cast<const Point(*)[4]>(cubics);
   for (int64_t i = 0; i < count; i++) {
-    Vector own[2], next[2];
+    Point own[2], next[2];
     tangents(p[i], own), tangents(p[(i + 1) % count], next);
     const double by = turn(own[1], next[0]);
     turns[i] = std::fabs(by) < kStraight ? 0.0 : by;
     double all = 0.0;
-    const Vector* before = nullptr;
-    Vector ways[3];
+    const Point* before = nullptr;
+    Point ways[3];
     for (int k = 0; k < 3; k++) {
       ways[k] = p[i][k + 1] - p[i][k];
       if (ways[k].length() <= kShort) continue;
@@ -209,9 +206,9 @@ CS_EXPORT int64_t cs_offset(int64_t count, const double* cubics, const uint8_t* 
                             uint8_t* straight, int64_t* ends) {
   return counted([&] {
     StrokeOutline outline;
-    outline.around({count, reinterpret_cast<const Vector(*)[4]>(cubics), lines, parts, turns}, {half, cap, join});
+    outline.around({count, reinterpret_cast<const Point(*)[4]>(cubics), lines, parts, turns}, {half, cap, join});
     for (const Piece& piece : outline.pieces) {
-      for (const Vector& at : piece.at) *points++ = at.x, *points++ = at.y;
+      for (const Point& at : piece.at) *points++ = at.x, *points++ = at.y;
       *straight++ = piece.line;
     }
     std::copy(outline.ends.begin(), outline.ends.end(), ends);
@@ -227,7 +224,7 @@ CS_EXPORT int64_t cs_offset_slopes(int64_t count, const double* cubics, const ui
                                    int64_t* rows, int64_t* columns, double* values) {
   return counted([&] {
     std::vector<double> moved(cubics, cubics + 8 * count);
-    const Line line{count, reinterpret_cast<const Vector(*)[4]>(moved.data()), lines, parts, turns};
+    const Line line{count, reinterpret_cast<const Point(*)[4]>(moved.data()), lines, parts, turns};
     StrokeOutline still, now;
     still.around(line, {half, cap, join});
     const auto colour_of = [&](int64_t i) { return count % 2 && i + 1 == count ? 2 : i % 2; };
@@ -245,7 +242,7 @@ CS_EXPORT int64_t cs_offset_slopes(int64_t count, const double* cubics, const ui
               const Piece& owner = still.pieces[q < 3 ? n : n + 1 < end ? n + 1 : first];
               const int64_t own = colour_of(owner.first) == colour ? owner.first : owner.last;
               if (colour_of(own) != colour) continue;
-              const Vector change = (now.pieces[n].at[q] - still.pieces[n].at[q]) * (1.0 / step);
+              const Point change = (now.pieces[n].at[q] - still.pieces[n].at[q]) * (1.0 / step);
               for (int c = 0; c < 2; c++) {
                 const double value = c ? change.y : change.x;
                 if (std::fabs(value) <= 1e-12) continue;

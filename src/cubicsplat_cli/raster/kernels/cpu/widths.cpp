@@ -39,8 +39,7 @@ double length(const double* p) {
 
 Point way(const double* p, double u) {
   const Point first = Place(p, u).first;
-  const double speed = std::max(std::hypot(first.x, first.y), kStill);
-  return {first.x / speed, first.y / speed};
+  return first / std::max(first.length(), kStill);
 }
 
 struct Measured {
@@ -65,7 +64,7 @@ struct Measured {
       for (int64_t n = first; n < shape.ends[ring]; n++) {
         const double *p = shape.cubics + 8 * n, *next = shape.cubics + 8 * (n + 1 < shape.ends[ring] ? n + 1 : first);
         const Point out = way(p, 1.0 - kNearEnd), in = way(next, kNearEnd);
-        corners += out.x * in.x + out.y * in.y < kCorner;
+        corners += dot(out, in) < kCorner;
         const double px = length(p);
         const int64_t count = std::max<int64_t>(1, int64_t(std::ceil(px / step)));
         for (int64_t k = 0; k < count; k++) {
