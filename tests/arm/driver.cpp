@@ -11,8 +11,8 @@
 
 namespace {
 
-enum Function : int32_t { render, gradients, step };
-enum Part { scene, settings, images, gradient, training, parts };
+enum Function : int32_t { render, gradients, run };
+enum Part { scene, settings, images, gradient, training, steps, parts };
 
 void read(void* to, size_t bytes) {
   if (bytes && std::fread(to, bytes, 1, stdin) != 1) std::exit(0);  // the other side has gone
@@ -42,7 +42,8 @@ int32_t call(CsEngine* engine, Function function, std::vector<char>* part) {
   const auto* g = reinterpret_cast<CsGradients*>(part[gradient].data());
   if (function == render) return cs_render(engine, s, t, i);
   if (function == gradients) return cs_gradients(engine, s, t, i, g);
-  return cs_step(engine, s, t, i, g, reinterpret_cast<CsTraining*>(part[training].data()));
+  return cs_run(engine, s, t, i, g, reinterpret_cast<CsTraining*>(part[training].data()),
+                reinterpret_cast<CsRun*>(part[steps].data()));
 }
 
 void serve(CsEngine* engine) {

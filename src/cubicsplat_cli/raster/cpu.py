@@ -180,28 +180,16 @@ class CpuEngine(Engine):
         """Do steps of the knots of moving curves. canvas: any scene on their canvas."""
         self._draw("cs_step_frames", canvas, settings, Pass(None), steps)
 
-    def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float:
-        return self._train("cs_step", scene, settings, training)
-
     def steps(
         self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
         best: Checkpoint | None = None,
     ) -> np.ndarray:  # fmt: skip
-        losses = np.empty(len(paces))
+        losses = np.zeros(len(paces))
         kept = {} if best is None else {name: getattr(best.curves, name) for name in MOVED}
         run = _Run(
             len(paces), address_of(paces), seconds, address_of(losses), 0, math.inf if best is None else best.loss,
             **scene.addresses(self.device, kept, "best "),
         )  # fmt: skip
-        try:
-            self._train("cs_run", scene, settings, training, run)
-        finally:  # Ctrl-C comes after the call, and must find the loss of the curves that were kept
-            if best is not None:
-                best.loss = run.least
-        return losses[: run.done]
-
-    def _train(self, name: str, scene: EngineScene, settings: RasterSettings, training: Training, *run: _Run) -> float:
-        """Call a function of the native engine that does steps. Return the loss before the first."""
         gradients = _Gradients(**scene.addresses(self.device, training.out, "gradient of "))
         further = {"points_gradient": training.points_gradient, "rate_scale": training.rate_scale}
         moved = {name: getattr(scene, name) for name in MOVED} | vars(training.state) | further
@@ -215,7 +203,12 @@ class CpuEngine(Engine):
             update.tied = ctypes.addressof(tied)
         if training.blunting is not None:
             update.blunting = ctypes.addressof(training.blunting)
-        return self._draw(name, scene, settings, training, gradients, update, *run)
+        try:
+            self._draw("cs_run", scene, settings, training, gradients, update, run)
+        finally:  # Ctrl-C comes after the call, and must find the loss of the curves that were kept
+            if best is not None:
+                best.loss = run.least
+        return losses[: run.done]
 
     def timings(self) -> dict[str, float]:
         seconds = (c_double * 4)()

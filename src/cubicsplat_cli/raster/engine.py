@@ -201,16 +201,15 @@ class Engine(ABC):
 
     The CPU's takes arrays of either kind and returns the same kind; a GPU's takes torch tensors on its device. device:
     that of the arrays, as their kind names it. runs_ahead: calls return before all is done, and a look at a value
-    waits. at_once: the number of `steps` that it may do in a row, 1 if it has no such method. Only the CPU's has these,
-    or None: ground (H, W, C), a picture behind all curves in place of a scene's background; and metric (2, H, W, 3),
-    the cost of the error e of a pixel in place of its penalty: e' M e, of M the diagonal, then (0, 1), (0, 2) and (1,
-    2).
+    waits. at_once: the number of `steps` that it may do in a row. Only the CPU's has these, or None: ground (H, W, C),
+    a picture behind all curves in place of a scene's background; and metric (2, H, W, 3), the cost of the error e of a
+    pixel in place of its penalty: e' M e, of M the diagonal, then (0, 1), (0, 2) and (1, 2).
     """
 
     name: str
     device: Any
     runs_ahead: bool = False
-    at_once: int = 1
+    at_once: int
     ground: Array | None = None
     metric: Array | None = None
 
@@ -297,23 +296,25 @@ class Engine(ABC):
     def _gradients(self, scene: EngineScene, settings: RasterSettings, given: Pass) -> float:
         """Fill `given.out`, whose arrays are zero, and return the loss."""
 
-    @abstractmethod
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float | Array:
         """Do a fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
 
         Return the loss (sum over the pixels) before the update. A parameter with rate 0 is not written. Raises
         EngineError.
         """
+        pace = settings.edge_width, *training.rates.sizes
+        losses = self.steps(scene, settings, training, np.array([pace], np.float32), math.inf)
+        return losses[0] if self.runs_ahead else float(losses[0])
 
+    @abstractmethod
     def steps(
         self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
         best: Checkpoint | None = None,
     ) -> Array:  # fmt: skip
         """Do steps in a row. paces: (n, 6) float32, the edge width and rates of each, in place of those of the settings
         and of the training. No step begins after so many seconds, nor after a value that is not finite. best: is kept
-        up to date, in place. Return the losses before the steps that were done, of the kind that `step` returns.
+        up to date, in place. Return the losses before the steps that were done.
         """
-        raise EngineError(f"{self._failed}: it does one step at a time")
 
     def timings(self) -> dict[str, float]:
         """Return the seconds of the last call in each stage; none if the engine does not measure them."""

@@ -139,20 +139,14 @@ class CudaEngine(Engine):
             self._run(scene, settings, given, loss)
             return float(loss) if given.target is not None else 0.0  # reading it waits for the GPU
 
-    def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Tensor:
-        """See `Engine.step`. Return the loss as a float64 tensor without dimensions on the GPU; float() of it waits.
-
-        A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
-        """
-        pace = settings.edge_width, *training.rates.sizes
-        return self.steps(scene, settings, training, np.array([pace], np.float32))[0]
-
     def steps(
-        self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray,
-        seconds: float = math.inf, best: Checkpoint | None = None,
+        self, scene: EngineScene, settings: RasterSettings, training: Training, paces: np.ndarray, seconds: float,
+        best: Checkpoint | None = None,
     ) -> Tensor:  # fmt: skip
         """See `Engine.steps`. It does not wait: all steps are queued whatever their time, the losses come as a float64
-        tensor (n,) on the GPU, and a `best` cannot be kept.
+        tensor (n,) on the GPU, float() of which waits, and a `best` cannot be kept.
+
+        A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
         assert best is None
         frame = self._frame(scene, settings, training, backward=True)

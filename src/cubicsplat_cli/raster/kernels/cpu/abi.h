@@ -167,8 +167,6 @@ CS_EXPORT const char* cs_isa(const CsEngine*);
 // Each returns 0, or 1 with cs_error() set.
 CS_EXPORT int32_t cs_render(CsEngine*, const CsScene*, const CsSettings*, const CsImages*);
 CS_EXPORT int32_t cs_gradients(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*);
-CS_EXPORT int32_t cs_step(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*,
-                          const CsTraining*);
 CS_EXPORT int32_t cs_run(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*,
                          const CsTraining*, CsRun*);
 // Seconds spent in flatten, bin, raster and update by the last call.

@@ -371,12 +371,6 @@ int32_t cs_step_frames(CsEngine* e, const CsScene* canvas, const CsSettings* set
   });
 }
 
-int32_t cs_step(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
-                const CsGradients* gradients, const CsTraining* training) {
-  return guarded(e, scene, settings, images, true,
-                 [&] { e->step(*scene, *settings, *images, gradients, *training, nullptr); });
-}
-
 int32_t cs_run(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
                const CsGradients* gradients, const CsTraining* training, CsRun* run) {
   return guarded(e, scene, settings, images, true, [&] {
