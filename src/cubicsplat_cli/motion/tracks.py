@@ -66,19 +66,14 @@ class Lines:
     after: np.ndarray
     share: np.ndarray
 
-    def at(
-        self, values: np.ndarray, frame: int, curves: np.ndarray | slice = EVERY, steps: np.ndarray | None = None
-    ) -> np.ndarray:
-        """(n, C): the values (F, N, C) of knots, at a frame between them, of some curves (n,).
-
-        steps: (C,), to whose multiples the values of knots are rounded first.
-        """
+    def at(self, values: np.ndarray, frame: int, curves: np.ndarray | slice = EVERY) -> np.ndarray:
+        """(n, C): the values (F, N, C) of knots, at a frame between them, of some curves (n,)."""
         count = self.before.shape[1]
         numbers = np.arange(count)[curves]
         before, after = (knots[frame, curves] * count + numbers for knots in (self.before, self.after))
         share = np.ascontiguousarray(self.share[frame, curves])
         found = np.empty((len(before), values.shape[2]), np.float32)
-        native("clip", "cs_between_knots", *found.shape, values, before, after, share, steps, found, result=None)
+        native("clip", "cs_between_knots", *found.shape, values, before, after, share, found, result=None)
         return found
 
 
@@ -124,18 +119,13 @@ class Tracks:
         """Of each track; good for as long as knots and still curves stay the same."""
         return {name: track.lines(self.times) for name, track in self.by_name.items()}
 
-    def at(
-        self, frame: int, lines: dict[str, Lines], grid: dict[str, np.ndarray] | None = None
-    ) -> tuple[EngineScene, np.ndarray]:
+    def at(self, frame: int, lines: dict[str, Lines]) -> tuple[EngineScene, np.ndarray]:
         """The scene of a frame, as the engine draws it, of the curves (n,) that have an opacity there, and which they
-        are. grid: the steps of the values of knots in a file, to draw what that shows.
+        are.
         """
-        steps = grid or {}
-        opacities = lines["opacities"].at(self.by_name["opacities"].values, frame, EVERY, steps.get("opacities"))
+        opacities = lines["opacities"].at(self.by_name["opacities"].values, frame)
         seen = np.flatnonzero(opacities[:, 0] > 0.0)
-        found = {
-            name: lines[name].at(track.values, frame, seen, steps.get(name)) for name, track in self.by_name.items()
-        }
+        found = {name: lines[name].at(track.values, frame, seen) for name, track in self.by_name.items()}
         return engine_scene(self.scene, found), seen
 
     def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:

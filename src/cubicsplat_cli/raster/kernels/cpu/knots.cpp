@@ -129,9 +129,9 @@ class FrameCurves {
 // found: curves x numbers, on the lines from values[before] to values[after], a share of the way; both are rows of
 // `numbers` values.
 CS_EXPORT void cs_between_knots(int64_t curves, int64_t numbers, const float* values, const int64_t* before,
-                                const int64_t* after, const float* share, const double* steps, float* found) {
+                                const int64_t* after, const float* share, float* found) {
   for (int64_t curve = 0; curve < curves; curve++)
-    between(numbers, values + numbers * before[curve], values + numbers * after[curve], share[curve], steps,
+    between(numbers, values + numbers * before[curve], values + numbers * after[curve], share[curve], nullptr,
             found + numbers * curve);
 }
 
