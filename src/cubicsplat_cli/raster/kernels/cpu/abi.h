@@ -169,10 +169,10 @@ CS_EXPORT int32_t cs_render(CsEngine*, const CsScene*, const CsSettings*, const 
 CS_EXPORT int32_t cs_gradients(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*);
 CS_EXPORT int32_t cs_run(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*,
                          const CsTraining*, CsRun*);
-// Seconds spent in flatten, bin, raster and update by the last call.
 // canvas: its curves do not count.
 CS_EXPORT int32_t cs_step_frames(CsEngine*, const CsScene* canvas, const CsSettings*, const CsImages*,
                                  const CsFrameSteps*);
+// Seconds spent in flatten, bin, raster and update by the last call.
 CS_EXPORT void cs_timings(const CsEngine*, double* seconds);
 // Pairs of the last call: outside (skipped), inside, boundary, and edges in the boundary pairs.
 CS_EXPORT void cs_counts(const CsEngine*, int64_t* counts);

@@ -194,8 +194,6 @@ CS_EXPORT void cs_second_differences(const float* values, int64_t height, int64_
     }
 }
 
-// The different ones of `count` keys: which of them each is, numbered in the order of the keys, and the first of each.
-// Returns how many there are; -1 where there is no memory.
 // The largest difference of a channel between each pixel and the one `apart` values further on, in so many runs of so many
 // pixels, which begin every `stride` values.
 CS_EXPORT void cs_steps(const float* values, int64_t runs, int64_t pixels, int64_t channels, int64_t stride,
@@ -221,6 +219,8 @@ CS_EXPORT void cs_off_palette(const float* values, int64_t pixels, const double*
   }
 }
 
+// The different ones of `count` keys: which of them each is, numbered in the order of the keys, and the first of each.
+// Returns how many there are; -1 where there is no memory.
 CS_EXPORT int64_t cs_distinct(int64_t count, const uint64_t* keys, int64_t* numbers, int64_t* first) {
   return cs::counted([&] {
     std::vector<int64_t> table(1024, -1);
