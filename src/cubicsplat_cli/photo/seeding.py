@@ -31,7 +31,7 @@ LEAST_VARIANCE = 0.5  # px^2, added: no patch is thinner than a pixel or so
 # A uniform ellipse has semi-axes of 2 standard deviations; the window cuts patches off, hence a little less.
 AXES = 1.6
 STROKE_WOBBLE = 0.3  # px
-TRIES, MOVES = 200, 100  # of each shape; five times as many make fits no better (docs/lab/photos.md)
+TRIES, MOVES = 200, 100  # of each shape; four times as many make fits no better (docs/lab/photos.md)
 LEAST, MOST = 1.0 / 16.0, 4.0  # half-axes of what is tried, in length units
 FINENESS = 16.0  # px: a length unit in the copy of the picture on which shapes are tried
 ROUND = 16  # corners of an ellipse there
