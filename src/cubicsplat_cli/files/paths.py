@@ -7,8 +7,8 @@ uses it reports the reason.
 from __future__ import annotations
 
 import html
+import os
 import re
-import stat
 import zlib
 from pathlib import Path
 
@@ -21,27 +21,14 @@ EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by th
 _PROGRAM = re.compile(rb'"program": ?"' + PROGRAM.encode() + b'"')  # in a JSON, spaced out or not
 _TINY = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 '  # how placeholders begin, which have no comment
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
+# Through links; False for a path that cannot be examined. Path's own methods raise an error for some of these.
+is_folder, is_file, is_there = os.path.isdir, os.path.isfile, os.path.exists
 
 
 def format_of(path: Path) -> str | None:
     """Return the format of other programs that a path's suffix names, None for other suffixes."""
     form = path.suffix[1:].lower()
     return form if form in EXPORTS else None
-
-
-def is_folder(path: Path) -> bool:
-    """Return whether the path leads to a folder, through links or not."""
-    return stat.S_ISDIR(_kind(path))
-
-
-def is_file(path: Path) -> bool:
-    """Return whether the path leads to a regular file, through links or not."""
-    return stat.S_ISREG(_kind(path))
-
-
-def is_there(path: Path) -> bool:
-    """Return whether the path leads to anything, through links or not."""
-    return _kind(path) != 0
 
 
 def same_file(first: Path, second: Path) -> bool:
@@ -61,13 +48,6 @@ def make_folder_of(path: Path) -> None:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"{path.parent}: folder cannot be created ({reason}); choose another with -o") from error
-
-
-def _kind(path: Path) -> int:
-    try:
-        return path.stat().st_mode
-    except (OSError, ValueError):
-        return 0
 
 
 def check_outputs(paths: list[Path], *, force: bool) -> None:
