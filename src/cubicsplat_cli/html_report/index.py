@@ -87,8 +87,8 @@ def index(path: Path, entries: Sequence[Entry], title: str) -> bytes:
     )
 
 
-def _row(index_path: Path, entry: Entry) -> dict[str, object]:
-    """Return link, name, thumbnail, and cells as (number to sort by, text)."""
+def _row(index_path: Path, entry: Entry) -> tuple[Entry, str | None, list[tuple[str, str]]]:
+    """Return an entry, the link to its page, and cells as (number to sort by, text)."""
     quality, link = entry.quality, None
     if entry.page is not None:
         relative = os.path.relpath(entry.page.absolute(), index_path.absolute().parent)
@@ -102,14 +102,7 @@ def _row(index_path: Path, entry: Entry) -> dict[str, object]:
         (entry.bytes, "-" if entry.bytes is None else file_size(entry.bytes)),
         (entry.seconds, "-" if entry.seconds is None else duration(entry.seconds)),
     ]
-    return {
-        "link": link,
-        "name": entry.name,
-        "style": entry.style,
-        "thumbnail": entry.thumbnail,
-        "error": entry.error.removeprefix(f"{entry.name}: "),
-        "cells": [("" if value is None else f"{value:g}", text) for value, text in cells],
-    }
+    return entry, link, [("" if value is None else f"{value:g}", text) for value, text in cells]
 
 
 def planned_pages(where: Path, *, folders: bool) -> Path:
