@@ -47,8 +47,9 @@ def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> No
 
 @pytest.mark.parametrize("tied", [np.arange(10).reshape(5, 2), np.full((5, 2), -1)])
 @pytest.mark.parametrize("smooth", [drop().smooth, np.zeros(5, dtype=bool), np.ones(5, dtype=bool)])
-def test_a_variable_moves_what_its_number_says(smooth: np.ndarray, tied: np.ndarray) -> None:
-    pieces = replace(drop(), smooth=smooth, tied=tied)
+@pytest.mark.parametrize("level", [drop().level, np.zeros(5, dtype=bool)])
+def test_a_variable_moves_what_its_number_says(level: np.ndarray, smooth: np.ndarray, tied: np.ndarray) -> None:
+    pieces = replace(drop(), level=level, smooth=smooth, tied=tied)
     numbers, still = pieces.joints.numbers, pieces.moved(np.zeros(pieces.joints.variables))
     every = np.concatenate([tied.ravel(), *numbers[:3], *numbers[3:], *(each[each >= 0] + 1 for each in numbers[3:])])
     assert sorted(every[every >= 0].tolist()) == [*range(pieces.joints.variables)]
@@ -62,8 +63,10 @@ def test_a_variable_moves_what_its_number_says(smooth: np.ndarray, tied: np.ndar
     for k in np.flatnonzero(numbers.angle >= 0):
         step = np.zeros(pieces.joints.variables)
         step[numbers.angle[k]] = 0.1
-        turned = np.cross(still.directions[k], still.moved(step).directions[k])
-        assert turned == pytest.approx(math.sin(0.1))
+        for name in ("incoming", "outgoing"):
+            before, after = (getattr(each, name)[k] for each in (still, still.moved(step)))
+            cross = before[0] * after[1] - before[1] * after[0]
+            assert cross == pytest.approx(math.sin(0.1) * np.hypot(*before) * np.hypot(*after))
 
 
 @given(

@@ -153,11 +153,6 @@ def held_ring(
     return outline, joints
 
 
-def outline_directions(joints: Joints, outline: Outline) -> np.ndarray:
-    """Return (A, 2): the unit tangents of the smooth joints."""
-    return _native("cs_directions", *joints._given, *map(doubles, outline), Out(outline[0].shape))
-
-
 def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> tuple[Outline, np.ndarray]:
     """Return an outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian
     each, and its control points, as of `outline_cubics`.

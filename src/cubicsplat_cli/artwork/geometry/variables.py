@@ -16,7 +16,6 @@ from cubicsplat_cli.raster.cubics import (
     Joints,
     moved_outline,
     outline_cubics,
-    outline_directions,
     outline_jacobian,
     refined,
     tied_coordinates,
@@ -60,11 +59,6 @@ class Pieces:
     def outline(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The anchors, and the handles before and after them."""
         return self.anchors, self.incoming, self.outgoing
-
-    @cached_property
-    def directions(self) -> np.ndarray:
-        """(A, 2) unit tangents of the smooth joints."""
-        return outline_directions(self.joints, self.outline)
 
     @cached_property
     def jacobian(self) -> SparseRows:
