@@ -83,16 +83,4 @@ CS_EXPORT int32_t cs_number_joints(int64_t anchors, int64_t pieces, const uint8_
         *numbers++ = number;
   });
 }
-
-// directions: anchors x 2, unit tangents of the smooth joints of an outline as in `cs_refine`.
-CS_EXPORT int32_t cs_directions(int64_t anchors, int64_t pieces, const uint8_t* lines, const uint8_t* smooth,
-                                const uint8_t* level, const int64_t* tied, const double* at, const double* incoming,
-                                const double* outgoing, double* directions) {
-  using namespace cs;
-  return failed([&] {
-    const Joints joints(anchors, pieces, lines, smooth, level, tied);
-    for (const Point& d : Outline(anchors, at, incoming, outgoing).directions(joints))
-      *directions++ = d.x, *directions++ = d.y;
-  });
-}
 }
