@@ -124,6 +124,6 @@ def test_a_ring_that_crosses_its_axis_four_times_has_no_halves():
 
 
 def test_what_is_tied_to_something_fixed_or_to_its_own_opposite_is_fixed():
-    matrix = dense(null_basis(6, [{0: 1.0, 1: 1.0}, {1: 1.0, 2: -1.0}, {3: 1.0}, {4: 2.0}]))
+    matrix = dense(null_basis(6, [(0, 1, -1.0), (1, 2, 1.0), (3, -1, 1.0), (4, 4, -1.0)]))
     assert matrix[3:5].tolist() == [[0.0, 0.0], [0.0, 0.0]]
     assert (matrix[0] == -matrix[1]).all() and (matrix[1] == matrix[2]).all() and matrix[5].tolist() == [0.0, 1.0]

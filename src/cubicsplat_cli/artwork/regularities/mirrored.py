@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, RingParameters, ring_pieces
+from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters, ring_pieces
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, FEWEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
-from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.raster.sparse import SparseRows, linked_groups
 from cubicsplat_cli.record import record
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it
@@ -222,49 +222,32 @@ def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> RingPa
     return RingParameters(pieces, ties=null_basis(pieces.joints.variables, _equations(pieces, found)))
 
 
-def _equations(pieces: Pieces, found: MirroredRing) -> Iterator[dict[int, float]]:
-    """Yield the equations of a ring's numbers on both sides of its axis; a number fixed on one side is on both."""
+def _equations(pieces: Pieces, found: MirroredRing) -> Iterator[tuple[int, int, float]]:
+    """Yield pairs of a ring's numbers on both sides of its axis, -1 for a fixed one, and the factor, 1 or -1, by which
+    each is the other.
+    """
     tied, v = pieces.tied, pieces.joints.numbers
     signs = np.where(np.arange(2) == found.axis.across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):
-        pairs = [(tied[i, c], tied[j, c], signs[c]) for c in (0, 1)]
-        pairs += [(v.angle[i], v.angle[j], -1.0), (v.length_out[i], v.length_in[j], 1.0)]
+        yield from ((tied[i, c], tied[j, c], signs[c]) for c in (0, 1))
+        yield from ((v.angle[i], v.angle[j], -1.0), (v.length_out[i], v.length_in[j], 1.0))
         if v.vector_out[i] >= 0 and v.vector_in[j] >= 0:
-            pairs += [(v.vector_out[i] + c, v.vector_in[j] + c, signs[c]) for c in (0, 1)]
-        for one, other, sign in pairs:
-            equation = {int(one): 1.0}
-            equation[int(other)] = equation.get(int(other), 0.0) - sign
-            equation.pop(-1, None)
-            yield equation
+            yield from ((v.vector_out[i] + c, v.vector_in[j] + c, signs[c]) for c in (0, 1))
 
 
-def null_basis(count: int, equations: Iterable[Mapping[int, float]]) -> SparseRows:
-    """Return (count, free) how `count` variables follow from the free ones, some of themselves, so that sums of
-    variables times factors are zero; equations: the factors of each sum by the variable's number.
-
-    By Gauss-Jordan elimination, so that factors of 1 and -1 mostly give such again; what follows from other equations
-    changes nothing.
+def null_basis(count: int, equations: Iterable[tuple[int, int, float]]) -> SparseRows:
+    """Return (count, free) how `count` variables follow from the free ones, the first of those that are equal or
+    opposite; equations: two variables, -1 for one that is zero, and the factor, 1 or -1, by which each is the other.
     """
-    solved: dict[int, dict[int, float]] = {}
-    for equation in equations:
-        row: dict[int, float] = {}
-        for number, factor in equation.items():
-            for k, share in solved.get(number, {number: 1.0}).items():
-                row[k] = row.get(k, 0.0) + factor * share
-        row = {k: factor for k, factor in row.items() if abs(factor) > LEAST}
-        if not row:
-            continue
-        # Divided by 1 whole numbers stay whole, which keeps places on whole steps of a grid there.
-        pivot = max(row, key=lambda k: (abs(row[k]) == 1.0, round(abs(row[k]), 6), k))
-        own = {k: -factor / row[pivot] for k, factor in row.items() if k != pivot}
-        for other in solved.values():
-            share = other.pop(pivot, 0.0)
-            for k, factor in own.items() if share else ():
-                other[k] = other.get(k, 0.0) + share * factor
-        solved[pivot] = own
-    free = np.array([k for k in range(count) if k not in solved], dtype=int)
-    entries = [(k, f, share) for k, own in solved.items() for f, share in own.items() if abs(share) > LEAST]
-    entries += [(int(k), int(k), 1.0) for k in free]
-    rows, columns = (np.array([entry[i] for entry in entries], dtype=int) for i in (0, 1))
-    values = np.array([entry[2] for entry in entries])
-    return SparseRows.of(rows, np.searchsorted(free, columns), values, (count, len(free)))
+    # Node 2 k stands for variable k, node 2 k + 1 for its opposite; the last two for zero, which is its own opposite.
+    zero = 2 * count
+    links = [(zero, zero + 1)]
+    for one, other, sign in equations:
+        i, j = (zero if variable < 0 else 2 * variable for variable in (one, other))
+        links += [(i, j + (sign < 0.0)), (i + 1, j + (sign > 0.0))]
+    _, groups = linked_groups(zero + 2, *np.array(links).T)
+    # What is its own opposite is zero.
+    rows = np.flatnonzero(groups[:zero:2] != groups[1:zero:2])
+    first = np.unique(groups, return_index=True)[1][groups[2 * rows]]
+    free, columns = np.unique(first // 2, return_inverse=True)
+    return SparseRows.of(rows, columns, 1.0 - 2.0 * (first % 2), (count, len(free)))
