@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import derivatives, points_at
+from cubicsplat_cli.artwork.geometry.outlines import cubic_parts, derivatives, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import line_chain
 from cubicsplat_cli.artwork.geometry.variables import ROUNDS
@@ -242,23 +242,13 @@ def _between(
     t0, t1 = (_foot(sources, piece, u, place) for u, place in zip(t, (a, b), strict=True))
     if sources.lines[piece] or abs(t1 - t0) < AT_END:
         return line_chain(np.stack([a, b])).cubics[0], True
-    part = _part(cubic, t0, t1)
+    low, high = sorted((t0, t1))
+    part = cubic_parts(cubic_parts(cubic, high)[0], low / high)[1]
+    part = part if t0 < t1 else part[::-1]
     part[1] += a - part[0]
     part[2] += b - part[3]
     part[0], part[3] = a, b
     return part, False
-
-
-def _part(cubic: np.ndarray, t0: float, t1: float) -> np.ndarray:
-    """(4, 2) the cubic from t0 to t1, by its blossom."""
-
-    def blossom(r: float, s: float, t: float) -> np.ndarray:
-        points = cubic
-        for u in (r, s, t):
-            points = points[:-1] * (1.0 - u) + points[1:] * u
-        return points[0]
-
-    return np.stack([blossom(t0, t0, t0), blossom(t0, t0, t1), blossom(t0, t1, t1), blossom(t1, t1, t1)])
 
 
 def _smooth_pairs(
