@@ -14,7 +14,7 @@ from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import hidden_runs, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed
-from cubicsplat_cli.artwork.layers.ways import End, Room, continued, min_link_path
+from cubicsplat_cli.artwork.layers.ways import End, HiddenLoop, Room, by_cubic, ends_of, min_link_path
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
@@ -66,6 +66,14 @@ def half_hidden(bend: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     t = np.linspace(0.0, 1.0, len(run) + 2)[1:-1, None]
     points[run] = ends[0] * (1.0 - t) + ends[1] * t
     return points, sigma, run
+
+
+def continued(points, sigma, run, most, wrong):
+    """The points of the cubic that goes on along a hidden run; None without one."""
+    nothing = np.zeros((0, 0), dtype=bool)
+    loop = HiddenLoop(points, sigma, wrong, Room(0, 0, nothing, nothing, nothing, (0, 0)))
+    found = next(by_cubic(loop, run, ends_of(points, sigma, run), most), None)
+    return None if found is None else found.points
 
 
 def test_an_arc_goes_on_as_the_arc_that_it_was():

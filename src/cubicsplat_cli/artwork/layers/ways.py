@@ -90,43 +90,6 @@ def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | No
     return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())
 
 
-def continued(
-    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, most: float, wrong: Callable[[np.ndarray], int]
-) -> np.ndarray | None:
-    """Return points (len(run), 2) along the cubic that continues a closed outline in a hidden run; None without one.
-
-    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
-    that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
-    """
-    before, after = ends_of(points, sigma, run)
-    first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
-    span = float(np.hypot(*(last - first)))
-    if leaving is None or arriving is None or span < 1.0:
-        return None
-    # Angles between the tangents and the line from one end to the other.
-    turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
-    if turns.sum() > most:
-        return None
-    cubics = np.array(
-        [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
-    )
-    for k in np.argsort(_bending(cubics), kind="stable")[:MOST_TRIED]:
-        trial, fine = points.copy(), points_at(cubics[k], np.linspace(0.0, 1.0, 4 * len(run) + 8))
-        trial[run] = polyline_places(fine, (np.arange(len(run)) + 1.0) / (len(run) + 1.0) * arc_lengths(fine)[-1])
-        if wrong(trial) <= ALLOWED:
-            return trial[run]
-    return None
-
-
-def _bending(cubics: np.ndarray) -> np.ndarray:
-    """Return (k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
-    first, second = derivatives(cubics, np.broadcast_to(np.linspace(0.0, 1.0, SAMPLES), (len(cubics), SAMPLES)))
-    speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
-    cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
-    chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
-    return (cross**2 / speed**5).mean(axis=1) * chord
-
-
 @record
 class Completion:
     """points: (m, 2) px that replace a hidden run; sigma: their standard error, px, inf if they do not matter; corners:
@@ -157,10 +120,10 @@ def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     yield Completion(points[run], np.inf, np.zeros(0, dtype=int))
     if meet is not None and straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    yield from _by_cubic(loop, run, SLIGHT)
+    yield from by_cubic(loop, run, (first, last), SLIGHT)
     if meet is not None and not straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    yield from _by_cubic(loop, run, ROUND)
+    yield from by_cubic(loop, run, (first, last), ROUND)
     yield from simply(loop, run, (first, last))
 
 
@@ -180,10 +143,36 @@ def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = Non
     yield from _by_lines(loop, run, (first, last), fewer_points(points, SLACK))
 
 
-def _by_cubic(loop: HiddenLoop, run: np.ndarray, most: float) -> Iterator[Completion]:
-    curve = continued(loop.points, loop.sigma, run, most, loop.wrong)
-    if curve is not None:
-        yield Completion(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
+def by_cubic(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], most: float) -> Iterator[Completion]:
+    """Yield the cubic that continues the outline smoothly from one end to the other; none without one. most: radians
+    that it may turn.
+    """
+    first, leaving, last, arriving = ends[0].at, ends[0].tangent, ends[1].at, ends[1].tangent
+    span = float(np.hypot(*(last - first)))
+    if leaving is None or arriving is None or span < 1.0:
+        return
+    # Angles between the tangents and the line from one end to the other.
+    turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
+    if turns.sum() > most:
+        return
+    cubics = np.array(
+        [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
+    )
+    for k in np.argsort(_bending(cubics), kind="stable")[:MOST_TRIED]:
+        trial, fine = loop.points.copy(), points_at(cubics[k], np.linspace(0.0, 1.0, 4 * len(run) + 8))
+        trial[run] = polyline_places(fine, (np.arange(len(run)) + 1.0) / (len(run) + 1.0) * arc_lengths(fine)[-1])
+        if loop.wrong(trial) <= ALLOWED:
+            yield Completion(trial[run], CURVE_SIGMA, np.zeros(0, dtype=int))
+            return
+
+
+def _bending(cubics: np.ndarray) -> np.ndarray:
+    """Return (k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
+    first, second = derivatives(cubics, np.broadcast_to(np.linspace(0.0, 1.0, SAMPLES), (len(cubics), SAMPLES)))
+    speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
+    cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
+    return (cross**2 / speed**5).mean(axis=1) * chord
 
 
 def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
