@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import hidden_runs, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclosed
-from cubicsplat_cli.artwork.layers.ways import End, HiddenLoop, Room, by_cubic, ends_of, min_link_path
+from cubicsplat_cli.artwork.layers.ways import End, HiddenLoop, by_cubic, ends_of, min_link_path
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
@@ -68,10 +69,16 @@ def half_hidden(bend: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, sigma, run
 
 
+def window_in(shown: np.ndarray, hidden: np.ndarray) -> Window:
+    """The window, all of a canvas, of an outline that may enclose what is hidden, and nothing around it."""
+    extent = Extent(0, 0, 0, shown, hidden | shown, np.zeros_like(shown), ())
+    return replace(Window.of(extent, shown.shape), must=~hidden)
+
+
 def continued(points, sigma, run, most, wrong):
     """The points of the cubic that goes on along a hidden run; None without one."""
-    nothing = np.zeros((0, 0), dtype=bool)
-    loop = HiddenLoop(points, sigma, wrong, Room(0, 0, nothing, nothing, nothing, (0, 0)))
+    nothing = np.zeros((1, 1), dtype=bool)
+    loop = HiddenLoop(points, sigma, wrong, window_in(nothing, nothing))
     found = next(by_cubic(loop, run, ends_of(points, sigma, run), most), None)
     return None if found is None else found.points
 
@@ -127,7 +134,7 @@ def test_taut_lines_stay_within_what_hides_them():
     hidden[5:55, 5:15] = hidden[45:55, 5:55] = True
     shown = np.zeros_like(hidden)
     shown[0:5, 5:15] = shown[45:55, 55:60] = True
-    room = Room(0, 0, shown, hidden | shown, hidden, (60, 60))
+    room = window_in(shown, hidden)
     down, right = np.arange(5.5, 50.0), np.arange(12.5, 55.0)
     run = np.concatenate(
         [np.stack([np.full_like(down, 12.0), down], 1), np.stack([right, np.full_like(right, 48.0)], 1)]
@@ -147,7 +154,7 @@ def test_taut_lines_stay_within_what_hides_them():
 def test_nothing_taut_leads_through_what_shows():
     hidden = np.zeros((40, 40), dtype=bool)
     hidden[10:20, 5:15] = hidden[10:20, 25:35] = True
-    room = Room(0, 0, np.zeros_like(hidden), hidden, hidden, (40, 40))
+    room = window_in(np.zeros_like(hidden), hidden)
     run = np.stack([np.arange(7.5, 33.0), np.full(26, 15.0)], axis=1)
     assert list(min_link_path(run, End(run[0], None, False), End(run[-1], None, False), room)) == []
 

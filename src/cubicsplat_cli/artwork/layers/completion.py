@@ -113,8 +113,8 @@ def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
 
 def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _Search:
     """window: that of the outer contour; astray: pixels of it from which an outline is wrong everywhere."""
-    runs, room = hidden_runs(contour.sigma), window.room
-    window = window.hole(contour) if contour.hole else window
+    runs, outer = hidden_runs(contour.sigma), window
+    window = outer.hole(contour) if contour.hole else outer
     if np.isfinite(contour.sigma).sum() < DOT:
         return few_lines(contour.points, SLACK)
     if whole and (box := _box(contour, window)) is not None:
@@ -123,7 +123,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     def wrong(points: np.ndarray) -> int:
         return len(window.wrong(polygon(points)))
 
-    loop = HiddenLoop(contour.points, contour.sigma, wrong, room)
+    loop = HiddenLoop(contour.points, contour.sigma, wrong, outer)
     whole = whole and len(runs) <= SEVERAL
     left = [ways_on(loop, run) if whole else simply(loop, run) for run in runs]
     ways = [next(each) for each in left]

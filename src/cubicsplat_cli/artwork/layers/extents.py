@@ -14,7 +14,6 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, dense, flattened, polygon
 from cubicsplat_cli.artwork.layers.stacking import Stack
-from cubicsplat_cli.artwork.layers.ways import Room
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
@@ -130,11 +129,27 @@ class Window:
         return cls(extent, must, may, canvas, (slice(0, must.shape[0]), slice(0, must.shape[1])))
 
     @cached_property
-    def room(self) -> Room:
-        """The pixels in which hidden outlines may run, by the window of the outer one."""
-        e = self.extent
-        spare = ndimage.binary_dilation(e.allowed, ndimage.SQUARE) & ~self.must
-        return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
+    def spare(self) -> np.ndarray:
+        """(h, w) bool: pixels that the outer outline may enclose but need not."""
+        return ndimage.binary_dilation(self.extent.allowed, ndimage.SQUARE) & ~self.must
+
+    @cached_property
+    def hidden(self) -> np.ndarray:
+        """(h, w) bool: pixels that upper layers hide."""
+        return self.extent.allowed & ~self.extent.shown
+
+    @cached_property
+    def wide(self) -> np.ndarray:
+        """(h, w) bool: hidden pixels far enough from all others."""
+        return ndimage.binary_erosion(self.hidden, ndimage.SQUARE, border_value=1)
+
+    def at(self, mask: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(...) bool: a mask (h, w) at points (..., 2); beyond the canvas as on its border, beyond the window False."""
+        column = np.clip(np.floor(points[..., 0]).astype(int), 0, self.canvas[1] - 1) - self.extent.left
+        row = np.clip(np.floor(points[..., 1]).astype(int), 0, self.canvas[0] - 1) - self.extent.top
+        height, width = mask.shape
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        return np.asarray(inside & mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
 
     def hole(self, contour: Contour) -> Window:
         """The same of a contour of a hole of the extent."""

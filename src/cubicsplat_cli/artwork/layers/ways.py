@@ -12,14 +12,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
-from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import Hiding, end_heading, fewer_points, fewest_links
 from cubicsplat_cli.record import record
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.artwork.layers.extents import Window
 
 REACH = 14.0  # px along an outline from which its tangent is taken
 STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
@@ -103,12 +105,12 @@ class Completion:
 @record
 class HiddenLoop:
     """A closed outline with hidden parts. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: counts the px
-    that an outline of points (n, 2) covers or leaves wrongly."""
+    that an outline of points (n, 2) covers or leaves wrongly. room: the window of the outer outline."""
 
     points: np.ndarray
     sigma: np.ndarray
     wrong: Callable[[np.ndarray], int]
-    room: Room
+    room: Window
 
 
 def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
@@ -205,40 +207,7 @@ def _meeting(first: End, last: End) -> np.ndarray | None:
     return (first.at + onward * u)[None] if min(onward, back) >= LEAST_REACH else None
 
 
-@record
-class Room:
-    """Pixels in which a part of a layer may go on unseen. top, left: of its window, px. shown, allowed: (h, w) bool, as
-    of an extent; spare: (h, w) bool, pixels that may be covered but need not be; canvas: height and width, px. Beyond
-    the canvas all is as on its border.
-    """
-
-    top: int
-    left: int
-    shown: np.ndarray
-    allowed: np.ndarray
-    spare: np.ndarray
-    canvas: tuple[int, int]
-
-    @cached_property
-    def hidden(self) -> np.ndarray:
-        """(h, w) bool: pixels that upper layers hide."""
-        return self.allowed & ~self.shown
-
-    @cached_property
-    def wide(self) -> np.ndarray:
-        """(h, w) bool: hidden pixels far enough from all others."""
-        return np.asarray(ndimage.binary_erosion(self.hidden, ndimage.SQUARE, border_value=1))
-
-    def at(self, mask: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(...) bool: a mask (h, w) at points (..., 2); beyond the window False."""
-        column = np.clip(np.floor(points[..., 0]).astype(int), 0, self.canvas[1] - 1) - self.left
-        row = np.clip(np.floor(points[..., 1]).astype(int), 0, self.canvas[0] - 1) - self.top
-        height, width = mask.shape
-        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        return np.asarray(inside & mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
-
-
-def min_link_path(run: np.ndarray, first: End, last: End, room: Room) -> Iterator[np.ndarray]:
+def min_link_path(run: np.ndarray, first: End, last: End, room: Window) -> Iterator[np.ndarray]:
     """Yield (k, 2) the corners of the fewest lines from one end of a hidden run to the other: well beneath the shapes
     that hide it, then with no room to spare; nothing if there are none.
 
@@ -250,20 +219,21 @@ def min_link_path(run: np.ndarray, first: End, last: End, room: Room) -> Iterato
         good = room.at(mask, inner)
         nodes = np.concatenate([start, inner[good], stop])
         order = np.concatenate([np.full(len(start), -1.0), place[good], np.full(len(stop), float(len(run)))])
-        box = room.top, room.left, *room.canvas
-        hiding = Hiding(box, mask, room.hidden, room.allowed, np.stack([first.at, last.at]), NEAR_END, AT_END)
+        box = room.extent.top, room.extent.left, *room.canvas
+        ends = np.stack([first.at, last.at])
+        hiding = Hiding(box, mask, room.hidden, room.extent.allowed, ends, NEAR_END, AT_END)
         path = fewest_links(nodes, order, RAY[: len(start)], RAY[: len(stop)], hiding)
         if len(path):
             yield nodes[path]
 
 
-def _on_ray(end: End, near: np.ndarray, room: Room) -> np.ndarray:
+def _on_ray(end: End, near: np.ndarray, room: Window) -> np.ndarray:
     """Return (k, 2) places straight on from an end as long as they stay hidden; `near` (2,) if there are none."""
     if end.tangent is None:
         return near[None]
     steps = np.arange(0.5, RAY[-1] + 0.5, 0.5)
     way = end.at + steps[:, None] * end.tangent
-    good = room.at(room.hidden, way) | ((steps <= AT_END) & room.at(room.allowed, way))
+    good = room.at(room.hidden, way) | ((steps <= AT_END) & room.at(room.extent.allowed, way))
     far = steps[-1] if good.all() else steps[int(np.argmin(good))] - 0.5
     points = end.at + RAY[far >= RAY, None] * end.tangent
     return points if len(points) else near[None]
