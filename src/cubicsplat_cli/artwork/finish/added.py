@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import widened
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.finish.proposals import MARGIN, Area, Canvas, Placed, TargetPicture, areas, proposals
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
@@ -242,13 +243,7 @@ def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[sli
     """The window on the canvas, of so many rows and columns, that a shape changes, and its pixels (h, w) bool. reach:
     px to which it is blurred.
     """
-    cubics, lines = pieces_of_rings(shape.oriented())
-    points = cubics.reshape(-1, 2)
-    x0, y0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - reach, 0).tolist()
-    x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + reach, size[::-1]).tolist()
-    x1, y1 = max(x1, x0), max(y1, y0)  # beyond the canvas it changes nothing
-    window = slice(y0, y1), slice(x0, x1)
-    if x1 == x0 or y1 == y0:
-        return window, np.zeros((y1 - y0, x1 - x0), dtype=bool)
-    own = coverage(cubics, lines, y0, x0, y1 - y0, x1 - x0) > 0.0
+    rows, columns = window = widened(shape.window(), reach, size)
+    sides = [max(side.stop - side.start, 0) for side in window]  # beyond the canvas it changes nothing
+    own = coverage(*pieces_of_rings(shape.oriented()), rows.start, columns.start, *sides) > 0.0
     return window, ndimage.binary_dilation(own, ndimage.SQUARE, reach) if reach else own
