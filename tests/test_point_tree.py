@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.raster.point_tree import ClosedLines, PointTree
 from cubicsplat_cli.raster.sparse import linked_groups
 
 # On a coarse grid, so that many lie at the same place and as far as each other.
@@ -75,23 +75,26 @@ def test_places_are_off_a_closed_line_as_off_its_nearest_edges(count: int) -> No
     line = np.stack([30.0 * np.cos(turns), 20.0 * np.sin(turns)], axis=1)
     following = np.roll(line, -1, axis=0)
     places = np.concatenate([rng.normal(0.0, 25.0, (60, 2)), line, 0.5 * (line + following)])
-    tree = PointTree(line)
-    sizes, ways = tree.off_line(places, 1e-6)
-    near = tree.query(places)[1]
+    near = PointTree(line).query(places)[1]
     edges = np.stack([near - 1, near])
     along = (following - line)[edges]
     square = np.maximum((along**2).sum(axis=2), 1e-24)
     shares = np.clip(((places - line[edges]) * along).sum(axis=2) / square, 0.0, 1.0)
     gaps = places - line[edges] - shares[..., None] * along
-    assert sizes == pytest.approx(np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=0), abs=1e-9)
-    # Straight away from the nearest place of the line; where a place is on it, across the edge.
-    off = sizes > 1e-6
-    assert tree.off_line(places - sizes[:, None] * ways, 1e-6)[0][off] == pytest.approx(0.0, abs=1e-9)
-    if count > 2:
-        assert np.hypot(*ways.T) == pytest.approx(1.0)
-        assert (ways[-count:] * (following - line)).sum(axis=1) == pytest.approx(0.0, abs=1e-6)
+    sizes = np.hypot(gaps[..., 0], gaps[..., 1])
+    for k, (place, edge) in enumerate(zip(places, sizes.argmin(axis=0), strict=True)):
+        size = sizes[edge, k]
+        # Laid on the line with one point that shows, in no step, a line tells in which direction it is off.
+        found = on_line(line, place, size + 1e-9)
+        assert found is not None and (size < 1e-6 or on_line(line, place, size - 1e-9) is None)
+        across = along[edge, k, ::-1] / np.sqrt(square[edge, k])
+        if count > 2 or size > 1e-6:
+            assert found == pytest.approx((gaps[edge, k] / size if size > 1e-6 else across) ** 2, abs=1e-5)
 
 
-def test_a_line_without_points_is_refused() -> None:
-    with pytest.raises(ValueError, match="without points"):
-        PointTree(np.empty((0, 2))).off_line(np.zeros((1, 2)), 1e-6)
+def on_line(line: np.ndarray, place: np.ndarray, most: float) -> np.ndarray | None:
+    """What a place tells of a shift of x and of y if it is no farther than `most` off a closed line, else None."""
+    trees, shown = [PointTree(line), PointTree(line)], [place[None].copy(), np.empty((0, 2))]
+    lines = ClosedLines(trees, shown, np.zeros((2, 2, 2)), (most, most, most, most), (1, 0), 1e-6)
+    found = lines.first_on(1, np.zeros(1, int), np.ones((1, 2)))
+    return None if found is None else found[3]

@@ -33,15 +33,6 @@ class PointTree:
         squares, indices = _native("cs_nearest", *self._sorted, len(places), places, *out, result=None)
         return np.sqrt(squares), indices
 
-    def off_line(self, places: np.ndarray, on_it: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the distances (m,) of places (m, 2) from the closed line through the points, in their order; and the
-        unit directions (m, 2) away from it, across the line for places no farther than `on_it`. Raises ValueError if
-        there are no points."""
-        if not len(self._given):
-            raise ValueError("a line without points is nowhere")
-        given = self._given, len(places), _pairs(places), float(on_it)
-        return _native("cs_off_line", *self._sorted, *given, Out(len(places)), Out((len(places), 2)), result=None)
-
     def query_ball_point(self, places: np.ndarray, reach: float | np.ndarray) -> list[np.ndarray]:
         """Return for each place (m, 2) the indices, ascending, of the points no farther than `reach` or reach (m,)."""
         indices, ends = self._within(_pairs(places), reach)
@@ -72,29 +63,32 @@ class PointTree:
 
 class ClosedLines:
     """Closed lines, to be laid on one another by a shift or a reflection. trees: of the points of each line; shown:
-    (n, 2) the points of each that show; boxes: (lines, 2, 2) their least and greatest x and y, px."""
+    (n, 2) the points of each that show; boxes: (lines, 2, 2) their least and greatest x and y, px.
 
-    def __init__(self, trees: Sequence[PointTree], shown: Sequence[np.ndarray], boxes: np.ndarray) -> None:
+    limits: px that a point may be off at first, with the middles of both boxes on each other, after a step and at last,
+    and that all may be off at last in the root mean square. tries: points that are tried before all of them, and steps
+    of least squares, of points off the other line. on_it: px from a line within which a place is off it across it, as
+    it is on the line.
+    """
+
+    def __init__(
+        self, trees: Sequence[PointTree], shown: Sequence[np.ndarray], boxes: np.ndarray,
+        limits: tuple[float, float, float, float], tries: tuple[int, int], on_it: float,
+    ) -> None:  # fmt: skip
         self._kept = trees, shown
         self._lines = np.array([tree.line(points) for tree, points in zip(trees, shown, strict=True)], np.int64)
-        self._boxes = doubles(boxes)
+        self._boxes, self._way = doubles(boxes), (doubles(limits), *tries, on_it)
 
     def first_on(
-        self, own: int, models: np.ndarray, flips: np.ndarray, limits: tuple[float, float, float, float],
-        tries: tuple[int, int], on_it: float,
-    ) -> tuple[int, int, np.ndarray, np.ndarray] | None:  # fmt: skip
+        self, own: int, models: np.ndarray, flips: np.ndarray
+    ) -> tuple[int, int, np.ndarray, np.ndarray] | None:
         """Find the first of the lines `models` (m,), and of the flips (f, 2), by which x and y are multiplied, that
         lies on the line `own`. Return both, the shift (2,), px, that brings it there, and the information (2,) that the
         points that show give of the shift, 1/px^2 if each is known to a px. None if no line lies near enough.
-
-        limits: px that a point may be off at first, with the middles of both boxes on each other, after a step and at
-        last, and that all may be off at last in the root mean square. tries: points that are tried
-        before all of them, and steps of least squares, of points off the other line. on_it: as of `off_line`.
         """
         shift, information = np.empty(2), np.empty(2)
         lines = self._lines, self._boxes, own, len(models), int64s(models), len(flips), flips
-        given = *lines, doubles(limits), *tries, on_it, shift, information
-        model, flip = divmod(_native("cs_lay_on", *given, result=c_int64), len(flips))
+        model, flip = divmod(_native("cs_lay_on", *lines, *self._way, shift, information, result=c_int64), len(flips))
         return None if model == len(models) else (int(models[model]), flip, shift, information)
 
 

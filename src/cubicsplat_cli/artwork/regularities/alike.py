@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -52,9 +52,12 @@ class Track:
         """(2, 2) the least and the greatest x and y, px."""
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
-    def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
-        return self.tree.off_line(points, LEAST)
+
+def lines_of(tracks: Sequence[Track]) -> ClosedLines:
+    """Return outlines to be laid on one another, or each on itself."""
+    boxes = np.array([track.extent for track in tracks]).reshape(-1, 2, 2)
+    trees, shown = [track.tree for track in tracks], [track.seen for track in tracks]
+    return ClosedLines(trees, shown, boxes, LIMITS, (FIRST_LOOK, TRIES), LEAST)
 
 
 def found_copies(
@@ -66,16 +69,15 @@ def found_copies(
     step: of the file's grid, px, of which shifts are whole multiples. mirrors: twice where the axes of the canvas are,
     across which pairs lie that are nearly there.
     """
-    names, boxes = list(tracks), np.array([track.extent for track in tracks.values()]).reshape(-1, 2, 2)
-    widths, heights = (boxes[:, 1] - boxes[:, 0]).T.copy()
+    names, lines = list(tracks), lines_of([*tracks.values()])
+    widths, heights = np.array([np.ptp(track.extent, axis=0) for track in tracks.values()]).reshape(-1, 2).T.copy()
     tells = np.array([len(track.seen) >= FEWEST for track in tracks.values()], dtype=bool)
-    lines = ClosedLines([t.tree for t in tracks.values()], [t.seen for t in tracks.values()], boxes)
     models = np.zeros(len(names), dtype=bool)
     copies: dict[int, tuple[int, RigidTransform]] = {}
     for i in np.flatnonzero(tells).tolist():
         # Most pairs are of other sizes.
         sized = models & (np.abs(widths - widths[i]) <= NEAR) & (np.abs(heights - heights[i]) <= NEAR)
-        found = lines.first_on(i, np.flatnonzero(sized), FLIPS, LIMITS, (FIRST_LOOK, TRIES), LEAST)
+        found = lines.first_on(i, np.flatnonzero(sized), FLIPS)
         if found is None:
             models[i] = True
         else:

@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.geometry.variables import Pieces
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, FEWEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
+from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, SYSTEMATIC, Track, lines_of
 from cubicsplat_cli.raster.sparse import SparseRows, linked_groups
 from cubicsplat_cli.record import record
 
@@ -38,13 +38,10 @@ class Axis:
 
 @record
 class Symmetry:
-    """The axis about which an outline is nearly its own mirror image. error: standard error of where the axis is, px;
-    mean: px by which points that show are off, in the root mean square.
-    """
+    """The axis about which an outline is nearly its own mirror image. error: of where the axis is, standard, px."""
 
     axis: Axis
     error: float
-    mean: float
 
     def near(self, at: float) -> bool:
         """Return whether a place is within the errors of the axis."""
@@ -57,20 +54,14 @@ def symmetry_of(track: Track, across: int) -> Symmetry | None:
     """
     if len(track.seen) < FEWEST:
         return None
-
-    # By Gauss-Newton's method.
-    at = float(track.extent[:, across].mean())
-    for left in reversed(range(TRIES + 1)):
-        off, ways = track.off(Axis(across, at).mirrored(track.seen))
-        slopes = 2.0 * ways[:, across]
-        tells = float(slopes @ slopes) / 4.0
-        if off.max() > LARGEST or tells < 1.0:
-            return None
-        at -= float(slopes @ off) / (4.0 * tells) if left else 0.0
-    mean = float(np.sqrt((off**2).mean()))
-    if off.max() > FARTHEST or mean > MEAN:
+    flips = np.where(np.arange(2) == across, -1.0, 1.0)[None]
+    found = lines_of([track]).first_on(0, np.zeros(1, int), flips)
+    if found is None:
         return None
-    return Symmetry(Axis(across, at), SEEN_SIGMA / np.sqrt(2.0 * tells), mean)
+    # Of a mirror image's shift, which is twice the axis's place, points tell on both sides of the axis.
+    _, _, shift, told = found
+    error = SEEN_SIGMA / float(np.sqrt(told[across]))
+    return Symmetry(Axis(across, 0.5 * float(shift[across])), error) if told[across] >= 2.0 else None
 
 
 def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axis]:
@@ -81,7 +72,7 @@ def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axi
     for k, track in tracks.items():
         both = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
         if both:
-            symmetries[k] = min(both, key=lambda s: s.mean)
+            symmetries[k] = min(both, key=lambda s: s.error)
     half_step = 0.5 * 10.0 ** -suggested_precision(*size)
     axes: dict[int, Axis] = {}
     for across in (0, 1):
