@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <limits>
 #include <numeric>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -192,15 +191,6 @@ CS_EXPORT void cs_nearest(int64_t count, const Point* points, const int64_t* ord
     tree.nearest(at[i], 0, count, best);
     squares[i] = best.square, indices[i] = best.index;
   }
-}
-
-// sizes: (places,) how far places are off the closed line through `line`, the tree's points in their own order; ways: the
-// unit directions in which they are, across the line where that is no farther than `on_it`.
-CS_EXPORT void cs_off_line(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes,
-                           const Point* line, int64_t places, const Point* at, double on_it, double* sizes,
-                           Point* ways) {
-  const Line tree{{count, points, order, axes}, line, on_it};
-  for (int64_t i = 0; i < places; i++) std::tie(sizes[i], ways[i]) = tree.off(at[i]);
 }
 
 // Finds the first of `models` that, mirrored as one of the `flips`, lies on the line `own`, by least squares of how far
