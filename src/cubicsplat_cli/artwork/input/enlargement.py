@@ -18,6 +18,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, largest
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
+from cubicsplat_cli.artwork.input.grids import exact_grid
 from cubicsplat_cli.raster import ndimage
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
 FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
 LINES, PEAKS = 32, 3  # columns and peaks that are tried
+MOST_REPEATED = 8.0  # px a side that one pixel became, from the picture's corner on
 LEAST, MOST = 1.2, 16.0  # factors that are undone: less gains little, and more leaves few edges steep enough
 ASIDE, WORSE = 3, 1.5  # px by which other lengths are off, whose errors must be so many times as large
 
@@ -37,9 +39,12 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
     """Return the picture (h, w, 4) in levels as it was before it was enlarged, and the factors of its width and height;
     itself, (H, W, 4), and (1, 1) if it was not.
     """
-    times = _repeated(levels)
-    if times > 1:
-        return levels[::times, ::times], (times, times)
+    grid = exact_grid(levels)
+    if 1.0 < grid.side <= MOST_REPEATED and grid.x[1] == grid.y[1] == grid.side:
+        small = levels[grid.y[:-1]][:, grid.x[:-1]]
+        # Shapes that merely lie on a grid have no blends at their edges.
+        if _blends(small) >= FEWEST:
+            return small, (grid.side, grid.side)
     blur = edge_blur(levels)
     if min(levels.shape[:2]) < LOCAL or (blur is not None and blur < LEAST_BLUR):
         return levels, (1.0, 1.0)
@@ -57,21 +62,6 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
     height, width = lines.shape[:2]
     factors = levels.shape[1] / width, levels.shape[0] / height
     return np.ascontiguousarray(lines, dtype=np.float32), factors
-
-
-def _repeated(levels: np.ndarray) -> int:
-    """Return how often each pixel is repeated along rows and columns, 8 times at most; 1 for shapes that merely lie on
-    a grid, without blends at their edges.
-    """
-    for times in range(8, 1, -1):
-        height, width = (side // times * times for side in levels.shape[:2])
-        if min(height, width) < 8 * times:
-            continue
-        small = levels[:height:times, :width:times]
-        others = (levels[y:height:times, x:width:times] for y in range(times) for x in range(times))
-        if all((other == small).all() for other in others):
-            return times if _blends(small) >= FEWEST else 1
-    return 1
 
 
 def _blends(levels: np.ndarray) -> int:
