@@ -30,7 +30,6 @@ SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
 FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
 LINES, PEAKS = 32, 3  # columns and peaks that are tried
-MOST_REPEATED = 8.0  # px a side that one pixel became, from the picture's corner on
 LEAST, MOST = 1.2, 16.0  # factors that are undone: less gains little, and more leaves few edges steep enough
 ASIDE, WORSE = 3, 1.5  # px by which other lengths are off, whose errors must be so many times as large
 
@@ -40,7 +39,7 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
     itself, (H, W, 4), and (1, 1) if it was not.
     """
     grid = exact_grid(levels)
-    if 1.0 < grid.side <= MOST_REPEATED and grid.x[1] == grid.y[1] == grid.side:
+    if grid.side > 1.0 and grid.x[1] == grid.y[1] == grid.side:
         small = levels[grid.y[:-1]][:, grid.x[:-1]]
         # Shapes that merely lie on a grid have no blends at their edges.
         if _blends(small) >= FEWEST:

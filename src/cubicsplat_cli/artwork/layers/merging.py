@@ -7,6 +7,8 @@ is a channel like the others.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from itertools import permutations
@@ -58,11 +60,12 @@ def with_covered(
 
     What lies beneath one overlay only where another one lies too meets it in no X of its own.
     """
+    orders = cache(_orders)
     while overlays:
         boxes = ndimage.find_objects(regions.labels + 1)
         beside = cache(partial(_beside, regions, overlays, boxes))
         for above, below in zip(regions.borders.first.tolist(), regions.borders.second.tolist(), strict=True):
-            over = () if fixed[[above, below]].any() else _over(regions, overlays, beside(above), above, below)
+            over = () if fixed[[above, below]].any() else _over(regions, overlays, beside(above), above, below, orders)
             if over:
                 mask = regions.labels == above
                 overlays = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(overlays, over)]
@@ -82,30 +85,53 @@ def _beside(regions: Regions, overlays: list[Overlay], boxes: list[tuple[slice, 
 
 
 def _over(
-    regions: Regions, overlays: list[Overlay], beside: list[Overlay], region: int, ground: int
+    regions: Regions,
+    overlays: list[Overlay],
+    beside: list[Overlay],
+    region: int,
+    ground: int,
+    orders: Callable[[tuple[Paint, ...]], Orders],
 ) -> tuple[Overlay, ...]:
     """Those of the overlays beside a region that make its colour of another one's, uppermost first; () where none
-    do.
+    do. orders: `_orders`, which is asked for the same paints often.
     """
-    if len(beside) > MOST_BESIDE:
+    if not 0 < len(beside) <= MOST_BESIDE:
         return ()
     fill, under = regions.fills[region], regions.fills[ground]
-    for count in range(1, len(beside) + 1):
-        # Overlays that were seen to overlap nowhere may lie over each other in either order.
-        for some in permutations(beside, count):
-            if np.abs(_through(some, under) - fill).max() > ROUNDED:
-                continue
-            # Many overlays make the same of anything: each must change it.
-            fewer = [_through(some[:k] + some[k + 1 :], under) for k in range(count)]
-            if min(np.abs(other - fill).max() for other in fewer) >= SEEN and _ordered(overlays, some):
-                return some
+    tried = orders(tuple(each.paint for each in beside))
+    off = np.abs(tried.added + tried.left[:, None] * under - fill).max(axis=1)
+    for k in np.flatnonzero(off <= ROUNDED).tolist():
+        some = tuple(beside[i] for i in tried.of[k])
+        # Many overlays make the same of anything: each must change it.
+        paints = [each.paint for each in some]
+        fewer = [_through(paints[:i] + paints[i + 1 :], under) for i in range(len(paints))]
+        if min(np.abs(other - fill).max() for other in fewer) >= SEEN and _ordered(overlays, some):
+            return some
     return ()
 
 
-def _through(some: tuple[Overlay, ...], fill: np.ndarray) -> np.ndarray:
-    """(4,) levels of what overlays, uppermost first, make of a fill."""
-    for each in reversed(some):
-        fill = each.paint.over(fill[None])[0]
+@record
+class Orders:
+    """Choices of overlays, some or all and in each order: the numbers of each, uppermost first; and what they make of
+    a ground, `left` (n,) of it and `added` (n, 4) levels.
+    """
+
+    of: list[tuple[int, ...]]
+    left: np.ndarray
+    added: np.ndarray
+
+
+def _orders(paints: tuple[Paint, ...]) -> Orders:
+    """The orders of overlays that were seen to overlap nowhere, so that they may lie over each other in any."""
+    of = [some for count in range(1, len(paints) + 1) for some in permutations(range(len(paints)), count)]
+    left = np.array([math.prod(1.0 - paints[i].fill[3] / FULL for i in some) for some in of])
+    return Orders(of, left, np.array([_through([paints[i] for i in some], np.zeros(4)) for some in of]))
+
+
+def _through(some: Sequence[Paint], fill: np.ndarray) -> np.ndarray:
+    """(4,) levels of what paints, uppermost first, make of a fill."""
+    for paint in reversed(some):
+        fill = paint.over(fill[None])[0]
     return fill
 
 
