@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 from image_files import recoded
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFilter
 from scipy import ndimage
+from stroke_icons import ICONS, svg_of
 
 from benchmarks.artwork.degradations import degraded, with_background
 from benchmarks.artwork.document import Document
@@ -26,6 +27,7 @@ from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
 from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.raster.unmix import components
 
@@ -339,6 +341,14 @@ def test_an_enlarged_picture_is_known_in_a_jpeg(wide, high):
     found, factors = before_enlargement(as_levels(as_picture(large).target()))
     assert factors == (wide, high)
     assert np.abs(found[..., :3] - np.asarray(small)).mean() < 3.0
+
+
+def test_wide_blurs_of_lines_that_half_the_size_would_not_tell_stay():
+    sharp = rerender(svg_of(ICONS["cross"]).encode(), 320, 320).pixels[..., :3]
+    picture = np.asarray(Image.fromarray(sharp).filter(ImageFilter.GaussianBlur(2.2)), dtype=np.float32) / 255.0
+    assert before_enlargement(as_levels(picture))[1] == (2.0, 2.0)  # since a blur hides what is between its pixels
+    prepared = analysed(picture)
+    assert prepared.scale == (1.0, 1.0) and prepared.condition.blur == pytest.approx(2.2, abs=0.1)
 
 
 def test_what_was_not_enlarged_stays():

@@ -31,6 +31,9 @@ from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
+# px of the small picture: linear interpolation and its pixels blur by 0.5, which is measured to a sixth.
+MOST_SMOOTHED = 0.6
+
 
 @record
 class PreparedInput:
@@ -137,10 +140,13 @@ def _prepared(
         return PreparedInput(scan.levels, condition, (factor, factor), 1.0, width, height, scanned=True, pens=scan.pens)
     across, down = 1.0, 1.0
     if not condition.noise or condition.jpeg:  # kernels of enlarging ring as JPEGs do
-        levels, (across, down) = before_enlargement(levels)
-        if max(across, down) > 1:
+        small, factors = before_enlargement(levels)
+        if max(factors) > 1:
             # The steps of a picture that was enlarged without smoothing are its pixels, and are drawn.
-            condition = replace(condition_of(levels), aliased=False)
+            before = replace(condition_of(small), aliased=False)
+            # Through a wide blur a picture looks enlarged, but may be too small then to tell the blur.
+            if before.blur or condition.blur <= MOST_SMOOTHED * math.sqrt(math.prod(factors)):
+                levels, (across, down), condition = small, factors, before
     scale = factor * across, factor * down
     prepared = PreparedInput(levels, condition, scale, math.sqrt(across * down), width, height)
     # Soft areas look like blurred edges or like ringing, so damage is estimated without them.
