@@ -49,7 +49,9 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     if min(levels.shape[:2]) < 96 or (levels[..., 3] < 255.0).any():
         return None
     scan = _on_light_paper(levels, may_be_uneven=True)
-    if scan is not None or np.median(levels[..., :3] @ LUMA) >= 128.0:
+    luma = levels[..., :3] @ LUMA
+    paper = np.median(luma)  # of even paper, which is most of the picture
+    if scan is not None or paper >= 128.0 or not _soft(luma - paper):
         return scan
     scan = _on_light_paper(_negative(levels), may_be_uneven=False)
     if scan is None or scan.pens is None:
