@@ -41,7 +41,8 @@ def drawn(name: str, width: float, **how: float | None) -> np.ndarray:
 )
 def test_ink_blur_and_width_are_told_by_profiles(name, width, blur, texture, quality):
     found = scan_of(as_levels(drawn(name, width, blur=blur, texture=texture, quality=quality)))
-    pens = found and found.pens
+    assert found is not None
+    pens = pens_of(found.bare, WHITE, found.grain)
     assert pens is not None and len(pens.inks) == 1
     assert pens.blur == pytest.approx(blur, abs=0.06)
     assert np.abs(pens.inks[0] - FILL).max() < 12.0

@@ -19,18 +19,21 @@ from cubicsplat_cli.record import record
 DEGREE = 4  # of the polynomial
 LEAST_GRAIN, MOST_GRAIN = 0.6, 14.0  # levels
 FAR = 24.0  # levels by which a pixel is clearly no paper
-LEAST_BLUR = 0.5  # px, standard deviation: lines on even paper that are sharper need no pens to be told
+LEAST_PEN_BLUR = 0.5  # px, standard deviation: lines on even paper that are sharper need no pens to be told
 MOST_UNEXPLAINED = 0.05  # of ink's pixels, off by FAR from what pens drew: noise and JPEGs leave up to half of that
+WHITE = np.full(3, 255.0)  # what unevenly lit paper becomes, levels
 NORMAL = 1.4826  # standard deviation of normal errors over the median of their sizes
 
 
 @record
 class Scan:
-    """levels: (H, W, 4), the drawing on even paper: white if its light is uneven, else of its own colour; grain:
-    standard deviation in levels, 0 if the paper has none; pens: those of its lines, if they are thin enough to tell.
+    """levels: (H, W, 4), the drawing on even paper: white if its light is uneven, else of its own colour; bare: (H, W,
+    3), the same with the paper's grain and with pixels lighter than the paper; grain: standard deviation in levels, 0
+    if the paper has none; pens: those of its lines under even light, which prove the scan, else None.
     """
 
     levels: np.ndarray
+    bare: np.ndarray
     grain: float
     pens: Pens | None
 
@@ -48,16 +51,17 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     """
     if min(levels.shape[:2]) < 96 or (levels[..., 3] < 255.0).any():
         return None
-    scan = _on_light_paper(levels, may_be_uneven=True)
     luma = levels[..., :3] @ LUMA
-    paper = np.median(luma)  # of even paper, which is most of the picture
-    if scan is not None or paper >= 128.0 or not _soft(luma - paper):
+    if (scan := _on_light_paper(levels, luma, may_be_uneven=True)) is not None:
         return scan
-    scan = _on_light_paper(_negative(levels), may_be_uneven=False)
+    paper = np.median(luma)  # of even paper, which is most of the picture
+    if paper >= 128.0 or not _soft(luma - paper):
+        return None
+    scan = _on_light_paper(_negative(levels), 255.0 - luma, may_be_uneven=False)
     if scan is None or scan.pens is None:
         return None
     pens = replace(scan.pens, paper=255.0 - scan.pens.paper, inks=255.0 - scan.pens.inks)
-    return Scan(_negative(scan.levels), scan.grain, pens)
+    return Scan(_negative(scan.levels), 255.0 - scan.bare, scan.grain, pens)
 
 
 def _negative(levels: np.ndarray) -> np.ndarray:
@@ -65,10 +69,9 @@ def _negative(levels: np.ndarray) -> np.ndarray:
     return np.where([True, True, True, False], 255.0 - levels, levels)
 
 
-def _on_light_paper(levels: np.ndarray, *, may_be_uneven: bool) -> Scan | None:
-    """Return the drawing on light paper, as `scan_of` does; None if there is none."""
+def _on_light_paper(levels: np.ndarray, luma: np.ndarray, *, may_be_uneven: bool) -> Scan | None:
+    """Return the drawing on light paper, as `scan_of` does; None if there is none. luma: (H, W), that of the levels."""
     colours = levels[..., :3]
-    luma = colours @ LUMA
     cell = max(4, round(max(luma.shape) / 48))
     # The lightest quarter of a cell is paper.
     light = _enlarged(_polynomial(np.quantile(_cells(luma, cell), 0.75, axis=-1)), luma.shape, cell)
@@ -91,7 +94,7 @@ def _on_light_paper(levels: np.ndarray, *, may_be_uneven: bool) -> Scan | None:
     far = max(FAR, 2.0 * OUTLIER * rest)
     if (np.abs(off) <= OUTLIER * rest).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
         return None
-    colour = np.median(colours[paper], axis=0) if even else np.full(3, 255.0)
+    colour = np.median(colours[paper], axis=0) if even else WHITE
     bare = colours * (colour / np.maximum(surface, 1.0))
     drawn = np.clip(bare, 0.0, colour)
     rest *= float(colour @ LUMA) / float(np.median(light))
@@ -100,12 +103,12 @@ def _on_light_paper(levels: np.ndarray, *, may_be_uneven: bool) -> Scan | None:
     lost = (np.abs(tint) > FAR).any(axis=-1) & ~ink
     if not ink.any() or lost.mean() > 0.004:
         return None
-    pens = pens_of(bare, colour, rest)
     out = levels.copy()
     out[..., :3] = np.where(ink[..., None], drawn, colour)
-    if even and (pens is None or pens.blur < LEAST_BLUR or unexplained(out, pens, far) > MOST_UNEXPLAINED):
+    pens = pens_of(bare, colour, rest) if even else None
+    if even and (pens is None or pens.blur < LEAST_PEN_BLUR or unexplained(out, pens, far) > MOST_UNEXPLAINED):
         return None
-    return Scan(out, rest if grainy else 0.0, pens)
+    return Scan(out, bare, rest if grainy else 0.0, pens)
 
 
 def _is_even(light: np.ndarray) -> bool:

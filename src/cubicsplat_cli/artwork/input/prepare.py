@@ -18,8 +18,8 @@ from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
-from cubicsplat_cli.artwork.input.paper import scan_of
-from cubicsplat_cli.artwork.input.pens import Pens
+from cubicsplat_cli.artwork.input.paper import WHITE, scan_of
+from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.input.sharpening import without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
@@ -81,7 +81,7 @@ class PreparedInput:
         times = self.upscale_factor
         notes = [f"drawn as it was before it was made {times:.3g} times as large"] if times > 1 else []
         notes += self.edge_notes
-        if self.scanned and self.condition.coarse:
+        if self.condition.coarse:
             notes.append("drawn as ink on even paper, without its grain and shadows")
         if self.condition.aliased:
             notes.append("drawn through the steps of its edges, which have no anti-aliasing")
@@ -133,11 +133,12 @@ def _prepared(
     picture, of (width, height) px, was reduced to these; lossy: True if their file was compressed with loss.
     """
     if scan := scan_of(levels):
-        blur = scan.pens.blur if scan.pens else condition.blur
-        condition = replace(condition, blur=blur)
+        pens = scan.pens or pens_of(scan.bare, WHITE, scan.grain)
+        if pens is not None:
+            condition = replace(condition, blur=pens.blur)
         if scan.grain:
             condition = replace(condition, noise=scan.grain, coarse=True)
-        return PreparedInput(scan.levels, condition, (factor, factor), 1.0, width, height, scanned=True, pens=scan.pens)
+        return PreparedInput(scan.levels, condition, (factor, factor), 1.0, width, height, scanned=True, pens=pens)
     across, down = 1.0, 1.0
     if not condition.noise or condition.jpeg:  # kernels of enlarging ring as JPEGs do
         small, factors = before_enlargement(levels)
