@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.input.prepare import as_levels
-from cubicsplat_cli.artwork.input.sharpening import without_halos
+from cubicsplat_cli.artwork.input.sharpening import UnsharpMask, unsharp_mask, without_halos
 from cubicsplat_cli.evaluate.rerender import rerender
 
 TIMES, SIDE = 6, 120
@@ -31,8 +33,11 @@ def icon(*, ground: str = "#dddddd", gradient: bool = False) -> Image.Image:
 
 def reduced(image: Image.Image, resampling: Image.Resampling) -> np.ndarray:
     """Return the levels of a picture at its size."""
-    small = image.resize((SIDE, SIDE), resampling)
-    return as_levels(np.asarray(small, np.float32) / np.float32(255.0))
+    return levels_of(image.resize((SIDE, SIDE), resampling))
+
+
+def levels_of(image: Image.Image) -> np.ndarray:
+    return as_levels(np.asarray(image, np.float32) / np.float32(255.0))
 
 
 @pytest.mark.parametrize("resampling", [Image.Resampling.LANCZOS, Image.Resampling.BICUBIC])
@@ -42,6 +47,48 @@ def test_without_halos_a_picture_is_nearer_to_the_areas_that_shapes_cover(resamp
     areas, sharp = reduced(image, Image.Resampling.BOX), reduced(image, resampling)
     before, after = (np.square(levels - areas).mean() ** 0.5 for levels in (sharp, without_halos(sharp)))
     assert after < 0.8 * before
+
+
+@pytest.mark.parametrize(("radius", "percent"), [(1.0, 30), (1.0, 100), (1.3, 70), (2.0, 150), (3.0, 60)])
+@pytest.mark.parametrize("ground", ["#dddddd", "white"])
+def test_an_unsharp_mask_is_told_by_its_amount_and_radius(radius, percent, ground):
+    plain = icon(ground=ground).resize((SIDE, SIDE), Image.Resampling.BOX)
+    sharp = levels_of(plain.filter(ImageFilter.UnsharpMask(radius, percent, 0)))
+    mask = unsharp_mask(sharp)
+    assert mask.radius == pytest.approx(radius, rel=0.15)
+    assert mask.amount == pytest.approx(percent / 100, rel=0.15)
+    before, after = (np.square(levels - levels_of(plain)).mean() ** 0.5 for levels in (sharp, mask.undone(sharp)))
+    assert after < 0.4 * before
+
+
+@given(amount=st.floats(0.1, 1.5), radius=st.floats(0.5, 4.0), seed=st.integers(0, 99))
+def test_what_is_sharpened_again_is_the_sharpened_picture(amount, radius, seed):
+    tiles = np.random.default_rng(seed).uniform(80, 170, (4, 4, 4)).repeat(8, axis=0).repeat(8, axis=1)
+    mask = UnsharpMask(amount, radius)
+    sharp = mask.of(tiles.astype(np.float32))
+    assert mask.of(mask.undone(sharp)) == pytest.approx(sharp, abs=2.0)
+
+
+@pytest.mark.parametrize("resampling", ["BOX", "BILINEAR", "HAMMING", "BICUBIC", "LANCZOS"])
+def test_a_reduced_picture_has_no_unsharp_mask(resampling):
+    for image in (icon(), icon(ground="white"), icon(gradient=True)):
+        assert unsharp_mask(reduced(image, Image.Resampling[resampling])) is None
+
+
+def test_a_translucent_picture_or_noise_has_no_unsharp_mask():
+    noise = np.random.default_rng(1).uniform(0, 255, (40, 40, 4)).astype(np.float32)
+    assert unsharp_mask(noise) is None
+    noise[..., 3] = 255.0
+    for picture in (noise, noise[:9], noise[:1, :1], np.full_like(noise, 255.0)):
+        assert unsharp_mask(picture) is None
+
+
+def test_a_sharpened_picture_has_the_shapes_of_the_plain_one():
+    plain = icon().resize((SIDE, SIDE), Image.Resampling.BOX)
+    sharp = plain.filter(ImageFilter.UnsharpMask(2.0, 150, 2))
+    reports = [vectorize(np.asarray(image), threads=1).report for image in (plain, sharp)]
+    assert reports[0].shapes == reports[1].shapes
+    assert NOTE in " ".join(reports[1].notes)
 
 
 def test_halos_of_one_side_suffice():

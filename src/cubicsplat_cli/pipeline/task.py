@@ -174,15 +174,15 @@ class Task:
 
     @cached_property
     def targets(self) -> list[Picture]:
-        """Return the target, and a copy without the colour fringes that its text has for LCDs, if it has any."""
-        from cubicsplat_cli.artwork.input.prepare import as_levels
-        from cubicsplat_cli.artwork.input.subpixels import without_subpixels
+        """Return the target, and a copy without the colour fringes and halos at its edges, if it has any."""
+        from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters
 
         levels = as_levels(self.pixels)
-        plain = without_subpixels(levels)
-        if plain is levels:
+        plain, notes = without_filters(levels, lossy=self.target.compression is not None)
+        if not notes:
             return [self.target]
-        return [self.target, with_target(self.target, plain[..., :3] / np.float32(255.0))]
+        channels = self.pixels.shape[2]
+        return [self.target, with_target(self.target, plain[..., :channels] / np.float32(255.0))]
 
     @cached_property
     def reference(self) -> Picture:

@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import WHITE, scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
-from cubicsplat_cli.artwork.input.sharpening import without_halos
+from cubicsplat_cli.artwork.input.sharpening import unsharp_mask, without_halos
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.regions.regions import ShadowSides
@@ -33,6 +33,7 @@ from cubicsplat_cli.scene.arrays import with_channels
 
 # px of the small picture: linear interpolation and its pixels blur by 0.5, which is measured to a sixth.
 MOST_SMOOTHED = 0.6
+HALOS = "drawn without the halos that sharpening left at its edges"
 
 
 @record
@@ -100,12 +101,8 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     even, noise = (original, 0.0) if compression else without_dither(original)
     if even is not original:
         notes.append("drawn in the colours that its dither stands for")
-    whole = without_subpixels(even)
-    if whole is not even:
-        notes.append("text drawn without the colour fringes that it has for LCDs")
-    unsharp = whole if compression else without_halos(whole)
-    if unsharp is not whole:
-        notes.append("drawn without the halos that sharpening left at its edges")
+    unsharp, filter_notes = without_filters(even, lossy=compression is not None)
+    notes += filter_notes
     levels = without_linear_light(unsharp)
     if levels is not unsharp:
         notes.append("edges drawn where they are in linear light, in which they were blended")
@@ -117,13 +114,27 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
         condition = condition_of(levels if even is original else reduced(original, factor), lossy=lossy)
     prepared = _prepared(levels, condition, factor, width, height, lossy=lossy)
     prepared = replace(prepared, edge_notes=tuple(notes))
-    condition = replace(prepared.condition, sharpened=unsharp is not whole)
+    condition = replace(prepared.condition, sharpened=HALOS in notes)
     as_drawn = levels is original and prepared.mean_scale == 1 and not prepared.scanned
     if compression is None or not condition.jpeg or not as_drawn:
         return replace(prepared, condition=condition)
     if compression.tables:
         condition = replace(condition, halved=compression.halved)
     return replace(prepared, condition=condition, compression=compression)
+
+
+def without_filters(levels: np.ndarray, *, lossy: bool = False) -> tuple[np.ndarray, list[str]]:
+    """Return a picture (H, W, 4) in levels without what programs do to a finished one, and notes on that: colour
+    fringes of text, and sharpening; the same array if nothing was done. lossy: True if its file was compressed with
+    loss, whose ringing looks like sharpening.
+    """
+    plain = without_subpixels(levels)
+    notes = [] if plain is levels else ["text drawn without the colour fringes that it has for LCDs"]
+    if lossy:
+        return plain, notes
+    mask = unsharp_mask(plain)
+    found = without_halos(mask.undone(plain) if mask else plain)
+    return found, notes if found is plain else [*notes, HALOS]
 
 
 def _prepared(

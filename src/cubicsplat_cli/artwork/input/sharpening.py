@@ -1,11 +1,16 @@
 """Undo the sharpening of a picture, which leaves halos along its edges.
 
-Programs reduce pictures by Lanczos' filter or a cubic one, whose negative lobes overshoot at edges, or sharpen them
-afterwards. A halo is lighter than the lighter side of an edge, or darker than the darker one, by a share of their
-contrast. Pixels on the edge itself hardly differ from those without sharpening.
+Programs reduce pictures by Lanczos' filter or a cubic one, whose negative lobes overshoot at edges, or sharpen them by
+an unsharp mask. A halo is lighter than the lighter side of an edge, or darker than the darker one, by a share of their
+contrast. Lanczos' filter hardly changes pixels on the edge itself, so its halos are taken off and these stay. An
+unsharp mask does, so it is undone.
 """
 
 from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +26,105 @@ HALO = 0.02  # of the contrast: rounding and gradients make less at CONTRAST lev
 MOST = 0.15  # of the contrast: what differs more from both sides of an edge is a shape between them
 RIPPLE = 0.05  # of the contrast: the second lobes of Lanczos' filter, within the range of both sides, make 0.02 each
 FEWEST = 32  # sides of edges that tell a filter
+WINDOW = 128  # px of the part of a picture in which an unsharp mask is estimated
+STARTS = tuple(itertools.product((0.4, 1.2), (1.0, 2.0, 3.2)))  # amounts and px of radius that are tried first
+# Amounts, and px of radius. A narrower mask is like the filters that reduce pictures; a stronger or wider one flattens
+# any picture.
+WEAKEST, STRONGEST, NARROWEST, WIDEST = 0.2, 3.0, 0.8, 3.5
+LEAST_FLATTENED = 0.06  # of the pixels that are not flat; reduction by Lanczos' filter leaves 0.05
+
+
+class UnsharpMask(NamedTuple):
+    """An unsharp mask: it adds to a picture `amount` times what a Gaussian blur of `radius` px takes away from it."""
+
+    amount: float
+    radius: float
+
+    def of(self, levels: np.ndarray) -> np.ndarray:
+        """Return a picture (H, W, 4) in 0..255 sharpened."""
+        soft = ndimage.gaussian_filter(levels, (self.radius, self.radius, 0.0), mode="nearest", truncate=3.0)
+        return np.clip(levels + self.amount * (levels - soft), 0.0, 255.0)
+
+    def undone(self, levels: np.ndarray, passes: int = 3) -> np.ndarray:
+        """Return the picture (H, W, 4) in 0..255 that the mask turns into the given one, by Richardson's iteration.
+
+        Where halos were cut off at an end of the scale, many pictures are possible. The iteration starts from one
+        without halos, which it finds better with each pass.
+        """
+        size = 2 * math.ceil(2.0 * self.radius) + 1
+        highest = 0.5 * self.amount * _range(levels, size)  # of a halo along a straight edge
+        # The mask has eigenvalues from 1 to 1 + amount, so each step leaves amount / (2 + amount) of the error.
+        steps = math.ceil(6.0 / math.log(1.0 + 2.0 / self.amount))
+        found = levels
+        for _ in range(passes):
+            low, high = _even_range(found, size + 4)
+            clipped = np.clip(levels, low, high)
+            found = np.where(np.abs(clipped - levels) <= highest, clipped, levels)
+            for _ in range(steps):
+                found = np.clip(found + (levels - self.of(found)) * (2.0 / (2.0 + self.amount)), 0.0, 255.0)
+        return found
+
+
+def unsharp_mask(levels: np.ndarray) -> UnsharpMask | None:
+    """Return the unsharp mask by which an opaque picture (H, W, 4) in 0..255 was sharpened; None for none.
+
+    It is the one without which most pixels are flat. A weaker one leaves halos, and a stronger one blurs edges.
+    """
+    if levels[..., 3].min() < 255.0:
+        return None
+    window = _busiest(levels)
+
+    def rough(logarithms: np.ndarray) -> float:
+        return _rough(UnsharpMask(*np.exp(logarithms).tolist()).undone(window, passes=1))
+
+    starts, most = np.log(STARTS), _rough(window)
+    start = min(starts, key=rough)
+    if rough(start) >= most:
+        return None
+    from scipy.optimize import minimize
+
+    bounds = np.log([(0.5 * WEAKEST, 1.5 * STRONGEST), (0.7 * NARROWEST, 1.5 * WIDEST)])
+    around = np.add(start, [[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]])
+    options = {"initial_simplex": around, "xatol": 0.03, "fatol": 1e-3 * most}
+    found = minimize(rough, start, method="Nelder-Mead", bounds=bounds, options=options)
+    mask = UnsharpMask(*np.exp(found.x).tolist())
+    likely = WEAKEST <= mask.amount <= STRONGEST and NARROWEST <= mask.radius <= WIDEST
+    return mask if likely and found.fun <= (1.0 - LEAST_FLATTENED) * most else None
+
+
+def _busiest(levels: np.ndarray) -> np.ndarray:
+    """Return the part of a picture, at most WINDOW px wide and high, with the most edges."""
+    busy = ndimage.uniform_filter((second_differences(levels) > EVEN).astype(np.float32), WINDOW)
+    y, x = (max(0, int(at) - WINDOW // 2) for at in np.unravel_index(busy.argmax(), busy.shape))
+    return np.ascontiguousarray(levels[y : y + WINDOW, x : x + WINDOW])
+
+
+def _rough(levels: np.ndarray) -> float:
+    """Return the number of pixels that are not flat, where a difference of EVEN levels counts half."""
+    squares = np.square(spread(levels, 3, 3), dtype=np.float64)
+    return float((squares / (squares + EVEN**2)).sum())
+
+
+def _even(levels: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool, true for the pixels of fills and gradients, away from edges and halos."""
+    return np.asarray(ndimage.maximum_filter(second_differences(levels), 3) <= EVEN)
+
+
+def _even_range(levels: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest value of the even pixels in windows of an odd size around each pixel, -inf and
+    inf where there are none.
+    """
+    even, window = _even(levels)[..., None], (size, size, 1)
+    low = ndimage.minimum_filter(np.where(even, levels, np.float32(np.inf)), window)
+    high = ndimage.maximum_filter(np.where(even, levels, np.float32(-np.inf)), window)
+    known = low <= high
+    return np.where(known, low, np.float32(-np.inf)), np.where(known, high, np.float32(np.inf))
+
+
+def _range(levels: np.ndarray, size: int) -> np.ndarray:
+    """Return the differences of the largest and the least values in windows of an odd size around each pixel."""
+    window = (size, size, 1)
+    return ndimage.maximum_filter(levels, window) - ndimage.minimum_filter(levels, window)
 
 
 def without_halos(levels: np.ndarray) -> np.ndarray:
@@ -32,22 +136,19 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     """
     if not _sharpened(levels) or rippled(levels):
         return levels
-    window = (2 * REACH + 1, 2 * REACH + 1, 1)
-    even = (ndimage.maximum_filter(second_differences(levels), 3) <= EVEN)[..., None]
-    flat = (spread(levels, 3, 3) <= FLAT)[..., None]
+    even, flat = _even(levels), spread(levels, 3, 3) <= FLAT
     if flat[even].sum() <= 0.5 * even.sum():
         return levels
-    low = ndimage.minimum_filter(np.where(even, levels, np.float32(np.inf)), window)
-    high = ndimage.maximum_filter(np.where(even, levels, np.float32(-np.inf)), window)
-    clipped = np.minimum(np.maximum(levels, low), high)
+    flat = flat[..., None]
+    low, high = _even_range(levels, 2 * REACH + 1)
+    clipped = np.clip(levels, low, high)
     clipped = np.where(np.abs(clipped - levels) <= MOST * (high - low), clipped, levels)
     known, side = flat, np.where(flat, clipped, np.float32(0.0))
     for _ in range(REACH):
         weight = ndimage.uniform_filter(known.astype(np.float32), (3, 3, 1), mode="nearest")
         mean = ndimage.uniform_filter(side, (3, 3, 1), mode="nearest") / np.maximum(weight, LEAST)
         side, known = np.where(known | (weight < LEAST), side, mean), known | (weight >= LEAST)
-    contrast = ndimage.maximum_filter(levels, window) - ndimage.minimum_filter(levels, window)
-    ripple = known & (np.abs(clipped - side) <= RIPPLE * contrast)
+    ripple = known & (np.abs(clipped - side) <= RIPPLE * _range(levels, 2 * REACH + 1))
     found = np.where(ripple, side, clipped).astype(np.float32)
     found[..., :3] = np.minimum(found[..., :3], found[..., 3:])  # premultiplied
     return found
