@@ -14,8 +14,7 @@ from red_rings import dense
 from test_artwork_fitting import sampled, star
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, bernstein, derivatives, points_at
-from cubicsplat_cli.artwork.geometry.variables import Pieces, refine
-from cubicsplat_cli.raster.cubics import divided_run, held_ring, tied_coordinates
+from cubicsplat_cli.raster.cubics import Joints, Pieces, divided_run, held_ring, tied_coordinates
 
 SIGMA = 0.02
 
@@ -31,7 +30,7 @@ def drop() -> Pieces:
     lines = np.array([True, False, False, True, False])
     smooth = np.array([False, True, True, True, True])
     level = np.array([False, False, True, False, False])
-    return Pieces(anchors, incoming, outgoing, lines, smooth, level, np.arange(10).reshape(5, 2))
+    return Pieces((anchors, incoming, outgoing), Joints(lines, smooth, level, np.arange(10).reshape(5, 2)))
 
 
 def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> None:
@@ -46,25 +45,25 @@ def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> No
 
 
 @pytest.mark.parametrize("tied", [np.arange(10).reshape(5, 2), np.full((5, 2), -1)])
-@pytest.mark.parametrize("smooth", [drop().smooth, np.zeros(5, dtype=bool), np.ones(5, dtype=bool)])
-@pytest.mark.parametrize("level", [drop().level, np.zeros(5, dtype=bool)])
+@pytest.mark.parametrize("smooth", [drop().joints.smooth, np.zeros(5, dtype=bool), np.ones(5, dtype=bool)])
+@pytest.mark.parametrize("level", [drop().joints.level, np.zeros(5, dtype=bool)])
 def test_a_variable_moves_what_its_number_says(level: np.ndarray, smooth: np.ndarray, tied: np.ndarray) -> None:
-    pieces = replace(drop(), level=level, smooth=smooth, tied=tied)
+    pieces = replace(drop(), joints=Joints(drop().lines, smooth, level, tied))
     numbers, still = pieces.joints.numbers, pieces.moved(np.zeros(pieces.joints.variables))
     every = np.concatenate([tied.ravel(), *numbers[:3], *numbers[3:], *(each[each >= 0] + 1 for each in numbers[3:])])
     assert sorted(every[every >= 0].tolist()) == [*range(pieces.joints.variables)]
-    for lengths, vectors, name in zip(numbers[1:3], numbers[3:], ("incoming", "outgoing"), strict=True):
+    for lengths, vectors, side in zip(numbers[1:3], numbers[3:], (1, 2), strict=True):
         for k in np.flatnonzero((lengths >= 0) | (vectors >= 0)):
             step = np.zeros(pieces.joints.variables)
             step[lengths[k] if lengths[k] >= 0 else vectors[k]] = 0.25
-            before, after = (getattr(each, name)[k] for each in (still, still.moved(step)))
+            before, after = (each.outline[side][k] for each in (still, still.moved(step)))
             way = before / np.hypot(*before) if lengths[k] >= 0 else np.array([1.0, 0.0])
             assert after == pytest.approx(before + 0.25 * way)
     for k in np.flatnonzero(numbers.angle >= 0):
         step = np.zeros(pieces.joints.variables)
         step[numbers.angle[k]] = 0.1
-        for name in ("incoming", "outgoing"):
-            before, after = (getattr(each, name)[k] for each in (still, still.moved(step)))
+        for side in (1, 2):
+            before, after = (each.outline[side][k] for each in (still, still.moved(step)))
             cross = before[0] * after[1] - before[1] * after[0]
             assert cross == pytest.approx(math.sin(0.1) * np.hypot(*before) * np.hypot(*after))
 
@@ -77,9 +76,8 @@ def test_ends_of_level_and_upright_lines_share_a_variable_and_what_is_on_the_bor
     anchors = np.array([place[:2] for place in places], float)
     lines = np.array([place[2] for place in places])
     controls = np.stack([anchors, np.roll(anchors, -1, axis=0)], axis=1)
-    (found, _, _), joints = held_ring(
-        anchors + 0.01, controls, lines, np.zeros(len(lines), bool), (3, 9), 0.06, (pins, ())
-    )
+    pieces = held_ring(anchors + 0.01, controls, lines, np.zeros(len(lines), bool), (3, 9), 0.06, (pins, ()))
+    found, joints = pieces.anchors, pieces.joints
     assert found == pytest.approx(np.where((anchors == 0.0) | (anchors == [3.0, 9.0]), anchors, anchors + 0.01))
     assert joints.level.tolist() == [False] * len(lines)
     numbers = np.arange(anchors.size).reshape(anchors.shape)
@@ -107,7 +105,7 @@ def test_pieces_moved_off_their_points_find_back() -> None:
     step = np.random.default_rng(0).normal(0.0, 0.2, truth.joints.variables)
     step[numbers.angle[numbers.angle >= 0]] *= 0.05
     start = truth.moved(step)
-    found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), (piece, u))
+    found, _, misfit = start.refined(points, np.full(len(points), SIGMA**-2), (piece, u))
     assert misfit < 5.0
     assert np.abs(found.anchors[0] - truth.anchors[0]).max() < 0.05
 
@@ -116,17 +114,17 @@ def test_pieces_moved_off_their_points_find_back() -> None:
 def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) -> None:
     one = drop()
     count, shift = len(one.anchors), 200.0 * np.arange(repeats)[:, None, None]
-    tiled = {name: np.tile(getattr(one, name), (repeats, 1)) for name in ("incoming", "outgoing")}
-    flags = {name: np.tile(getattr(one, name), repeats) for name in ("lines", "smooth", "level")}
+    handles = [np.tile(each, (repeats, 1)) for each in one.outline[1:]]
+    flags = {name: np.tile(getattr(one.joints, name), repeats) for name in ("lines", "smooth", "level")}
     anchors = (one.anchors + shift).reshape(-1, 2)
-    pieces = Pieces(anchors, **tiled, **flags, tied=np.arange(2 * len(anchors)).reshape(-1, 2))
+    pieces = Pieces((anchors, *handles), Joints(**flags, tied=np.arange(2 * len(anchors)).reshape(-1, 2)))
     truth = pieces.moved(np.zeros(pieces.joints.variables))
     piece = np.repeat(np.arange(count * repeats), 30)
     u = np.tile((np.arange(30) + 0.5) / 30, count * repeats)
     rng = np.random.default_rng(3)
     points = (bernstein(u)[:, None, :] @ truth.cubics[piece])[:, 0] + rng.normal(0.0, 0.05, (len(u), 2))
     weights = rng.uniform(0.5, 2.0, len(u))
-    start, (owner, at), before = refine(truth, points, weights, (piece, u), 0)
+    start, (owner, at), before = truth.refined(points, weights, (piece, u), 0)
     slopes, _ = derivatives(start.cubics[owner], at[:, None])
     normals = np.stack([-slopes[:, 0, 1], slopes[:, 0, 0]], axis=1) / np.hypot(*slopes[:, 0].T)[:, None]
     rest = ((points_at(start.cubics[owner], at[:, None])[:, 0] - points) * normals).sum(axis=1)
@@ -136,7 +134,7 @@ def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) ->
     gram = jacobian.T @ (weights[:, None] * jacobian)
     gram += np.diag(1e-3 * (gram.diagonal() + 1e-4 * gram.diagonal().max()) + 0.3)
     step = np.linalg.solve(gram, -jacobian.T @ (weights * rest))
-    found, _, after = refine(start, points, weights, (piece, u), 1)
+    found, _, after = start.refined(points, weights, (piece, u), 1)
     assert after < before
     assert found.cubics == pytest.approx(start.moved(step).cubics, abs=1e-7)
 

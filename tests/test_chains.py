@@ -7,7 +7,7 @@ import pytest
 from outline_loops import nearest_primitive
 
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Rectangle, derivatives, points_at
-from cubicsplat_cli.raster.cubics import Joints, newton_steps, refined
+from cubicsplat_cli.raster.cubics import Joints, Pieces, newton_steps
 from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, parabolas
 
 
@@ -71,9 +71,10 @@ def test_feet_pass_on_at_smooth_joints_only():
     normals = np.stack([-slopes[:, 0, 1], slopes[:, 0, 0]], axis=1) / np.hypot(*slopes[:, 0].T)[:, None]
     rest = ((points_at(cubics[own], at[:, None])[:, 0] - points) * normals).sum(axis=1)
     joints = Joints(np.zeros(4, dtype=bool), smooth, np.zeros(4, dtype=bool), np.arange(8).reshape(4, 2))
-    outline, found, chi = refined(joints, (anchors, 0.55 * before, 0.55 * after), points, weights, (piece, u), 0)
+    fitted = Pieces((anchors, 0.55 * before, 0.55 * after), joints)
+    after, found, chi = fitted.refined(points, weights, (piece, u), 0)
     assert (found[0] == own).all() and (own != piece).any()
-    assert found[1] == pytest.approx(at, abs=1e-9) and outline[0].tolist() == anchors.tolist()
+    assert found[1] == pytest.approx(at, abs=1e-9) and after.anchors.tolist() == anchors.tolist()
     size = np.abs(rest) * np.sqrt(weights)
     assert size.max() > 3.0 > size.min()
     assert chi == pytest.approx(np.where(size <= 3.0, size**2, 6.0 * size - 9.0).sum())

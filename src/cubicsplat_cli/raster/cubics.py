@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cubicsplat_cli.raster.native import Out, bools, doubles, int64s, native
+from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
 _native = partial(native, "outlines")
 # An outline of A anchors: these, and the handles before and after them, relative to them, (A, 2) px each.
 Outline = tuple[np.ndarray, np.ndarray, np.ndarray]
+ROUNDS = 8  # of a fit
 
 
 def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -138,9 +140,9 @@ def tied_coordinates(anchors: np.ndarray, lines: np.ndarray) -> np.ndarray:
 def held_ring(
     anchors: np.ndarray, controls: np.ndarray, lines: np.ndarray, smooth: np.ndarray, size: tuple[int, int],
     on_border: float, pins: tuple[Sequence[float], Sequence[float]],
-) -> tuple[Outline, Joints]:  # fmt: skip
-    """Return a ring of anchors (A, 2), px, and control points (A, 2, 2) with the held coordinates in place, and its
-    joints: those with handles out of line become corners.
+) -> Pieces:  # fmt: skip
+    """Return a ring of anchors (A, 2), px, and control points (A, 2, 2) with the held coordinates in place; joints with
+    handles out of line become corners.
 
     size: px of the canvas; anchors within `on_border` px of its border are moved onto it. pins: the x, and the y, that
     stay.
@@ -150,47 +152,68 @@ def held_ring(
     held = *size, float(on_border), len(pins[0]), len(pins[1]), doubles([*pins[0], *pins[1]])
     given = len(anchors), doubles(controls), bools(lines), *held
     _native("cs_hold_ring", *given, *outline, joints.smooth, joints.level, joints.tied)
-    return outline, joints
+    return Pieces(outline, joints)
 
 
-def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> tuple[Outline, np.ndarray]:
-    """Return an outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian
-    each, and its control points, as of `outline_cubics`.
-    """
-    parts = _copies(outline)
-    return parts, _native("cs_move_outline", *joints._given, doubles(step), *parts, Out((len(joints.lines), 4, 2)))
+@record
+class Pieces:
+    """An outline of A anchors and S pieces that is fitted, and the joints that it keeps. Its variables move anchors,
+    directions of smooth joints and the lengths of handles there, and handles at corners."""
+
+    outline: Outline
+    joints: Joints
+
+    @property
+    def anchors(self) -> np.ndarray:
+        """(A, 2) px."""
+        return self.outline[0]
+
+    @property
+    def lines(self) -> np.ndarray:
+        """(S,) bool."""
+        return self.joints.lines
+
+    @cached_property
+    def cubics(self) -> np.ndarray:
+        """(S, 4, 2) control points, not to be written to; those of a line lie at its thirds."""
+        given = len(self.anchors), len(self.lines), bools(self.lines), *map(doubles, self.outline)
+        return _read_only(_native("cs_outline_cubics", *given, Out((len(self.lines), 4, 2)), result=None))
+
+    @cached_property
+    def jacobian(self) -> SparseRows:
+        """(8 S, variables): how the coordinates of each piece's control points move with the variables."""
+        rows = 8 * len(self.lines)
+        starts, out = np.empty(rows + 1, np.int32), (Out(8 * rows, np.int32), Out(8 * rows))
+        given = *self.joints._given, *map(doubles, self.outline), starts
+        columns, values = _native("cs_outline_jacobian", *given, *out, result=c_int64)
+        return SparseRows(starts, columns, values, self.joints.variables)
+
+    def moved(self, step: np.ndarray) -> Pieces:
+        """Return the pieces after a step of their variables (at least as many numbers), of at most 3 px or half a
+        radian each."""
+        found = Pieces(_copies(self.outline), self.joints)
+        given = *self.joints._given, doubles(step), *found.outline
+        vars(found)["cubics"] = _read_only(_native("cs_move_outline", *given, Out((len(self.lines), 4, 2))))
+        return found
+
+    def refined(
+        self, points: np.ndarray, weights: np.ndarray, feet: tuple[np.ndarray, np.ndarray], rounds: int = ROUNDS
+    ) -> tuple[Pieces, tuple[np.ndarray, np.ndarray], float]:
+        """Fit the outline to points (n, 2) along its normals by at most `rounds` damped Gauss-Newton steps. Return it,
+        the feet of the points, and chi^2: Huber's, of distances in standard errors, linear beyond 3.
+
+        The handles at smooth joints are turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and
+        parameter (n,) to start from.
+        """
+        parts, piece, u = _copies(self.outline), np.array(feet[0], np.int64), np.array(feet[1], np.float64)
+        places = len(u), doubles(points), doubles(weights), piece, u
+        chi = _native("cs_refine", *self.joints._given, *parts, *places, rounds, result=c_double)
+        return Pieces(parts, self.joints), (piece, u), chi
 
 
-def outline_cubics(lines: np.ndarray, outline: Outline) -> np.ndarray:
-    """Return (S, 4, 2): the control points of an outline of S pieces; those of lines (S,) bool lie at their thirds."""
-    given = len(outline[0]), len(lines), bools(lines), *map(doubles, outline)
-    return _native("cs_outline_cubics", *given, Out((len(lines), 4, 2)), result=None)
-
-
-def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the Jacobian of the 8 coordinates of each piece's control points by the variables: the values, columns and
-    row starts of a sparse matrix.
-    """
-    rows = 8 * len(joints.lines)
-    starts, out = np.empty(rows + 1, np.int32), (Out(8 * rows, np.int32), Out(8 * rows))
-    given = *joints._given, *map(doubles, outline), starts
-    columns, values = _native("cs_outline_jacobian", *given, *out, result=c_int64)
-    return values, columns, starts
-
-
-def refined(
-    joints: Joints, outline: Outline, points: np.ndarray, weights: np.ndarray, feet: tuple[np.ndarray, np.ndarray],
-    rounds: int,
-) -> tuple[Outline, tuple[np.ndarray, np.ndarray], float]:  # fmt: skip
-    """Fit an outline to points (n, 2) along its normals by at most `rounds` damped Gauss-Newton steps. Return it, the
-    feet of the points, and chi^2: Huber's, of distances in standard errors, linear beyond 3.
-
-    The handles at smooth joints are turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and
-    parameter (n,) to start from.
-    """
-    parts, piece, u = _copies(outline), np.array(feet[0], np.int64), np.array(feet[1], np.float64)
-    places = len(u), doubles(points), doubles(weights), piece, u
-    return parts, (piece, u), _native("cs_refine", *joints._given, *parts, *places, rounds, result=c_double)
+def _read_only(cubics: np.ndarray) -> np.ndarray:
+    cubics.flags.writeable = False
+    return cubics
 
 
 def _copies(outline: Outline) -> Outline:

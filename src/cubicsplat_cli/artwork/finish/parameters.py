@@ -18,8 +18,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     polygon_lengths,
     turn_matrix,
 )
-from cubicsplat_cli.artwork.geometry.variables import Pieces
-from cubicsplat_cli.raster.cubics import held_ring
+from cubicsplat_cli.raster.cubics import Pieces, held_ring
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
@@ -154,9 +153,9 @@ class RingParameters:
 
     def trimmed(self) -> RingParameters:
         """Return the ring without pieces that have become too short to matter, itself where there are none."""
-        if self.constraints is None or (_speck_lengths(self.cubics, self.pieces.smooth) >= 1.0).all():
+        if self.constraints is None or (_speck_lengths(self.cubics, self.pieces.joints.smooth) >= 1.0).all():
             return self
-        ring = self.pieces.ring()
+        ring = _ring_of(self.pieces)
         shorter = without_specks(ring)
         return self if shorter is ring else RingParameters(ring_pieces(shorter, self.constraints), self.constraints)
 
@@ -164,14 +163,18 @@ class RingParameters:
         if self.is_box:
             low, high = self.pieces.anchors.min(axis=0), self.pieces.anchors.max(axis=0)
             return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
-        return self.pieces.ring()
+        return _ring_of(self.pieces)
 
 
 def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
     """A ring with what is held in place; what lies near the canvas's border is brought onto it."""
     held = (constraints.width, constraints.height), ON_BORDER, (constraints.pins.x, constraints.pins.y)
-    outline, joints = held_ring(ring.anchors, ring.controls, ring.lines, ring.smooth, *held)
-    return Pieces(*outline, joints.lines, joints.smooth, joints.level, joints.tied)
+    return held_ring(ring.anchors, ring.controls, ring.lines, ring.smooth, *held)
+
+
+def _ring_of(pieces: Pieces) -> Ring:
+    """The ring as it stands."""
+    return Ring(pieces.anchors, pieces.cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.joints.smooth.copy())
 
 
 class Still:

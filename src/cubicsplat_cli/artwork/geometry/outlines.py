@@ -262,6 +262,12 @@ def places_within(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
+def feet_of(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places evenly along pieces, so many on each (S,): the piece (n,) int and the parameter (n,) in [0, 1]."""
+    piece, place = places_within(sizes)
+    return piece, (place + 0.5) / sizes[piece]
+
+
 def signed_area(ring: Ring) -> float:
     """Area in px^2, exact for the cubics; positive when it runs clockwise as seen (y grows downwards)."""
     # From the first anchor, so that what is far from the origin is as exact.

@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     signed_area,
     thirds,
 )
+from cubicsplat_cli.raster.cubics import Joints, Pieces, tied_coordinates
 from cubicsplat_cli.raster.strokes import OffsetPlan
 from cubicsplat_cli.record import record
 
@@ -88,6 +89,21 @@ def pieces_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Control points (S, 4, 2) of a path's pieces, and which are lines (S,)."""
     ring = path if isinstance(path, Chain) else path.ring()
     return ring.cubics, ring.lines
+
+
+def pieces_of_chain(chain: Chain) -> Pieces:
+    """The pieces of a chain that is fitted; lines that are exactly level or upright stay so."""
+    nothing = np.zeros((1, 2))
+    outgoing = np.concatenate([chain.controls[:, 0] - chain.anchors[:-1], nothing])
+    incoming = np.concatenate([nothing, chain.controls[:, 1] - chain.anchors[1:]])
+    tied, level = tied_coordinates(chain.anchors, chain.lines), np.zeros(len(chain.anchors), dtype=bool)
+    pieces = Pieces((chain.anchors, incoming, outgoing), Joints(chain.lines, chain.smooth, level, tied))
+    return pieces.moved(np.zeros(pieces.joints.variables))
+
+
+def chain_of_pieces(pieces: Pieces) -> Chain:
+    """An open outline as it stands."""
+    return Chain(pieces.anchors, pieces.cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.joints.smooth.copy())
 
 
 def plan_of(cubics: np.ndarray, lines: np.ndarray, stroke: Stroke) -> OffsetPlan:

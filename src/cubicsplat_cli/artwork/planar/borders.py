@@ -13,10 +13,9 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import cubic_parts, derivatives, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import line_chain
-from cubicsplat_cli.artwork.geometry.variables import ROUNDS
 from cubicsplat_cli.artwork.planar.faces import LEAST_WIDTH, Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
-from cubicsplat_cli.raster.cubics import newton_steps
+from cubicsplat_cli.raster.cubics import ROUNDS, newton_steps
 from cubicsplat_cli.record import record
 
 AT_END = 1e-6  # of the parameter

@@ -11,8 +11,8 @@ from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters, ring_pieces
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.geometry.variables import Pieces
 from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, SYSTEMATIC, Track, lines_of
+from cubicsplat_cli.raster.cubics import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows, linked_groups
 from cubicsplat_cli.record import record
 
@@ -217,7 +217,7 @@ def _equations(pieces: Pieces, found: MirroredRing) -> Iterator[tuple[int, int, 
     """Yield pairs of a ring's numbers on both sides of its axis, -1 for a fixed one, and the factor, 1 or -1, by which
     each is the other.
     """
-    tied, v = pieces.tied, pieces.joints.numbers
+    tied, v = pieces.joints.tied, pieces.joints.numbers
     signs = np.where(np.arange(2) == found.axis.across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):
         yield from ((tied[i, c], tied[j, c], signs[c]) for c in (0, 1))

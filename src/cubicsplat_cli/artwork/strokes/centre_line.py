@@ -9,10 +9,9 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import LEAST
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION, parameter_price
-from cubicsplat_cli.artwork.geometry.outlines import arc_lengths
-from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
-from cubicsplat_cli.artwork.geometry.variables import Pieces, feet_of, refine
-from cubicsplat_cli.raster.cubics import Division, divided_run
+from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, feet_of
+from cubicsplat_cli.artwork.geometry.stroke import Chain, chain_of_pieces, line_chain
+from cubicsplat_cli.raster.cubics import Division, Joints, Pieces, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
@@ -48,8 +47,8 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     ends, tangents = points[[0, -1]], local[1][[0, -1]]
     # The ends are off by as many px as a point is, and by as many radians.
     division, _ = divided_run(local, weights, (ends, tangents, np.full((2, 2), PRECISION)), price)
-    pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division.sizes))
-    return pieces.chain()
+    pieces, _, _ = _pieces(division, ends).refined(points, weights, feet_of(division.sizes))
+    return chain_of_pieces(pieces)
 
 
 def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -79,7 +78,7 @@ def _pieces(division: Division, ends: np.ndarray) -> Pieces:
     tied = np.full((count, 2), -1)
     tied[1:-1] = np.arange(2 * (count - 2)).reshape(-1, 2)
     level = smooth & np.append(division.level, False)
-    return Pieces(anchors, incoming, outgoing, division.lines, smooth, level, tied)
+    return Pieces((anchors, incoming, outgoing), Joints(division.lines, smooth, level, tied))
 
 
 def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:

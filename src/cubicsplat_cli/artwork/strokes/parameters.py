@@ -15,11 +15,19 @@ from cubicsplat_cli.artwork.finish.parameters import LEAST_SIZE, Constraints, Pa
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import PRICE, Layer, State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
-from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, outlines_of_stroke, pieces_of, plan_of
-from cubicsplat_cli.artwork.geometry.variables import Pieces
+from cubicsplat_cli.artwork.geometry.stroke import (
+    Chain,
+    Stroke,
+    chain_of_pieces,
+    outlines_of_stroke,
+    pieces_of,
+    pieces_of_chain,
+    plan_of,
+)
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import length_of
 from cubicsplat_cli.progress import log
+from cubicsplat_cli.raster.cubics import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.strokes import STEP
@@ -45,13 +53,13 @@ class StrokeParameters:
     def of(cls, stroke: Stroke, constraints: Constraints, fixed: bool = False) -> StrokeParameters:
         """Return the parameters of a stroke; fixed: its width stays."""
         path = stroke.path
-        line = Pieces.of_chain(path) if isinstance(path, Chain) else parametrised(path, constraints)
+        line = pieces_of_chain(path) if isinstance(path, Chain) else parametrised(path, constraints)
         return cls(stroke, line, fixed)
 
     @property
     def stroke(self) -> Stroke:
         """The stroke as it stands."""
-        path = self.line.chain() if isinstance(self.line, Pieces) else self.line.outline()
+        path = chain_of_pieces(self.line) if isinstance(self.line, Pieces) else self.line.outline()
         return replace(self._stroke, path=path)
 
     @cached_property

@@ -104,7 +104,7 @@ struct Corners {
   }
 };
 
-// A closed outline and the feet of points on it; the names are those of artwork/geometry/variables.py.
+// A closed outline and the feet of points on it; the names are those of raster/cubics.py.
 struct Pieces {
   std::vector<Point> anchors, incoming, outgoing;
   std::vector<uint8_t> lines, smooth, level;

@@ -1,5 +1,5 @@
-// All anchors, tangents and handles of an outline together, fitted to its points by damped Gauss-Newton. The variables are
-// those of artwork/geometry/variables.py; what is minimised is said in raster/cubics.py.
+// All anchors, tangents and handles of an outline together, fitted to its points by damped Gauss-Newton. The variables
+// and what is minimised are said in raster/cubics.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

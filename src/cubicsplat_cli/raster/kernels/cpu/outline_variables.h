@@ -1,5 +1,5 @@
 // An outline as its free variables move it: anchors, directions of smooth joints, handle lengths, handles at corners. What
-// they are is said in artwork/geometry/variables.py.
+// its joints keep is said in raster/cubics.py.
 #pragma once
 
 #include <algorithm>
