@@ -13,7 +13,6 @@ from cubicsplat_cli.artwork.geometry.outlines import polygon
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.raster.stack import Unknowns
 
 SIZE, MEETING = 40, 20  # px; the row and column of the pixels in which the shapes meet
 GREEN = (0.0, 0.6, 0.0, 1.0)
@@ -61,8 +60,8 @@ def test_the_equations_of_leaks_match_finite_differences():
     count = outline.jacobian.count
 
     def gradient(goal):
-        unknowns = Unknowns([0], [4], [0], [outline.jacobian], np.ones(count), 1.0)
-        return begin(stacked(20.7), goal).stack.step(unknowns).gradient
+        unknowns = [0], [4], [0], [outline.jacobian], np.ones(count), 1.0
+        return begin(stacked(20.7), goal).stack.step(*unknowns).gradient
 
     def leaked(step):
         values = []

@@ -10,7 +10,7 @@ from conftest import rest_slow
 from outline_loops import corners_of, laid_out
 from scipy import ndimage
 
-from cubicsplat_cli.raster.outlines import Hiding, fewest_links, held_by_hull, hull_mask
+from cubicsplat_cli.raster.outlines import fewest_links, held_by_hull, hull_mask
 
 
 def saw(teeth: int) -> np.ndarray:
@@ -65,9 +65,9 @@ def test_the_fewest_lines_stay_hidden():
     mask = np.zeros((20, 30), dtype=bool)
     mask[2:6, 2:28] = mask[2:18, 24:28] = True
     nodes = np.array([[3.0, 4.0], [10.0, 4.0], [26.0, 4.0], [26.0, 10.0], [26.0, 17.0]])
-    hiding = Hiding((0, 0, 20, 30), mask, mask, mask, nodes[[0, -1]], 6.0, 3.0)
-    path = fewest_links(nodes, np.arange(5.0), np.zeros(1), np.zeros(1), hiding)
+    hiding = (0, 0, 20, 30), (mask, mask, mask), nodes[[0, -1]], 6.0, 3.0
+    path = fewest_links(nodes, np.arange(5.0), np.zeros(1), np.zeros(1), *hiding)
     assert path.tolist() == [0, 2, 4]
     mask[4:8, 20:24] = False
     mask[:, 15] = False
-    assert fewest_links(nodes, np.arange(5.0), np.zeros(1), np.zeros(1), hiding).tolist() == []
+    assert fewest_links(nodes, np.arange(5.0), np.zeros(1), np.zeros(1), *hiding).tolist() == []

@@ -14,7 +14,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.sparse import SparseRows
-from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces, Unknowns
+from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces
 
 HEIGHT, WIDTH = 40, 48
 OUTLINES = (Rectangle(-3.0, 4.2, 40.3, 30.6, 6.2), Circle(33.3, 20.7, 11.4), Circle(14.0, 30.0, 30.0))
@@ -83,8 +83,8 @@ def test_a_step_of_very_many_variables_is_that_of_few():
         one = control_points(stack_of((drawing,)))
         points = SparseRows(one.starts, one.columns, one.values, 8)
         first, damping = 4 * np.arange(count), np.zeros(8 * count)
-        unknowns = Unknowns(first, np.full(count, 4), 2 * first, [points] * count, damping, 0.01)
-        return DrawnStack(stack_at(drawing), goal).step(unknowns).values.reshape(count, 8)
+        unknowns = first, np.full(count, 4), 2 * first, [points] * count, damping, 0.01
+        return DrawnStack(stack_at(drawing), goal).step(*unknowns).values.reshape(count, 8)
 
     exact = step_of(1, 1)
     assert np.abs(exact).max() > 0.1
@@ -171,7 +171,7 @@ def test_the_step_of_a_crowd_is_found_to_a_hundredth():
     one, keep = control_points(stack_of(boxes[:1])), 0.01
     anchors = SparseRows(one.starts, one.columns, one.values, 8)  # lines have no handles
     first, drawn = 4 * np.arange(60), DrawnStack(stack, goal)
-    found = drawn.step(Unknowns(first, [4] * 60, 2 * first, [anchors] * 60, np.zeros(480), keep))
+    found = drawn.step(first, [4] * 60, 2 * first, [anchors] * 60, np.zeros(480), keep)
     crossings, ways = drawn.crossings, np.zeros((60, 4, 8, 60, 8))
     ways[np.arange(60), :, :, np.arange(60)] = dense(anchors).reshape(4, 8, 8)
     ways = ways.reshape(240, 8, 480)
@@ -195,8 +195,8 @@ def test_steps_match_finite_differences(taps, gram_error, keep, aliased):
     goal = with_steps(goal) if aliased else goal
     first = [0, *stack.ends[:-1]]
     parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
-    unknowns = Unknowns(first, np.diff([0, *stack.ends]), [0, 0, 0], parts, np.zeros(points.count), keep)
-    found = DrawnStack(stack, goal).step(unknowns)
+    unknowns = first, np.diff([0, *stack.ends]), [0, 0, 0], parts, np.zeros(points.count), keep
+    found = DrawnStack(stack, goal).step(*unknowns)
     step = points.times(found.values).reshape(stack.cubics.shape)
     assert found.moves == pytest.approx([np.abs(step[a:b]).max() for a, b in zip(first, stack.ends, strict=True)])
     # The coverage of a polyline is smooth but where a vertex crosses a border between pixels.
@@ -221,11 +221,11 @@ def test_what_winds_the_other_way_round_is_covered_and_moves_alike():
     other, goal = replace(stack, signs=-stack.signs), goal_of(image_of(aim, goal_of()))
     points, first = control_points(stack), [0, *stack.ends[:-1]]
     parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
-    unknowns = Unknowns(first, np.diff([0, *stack.ends]), [0, 0], parts, np.zeros(points.count), 0.01)
+    unknowns = first, np.diff([0, *stack.ends]), [0, 0], parts, np.zeros(points.count), 0.01
     drawn, turned = DrawnStack(stack, goal), DrawnStack(other, goal)
     assert np.abs(drawn.picture[0]).max() == 1.0 and (turned.picture[0] == drawn.picture[0]).all()
-    assert np.abs(drawn.step(unknowns).values).max() > 0.1
-    assert turned.step(unknowns).values == pytest.approx(drawn.step(unknowns).values)
+    assert np.abs(drawn.step(*unknowns).values).max() > 0.1
+    assert turned.step(*unknowns).values == pytest.approx(drawn.step(*unknowns).values)
 
 
 def shifted(stack, layer, by):
@@ -352,7 +352,7 @@ def test_a_stack_is_the_same_for_any_number_of_threads():
     one = np.tile(np.eye(2), (16, 1))
     rows = SparseRows.of(*np.nonzero(one), one[np.nonzero(one)], one.shape)
     firsts = np.arange(0, 4 * count, 4)
-    unknowns = Unknowns(firsts, np.full(count, 4), firsts // 2, [rows] * count, np.full(2 * count, 1e-3), 1e-3)
+    unknowns = firsts, np.full(count, 4), firsts // 2, [rows] * count, np.full(2 * count, 1e-3), 1e-3
 
     def results(threads):
         goal = Goal(np.zeros((400, 400, 4)), (1.0, 1.0, 1.0, 1.5), 0.15)
@@ -360,7 +360,7 @@ def test_a_stack_is_the_same_for_any_number_of_threads():
             before = DrawnStack(pieces, goal)
             after = DrawnStack(moved, goal, before)
             groups = np.repeat(np.arange(count), 4)
-            step = after.step(unknowns)
+            step = after.step(*unknowns)
             return *after.picture, before.growth(after, groups, groups, count), step.values, step.gradient
 
     for alone, shared in zip(results(1), results(3), strict=True):

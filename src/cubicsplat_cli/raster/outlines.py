@@ -87,37 +87,23 @@ def parabolas(
     return _native("cs_parabolas", *given, Out((n, 3, 2)), Out((n, 2)), Out(n, np.int64), result=None)
 
 
-@record
-class Hiding:
-    """The area in which lines may run: masks (h, w) bool of a window. box: its top and left, px, and height and width
-    of the canvas. Beyond the canvas the masks go on as on its border; elsewhere beyond the window no line may run.
-    mask: everywhere; hidden, allowed: within near px, and within at_end px, of one of the two ends (2, 2), px."""
-
-    box: tuple[int, int, int, int]
-    mask: np.ndarray
-    hidden: np.ndarray
-    allowed: np.ndarray
-    ends: np.ndarray
-    near: float
-    at_end: float
-
-
 def fewest_links(
-    nodes: np.ndarray, place: np.ndarray, before: np.ndarray, after: np.ndarray, hiding: Hiding
-) -> np.ndarray:
+    nodes: np.ndarray, place: np.ndarray, before: np.ndarray, after: np.ndarray, box: Sequence[int],
+    masks: Sequence[np.ndarray], ends: np.ndarray, near: float, at_end: float,
+) -> np.ndarray:  # fmt: skip
     """Return the nodes (k,) of the path with the fewest, then the shortest straight lines from one of the first to one
     of the last nodes (n, 2), px; none if there is no path. Lines go from lower to higher places (n,). before, after: px
     that it costs to start at each of the first nodes and to end at each of the last ones.
 
-    Lines are checked at 32 samples, and may show between them; the lines of a path that do are given up, up to 60
-    times.
+    box: the top and left of a window, px, and the height and width of the canvas. masks: (h, w) bool of the window,
+    where lines may run: everywhere, and within near px, and within at_end px, of one of the two ends (2, 2), px. Beyond
+    the canvas they go on as on its border; elsewhere beyond the window no line may run. Lines are checked at 32
+    samples, and may show between them; the lines of a path that do are given up, up to 60 times.
     """
-    top, left, *canvas = hiding.box
-    box = int64s([top, left, *hiding.mask.shape, *canvas])
-    masks = [bools(mask) for mask in (hiding.mask, hiding.hidden, hiding.allowed)]
+    top, left, *canvas = box
     links = len(nodes), doubles(nodes), doubles(place), len(before), doubles(before), len(after), doubles(after)
-    reach = doubles(hiding.ends), float(hiding.near), float(hiding.at_end)
-    return _native("cs_fewest_links", *links, box, *masks, *reach, Out(len(nodes), np.int64), result=c_int64)
+    given = int64s([top, left, *masks[0].shape, *canvas]), *map(bools, masks), doubles(ends), float(near), float(at_end)
+    return _native("cs_fewest_links", *links, *given, Out(len(nodes), np.int64), result=c_int64)
 
 
 def hull_mask(mask: np.ndarray) -> np.ndarray:

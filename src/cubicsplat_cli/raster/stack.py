@@ -123,21 +123,6 @@ class CoverageJacobian:
 
 
 @record
-class Unknowns:
-    """The variables of n outlines, which may share them. first, count: (n,) the first of an outline's pieces, and their
-    number; start: (n,) its first variable; jacobians: (n,) the derivatives of the control points of its pieces by its
-    variables, (8 count, own variables); damping: (variables,) what is added to the diagonal of the Gram matrix, as a
-    factor of that; keep: what is added besides."""
-
-    first: np.ndarray
-    count: np.ndarray
-    start: np.ndarray
-    jacobians: Sequence[SparseRows]
-    damping: np.ndarray
-    keep: float
-
-
-@record
 class Step:
     """values: (variables,) of a damped Gauss-Newton step; gradient: (variables,) of half of the cost; moves:
     (outlines,) px by which the control points of each move at most; misfits: (outlines,) of the pixels that it
@@ -223,19 +208,27 @@ class DrawnStack:
         given = before._handle, self._handle, int32s(group), float(least)
         return _native("cs_stack_changed", *given, Out(groups, bool), result=None)
 
-    def step(self, unknowns: Unknowns, chance: float = 0.0) -> Step:
-        """Return the damped Gauss-Newton step of some variables, with all others fixed. chance: added to the misfit of
-        each pixel that an outline crosses."""
-        parts = unknowns.jacobians
-        ends = np.cumsum([0, *(part.starts[-1] for part in parts)])
-        rows = np.concatenate([[0], *(part.starts[1:] + end for part, end in zip(parts, ends, strict=False))])
-        columns = np.concatenate([part.columns for part in parts])
-        values = np.concatenate([part.values for part in parts])
-        variables, outlines = len(unknowns.damping), len(unknowns.first)
-        numbers = *map(int32s, (unknowns.first, unknowns.count, unknowns.start)), int64s(rows), int32s(columns)
+    def step(
+        self, first: np.ndarray, count: np.ndarray, start: np.ndarray, jacobians: Sequence[SparseRows],
+        damping: np.ndarray, keep: float, chance: float = 0.0,
+    ) -> Step:  # fmt: skip
+        """Return the damped Gauss-Newton step of the variables of n outlines, which may share them, with all others
+        fixed.
+
+        first, count: (n,) the first of an outline's pieces, and their number; start: (n,) its first variable;
+        jacobians: (n,) the derivatives of the control points of its pieces by its variables, (8 count, own variables);
+        damping: (variables,) what is added to the diagonal of the Gram matrix, as a factor of that; keep: what is added
+        besides; chance: added to the misfit of each pixel that an outline crosses.
+        """
+        ends = np.cumsum([0, *(part.starts[-1] for part in jacobians)])
+        rows = np.concatenate([[0], *(part.starts[1:] + end for part, end in zip(jacobians, ends, strict=False))])
+        columns = np.concatenate([part.columns for part in jacobians])
+        values = np.concatenate([part.values for part in jacobians])
+        variables, outlines = len(damping), len(first)
+        numbers = *map(int32s, (first, count, start)), int64s(rows), int32s(columns)
         given = _Unknowns(
             outlines, variables, *map(address_of, numbers), _at(values, np.float64, values.shape),
-            _at(unknowns.damping, np.float64, (variables,)), unknowns.keep,
+            _at(damping, np.float64, (variables,)), keep,
         )  # fmt: skip
         out = Out(variables), Out(variables), Out(outlines), Out(outlines)
         return Step(*_native("cs_stack_step", self._handle, byref(given), float(chance), *out))

@@ -12,7 +12,6 @@ from cubicsplat_cli.artwork.finish.parameters import LEAST, SMOOTH_SPECK, CopyPa
 from cubicsplat_cli.artwork.finish.state import PRICE, State
 from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.stack import Unknowns
 
 ROUNDS = 14
 PASSES = 3  # of moves, of merges and of further shapes, at most
@@ -119,14 +118,12 @@ def _stepped(state: State, families: np.ndarray, damping: np.ndarray, awake: np.
     sizes = np.array([jacobians[k].count for k in models.tolist()])
     starts[models] = np.cumsum(sizes) - sizes
     found = state.stack.step(
-        Unknowns(
-            state.pieces[free],
-            np.diff(state.pieces)[free],
-            starts[families[free]],
-            [*jacobians.values()],
-            np.repeat(damping[models], sizes),
-            (PIXEL_SIGMA / FREE) ** 2,
-        ),
+        state.pieces[free],
+        np.diff(state.pieces)[free],
+        starts[families[free]],
+        [*jacobians.values()],
+        np.repeat(damping[models], sizes),
+        (PIXEL_SIGMA / FREE) ** 2,
         CHANCE,
     )
     moves = np.zeros(len(outlines))

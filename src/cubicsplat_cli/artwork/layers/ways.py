@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
-from cubicsplat_cli.raster.outlines import Hiding, end_heading, fewer_points, fewest_links
+from cubicsplat_cli.raster.outlines import end_heading, fewer_points, fewest_links
 from cubicsplat_cli.record import record
 
 if TYPE_CHECKING:
@@ -221,8 +221,8 @@ def min_link_path(run: np.ndarray, first: End, last: End, room: Window) -> Itera
         order = np.concatenate([np.full(len(start), -1.0), place[good], np.full(len(stop), float(len(run)))])
         box = room.extent.top, room.extent.left, *room.canvas
         ends = np.stack([first.at, last.at])
-        hiding = Hiding(box, mask, room.hidden, room.extent.allowed, ends, NEAR_END, AT_END)
-        path = fewest_links(nodes, order, RAY[: len(start)], RAY[: len(stop)], hiding)
+        masks = mask, room.hidden, room.extent.allowed
+        path = fewest_links(nodes, order, RAY[: len(start)], RAY[: len(stop)], box, masks, ends, NEAR_END, AT_END)
         if len(path):
             yield nodes[path]
 
