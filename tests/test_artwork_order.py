@@ -12,10 +12,9 @@ from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents
 from cubicsplat_cli.artwork.layers.stacking import Stack, _without_cycles, junction_votes, stack
-from cubicsplat_cli.artwork.layers.ways import heading
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import edge_positions
-from cubicsplat_cli.raster.outlines import EdgePositions, coverage
+from cubicsplat_cli.raster.outlines import EdgePositions, coverage, heading
 
 FINE = 8
 SIZE = 100

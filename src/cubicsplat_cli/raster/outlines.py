@@ -121,15 +121,27 @@ def held_by_hull(labels: np.ndarray, window: tuple[slice, slice], own: np.ndarra
     return _native("cs_hull_holds", rows, labels.shape[1], *view.shape, bools(own), *out)
 
 
-def end_heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> np.ndarray | None:
-    """Fit a parabola to an outline at its end. Return (7,): place x, y, px; unit tangent x, y onwards, and its standard
-    error, radians; bend, 1/px; and mean squared residual, in sigmas. None if too few points are known.
+@record
+class Heading:
+    """Direction of an outline at its end. at: (2,) px; tangent: (2,) unit, onwards; error: its standard error, radians;
+    bend: 1/px; misfit: mean squared residual of a smooth end, in sigmas."""
 
-    points: (n, 2) px from the end on, n >= 1, which count up to `reach` px; sigma: (n,) their standard errors, px.
+    at: np.ndarray
+    tangent: np.ndarray
+    error: float
+    bend: float
+    misfit: float
+
+
+def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | None:
+    """Return the direction of an outline at its end, by a parabola; None if too few points are known.
+
+    points: (n, 2) px from the end on, which count up to `reach` px; sigma: (n,) their standard errors, px.
     """
     out = np.empty(7)
     given = len(points), doubles(points), doubles(sigma), float(reach)
-    return out if _native("cs_heading", *given, out, result=c_int64) else None
+    known = len(points) and _native("cs_heading", *given, out, result=c_int64)
+    return Heading(out[:2], out[2:4], *out[4:].tolist()) if known else None
 
 
 def coverage(cubics: np.ndarray, lines: np.ndarray, top: int, left: int, height: int, width: int) -> np.ndarray:

@@ -17,11 +17,11 @@ import numpy as np
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
 from cubicsplat_cli.artwork.layers.stacking import LEAST_TURN, MEETING, REACHES, SMOOTH, Stack, stack
-from cubicsplat_cli.artwork.layers.ways import SLACK, Heading, heading
+from cubicsplat_cli.artwork.layers.ways import SLACK
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
 from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import EdgePositions
+from cubicsplat_cli.raster.outlines import EdgePositions, Heading, heading
 from cubicsplat_cli.record import record
 
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
-from cubicsplat_cli.raster.outlines import end_heading, fewer_points, fewest_links
+from cubicsplat_cli.raster.outlines import fewer_points, fewest_links, heading
 from cubicsplat_cli.record import record
 
 if TYPE_CHECKING:
@@ -70,26 +70,6 @@ def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End
         else:
             ends.append(End(found.at, found.tangent, found.bend * REACH <= STRAIGHT))
     return ends[0], ends[1]
-
-
-@record
-class Heading:
-    """Direction of an outline at its end. at: (2,) px; tangent: (2,) unit, onwards; error: its standard error, radians;
-    bend: 1/px; misfit: mean squared residual of a smooth end, in sigmas."""
-
-    at: np.ndarray
-    tangent: np.ndarray
-    error: float
-    bend: float
-    misfit: float
-
-
-def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | None:
-    """Return the direction of an outline at its end from points (n, 2) px, the end first, with standard errors (n,),
-    up to `reach` px along it. None if too few are known.
-    """
-    found = end_heading(points, sigma, reach) if len(points) else None
-    return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())
 
 
 @record
