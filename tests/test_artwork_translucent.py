@@ -8,7 +8,7 @@ from conftest import rest_slow
 from image_files import recoded
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.layers.merging import FULL, Overlay, Paint, likeliest, paint_of, with_covered
+from cubicsplat_cli.artwork.layers.merging import FULL, Overlay, laid_over, likeliest, paint_of, with_covered
 from cubicsplat_cli.artwork.layers.translucent import goes_on, meetings, without_overlays
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import edge_positions
@@ -166,8 +166,8 @@ def test_a_paint_follows_from_two_grounds():
     fill = (200, 180, 20, 90)
     seen = np.rint(levels(fill) + (1.0 - 90 / FULL) * grounds)
     found = paint_of(seen, grounds)
-    assert found is not None and found.fill == pytest.approx(fill, abs=2)
-    assert found.over(grounds) == pytest.approx(seen, abs=1.5)
+    assert found is not None and found == pytest.approx(fill, abs=2)
+    assert laid_over(found, grounds) == pytest.approx(seen, abs=1.5)
     # Four levels off in one channel of one is another paint.
     off = seen.copy()
     off[1, 1] += 4.0
@@ -200,7 +200,7 @@ def ringed(films, fill) -> tuple[Regions, np.ndarray, list[Overlay]]:
     for k, film in enumerate(films):
         cover = np.zeros(labels.shape, dtype=bool)
         cover[8:10, 10 + 4 * k : 12 + 4 * k] = True
-        overlays.append(Overlay(Paint(film), cover))
+        overlays.append(Overlay(film, cover))
     return Regions(labels, np.array([levels(PAPER), fill]), np.arange(2)), np.zeros(2, dtype=bool), overlays
 
 
@@ -209,10 +209,10 @@ def test_what_films_make_of_a_neighbour_is_theirs_in_the_order_that_does():
     for above, below in ((0, 1), (1, 0)):
         fill = levels(PAPER)
         for k in (below, above):
-            fill = Paint(films[k]).over(fill[None])[0]
+            fill = laid_over(films[k], fill[None])[0]
         regions, fixed, overlays = with_covered(*ringed(films, fill))
         assert regions.count == 1 and fixed.tolist() == [False]
-        assert [overlay.paint.fill for overlay in overlays] == [films[above], films[below]]
+        assert [overlay.paint for overlay in overlays] == [films[above], films[below]]
         assert all(overlay.cover[10:30, 10:30].all() for overlay in overlays)
 
 
@@ -222,7 +222,7 @@ def test_many_films_over_each_other_do_not_make_an_opaque_shape():
     regions, fixed, overlays = ringed([fill] * 5, levels((*fill[:3], 255)))
     made = levels(PAPER)
     for overlay in overlays:
-        made = overlay.paint.over(made[None])[0]
+        made = laid_over(overlay.paint, made[None])[0]
     assert np.abs(made - regions.fills[1]).max() < 1.5
     after, _, same = with_covered(regions, fixed, overlays)
     assert after.count == 2 and not any(overlay.cover[10:30, 10:30].any() for overlay in same)

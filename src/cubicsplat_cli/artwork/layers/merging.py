@@ -29,9 +29,9 @@ _OPACITIES = np.arange(5, 251)  # of 8 bits: 0.02 to 0.98
 
 @record
 class Overlay:
-    """paint: of a translucent shape. cover: (H, W) bool, the pixels that show it."""
+    """paint: of a translucent shape, sRGB and opacity. cover: (H, W) bool, the pixels that show it."""
 
-    paint: Paint
+    paint: Rgba
     cover: np.ndarray
 
 
@@ -90,7 +90,7 @@ def _over(
     beside: list[Overlay],
     region: int,
     ground: int,
-    orders: Callable[[tuple[Paint, ...]], Orders],
+    orders: Callable[[tuple[Rgba, ...]], Orders],
 ) -> tuple[Overlay, ...]:
     """Those of the overlays beside a region that make its colour of another one's, uppermost first; () where none
     do. orders: `_orders`, which is asked for the same paints often.
@@ -98,10 +98,10 @@ def _over(
     if not 0 < len(beside) <= MOST_BESIDE:
         return ()
     fill, under = regions.fills[region], regions.fills[ground]
-    tried = orders(tuple(each.paint for each in beside))
-    off = np.abs(tried.added + tried.left[:, None] * under - fill).max(axis=1)
+    of, left, added = orders(tuple(each.paint for each in beside))
+    off = np.abs(added + left[:, None] * under - fill).max(axis=1)
     for k in np.flatnonzero(off <= ROUNDED).tolist():
-        some = tuple(beside[i] for i in tried.of[k])
+        some = tuple(beside[i] for i in of[k])
         # Many overlays make the same of anything: each must change it.
         paints = [each.paint for each in some]
         fewer = [_through(paints[:i] + paints[i + 1 :], under) for i in range(len(paints))]
@@ -110,28 +110,22 @@ def _over(
     return ()
 
 
-@record
-class Orders:
-    """Choices of overlays, some or all and in each order: the numbers of each, uppermost first; and what they make of
-    a ground, `left` (n,) of it and `added` (n, 4) levels.
-    """
-
-    of: list[tuple[int, ...]]
-    left: np.ndarray
-    added: np.ndarray
+# Choices of overlays, some or all and in each order: the numbers of each, uppermost first; and what they make of a
+# ground: they leave a share (n,) of it, and add (n, 4) levels.
+Orders = tuple[list[tuple[int, ...]], np.ndarray, np.ndarray]
 
 
-def _orders(paints: tuple[Paint, ...]) -> Orders:
+def _orders(paints: tuple[Rgba, ...]) -> Orders:
     """The orders of overlays that were seen to overlap nowhere, so that they may lie over each other in any."""
     of = [some for count in range(1, len(paints) + 1) for some in permutations(range(len(paints)), count)]
-    left = np.array([math.prod(1.0 - paints[i].fill[3] / FULL for i in some) for some in of])
-    return Orders(of, left, np.array([_through([paints[i] for i in some], np.zeros(4)) for some in of]))
+    left = np.array([math.prod(1.0 - paints[i][3] / FULL for i in some) for some in of])
+    return of, left, np.array([_through([paints[i] for i in some], np.zeros(4)) for some in of])
 
 
-def _through(some: Sequence[Paint], fill: np.ndarray) -> np.ndarray:
+def _through(some: Sequence[Rgba], fill: np.ndarray) -> np.ndarray:
     """(4,) levels of what paints, uppermost first, make of a fill."""
     for paint in reversed(some):
-        fill = paint.over(fill[None])[0]
+        fill = laid_over(paint, fill[None])[0]
     return fill
 
 
@@ -154,23 +148,17 @@ def _ordered(overlays: list[Overlay], some: tuple[Overlay, ...]) -> list[Overlay
     return out
 
 
-@record
-class Paint:
-    """fill: sRGB and opacity, 8 bits each."""
-
-    fill: Rgba
-
-    def over(self, grounds: np.ndarray) -> np.ndarray:
-        """(n, 4) premultiplied levels of what it makes of grounds (n, 4)."""
-        return self.premultiplied + (1.0 - self.fill[3] / FULL) * grounds
-
-    @property
-    def premultiplied(self) -> np.ndarray:
-        """(4,) in levels."""
-        return np.array([*(v * self.fill[3] / FULL for v in self.fill[:3]), float(self.fill[3])])
+def laid_over(paint: Rgba, grounds: np.ndarray) -> np.ndarray:
+    """(n, 4) premultiplied levels of what a paint makes of grounds (n, 4)."""
+    return paint_levels(paint) + (1.0 - paint[3] / FULL) * grounds
 
 
-def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Paint | None:
+def paint_levels(paint: Rgba) -> np.ndarray:
+    """(4,) premultiplied levels of a paint."""
+    return np.array([*(v * paint[3] / FULL for v in paint[:3]), float(paint[3])])
+
+
+def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Rgba | None:
     """The paint that makes `seen` (n, 4) of `grounds` (n, 4), premultiplied levels, n >= 2, by least squares over all
     opacities of 8 bits; None where none does, or where the grounds are too much alike to tell.
     """
@@ -185,7 +173,7 @@ def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Paint | None:
     if off[k].max() > ROUNDED:
         return None
     r, g, b = (int(v) for v in colours[k])
-    return Paint((r, g, b, int(_OPACITIES[k])))
+    return r, g, b, int(_OPACITIES[k])
 
 
 def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
@@ -209,10 +197,10 @@ def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
             mean = (seen - grounds * (1.0 - opacity / FULL)).mean(axis=0)[:3] * FULL / opacity
             tied = np.where(off == least, np.abs(colours[:, None] - mean), np.inf)
             chosen = [plain[0]] * 3 if plain else tied.argmin(axis=0).tolist()
-            paint = Paint((chosen[0], chosen[1], chosen[2], opacity))
-            misfit = float(((seen - paint.over(grounds)) ** 2).sum())
+            paint = chosen[0], chosen[1], chosen[2], opacity
+            misfit = float(((seen - laid_over(paint, grounds)) ** 2).sum())
             whole = abs(opacity - FULL * round(20.0 * opacity / FULL) / 20.0) <= 0.5
             score = (float(least.sum() + clear), not whole, not plain, misfit)
             if best is None or score < best:
-                best, fill = score, paint.fill
+                best, fill = score, paint
     return fill

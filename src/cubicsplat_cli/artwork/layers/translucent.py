@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
-from cubicsplat_cli.artwork.layers.merging import Overlay, Paint, likeliest, merged, paint_of, with_covered
+from cubicsplat_cli.artwork.layers.merging import Overlay, likeliest, merged, paint_levels, paint_of, with_covered
 from cubicsplat_cli.artwork.layers.stacking import LEAST_TURN, MEETING, REACHES, SMOOTH, Stack, stack
 from cubicsplat_cli.artwork.layers.ways import SLACK
 from cubicsplat_cli.artwork.regions.fills import OPAQUE
@@ -69,7 +69,7 @@ def _with_overlays(
         reached[overlay.cover] = place
         above = (depth > place) & opaque
         behind.setdefault(place, []).extend(
-            TranslucentPart(overlay.paint.premultiplied, each) for each in extents_of(overlay.cover, above, found)
+            TranslucentPart(paint_levels(overlay.paint), each) for each in extents_of(overlay.cover, above, found)
         )
     out = behind.get(-1, [])
     for k, part in enumerate(parts):
@@ -90,7 +90,7 @@ def without_overlays(
     fixed = np.zeros(regions.count, dtype=bool) if fixed is None else fixed
     while (grounds := _uppermost(regions, found, fixed)) is not None:
         pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in grounds.items()], axis=0)
-        paint = Paint(likeliest(pairs[:, 0], pairs[:, 1]))
+        paint = likeliest(pairs[:, 0], pairs[:, 1])
         overlays.append(Overlay(paint, np.isin(regions.labels, list(grounds))))
         regions, fixed = merged(regions, grounds, fixed)
         regions, fixed, overlays = with_covered(regions, fixed, overlays)
