@@ -114,7 +114,7 @@ def test_an_edge_that_moves_by_a_whole_pixel_is_judged_by_what_it_uncovers():
     states = [begin(Drawing(56, 48, (Shape(RED, (box,), "x"),)), goal) for box in (
         Rectangle(4.0, 5.0, 40.0, 30.0), Rectangle(4.0, 6.0, 40.0, 29.0))]  # fmt: skip
     lost = states[0].growth(states[1], np.ones(1, dtype=bool), 1)
-    assert lost == pytest.approx(states[1].value - states[0].value) and lost > 0.0
+    assert lost == pytest.approx(states[1].stack.cost - states[0].stack.cost) and lost > 0.0
     gained = states[0].gains(states[1], np.ones(1, dtype=bool))
     assert gained == pytest.approx(-0.5 * lost / states[0].floor(0))
 
@@ -125,7 +125,7 @@ def test_a_refused_change_leaves_its_neighbours_where_they_were():
     state = settle(begin(Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in truth)), goal))
     away = state.outlines[0].moved(np.array([30.0, 0.0, 0.0, 0.0])), state.outlines[1].moved(np.array([9.0, 0.0, 0.0]))
     kept = judged(state, state.with_outlines(dict(enumerate(away))), 1.0)
-    assert kept.value == pytest.approx(state.value, abs=1e-6)
+    assert kept.stack.cost == pytest.approx(state.stack.cost, abs=1e-6)
 
 
 def test_outlines_that_rest_are_looked_at_again_when_the_picture_beneath_them_changes():
@@ -170,8 +170,8 @@ def test_a_ring_is_not_turned_over_by_a_hidden_loop_that_outgrows_the_one_that_s
     goal = goal_of(picture([(shown, RED), (Rectangle(*cover), BLUE)], 40, 60))
     drawing = Drawing(60, 40, (Shape(RED, (bow,), "red"), Shape(BLUE, (Rectangle(*cover),), "blue")))
     after = settle(begin(drawing, goal))
-    assert after.value < begin(drawing, goal).value
-    assert begin(drawn(drawing, after), goal).value == pytest.approx(after.value)
+    assert after.stack.cost < begin(drawing, goal).stack.cost
+    assert begin(drawn(drawing, after), goal).stack.cost == pytest.approx(after.stack.cost)
 
 
 def test_the_finish_leaves_the_canvas_border_and_a_hole_in_place():

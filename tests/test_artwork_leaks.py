@@ -48,10 +48,10 @@ def test_the_ground_leaks_where_a_hidden_edge_meets_two_others_and_not_along_the
     assert set(columns.tolist()) == {MEETING}
     # The first and last rows are beside the drawing's own edge, and below 20 red covers it all.
     assert rows.tolist() == list(range(3, MEETING + 1))
-    leaked = state.value - begin(stacked(20.7), weightless(goal)).value
+    leaked = state.stack.cost - begin(stacked(20.7), weightless(goal)).stack.cost
     assert leaked == pytest.approx(goal.leak_weight * (shown**2).sum()) and leaked > 0.0
     plain = begin(stacked(30.0), goal)
-    assert plain.value == pytest.approx(begin(stacked(30.0), weightless(goal)).value, abs=1e-12)
+    assert plain.stack.cost == pytest.approx(begin(stacked(30.0), weightless(goal)).stack.cost, abs=1e-12)
 
 
 def test_the_equations_of_leaks_match_finite_differences():
@@ -68,7 +68,7 @@ def test_the_equations_of_leaks_match_finite_differences():
         for each in (goal, weightless(goal)):
             layers = begin(stacked(20.7), each).layers
             layers[0].outlines[0] = outline.moved(step)
-            values.append(State.of(layers, each).value)
+            values.append(State.of(layers, each).stack.cost)
         return values[0] - values[1]
 
     found = gradient(goal) - gradient(weightless(goal))

@@ -50,7 +50,7 @@ def test_the_polish_bends_a_line_that_should_be_an_arc():
     target = share[..., None] * (np.array(RED) / 255.0)
     start = Drawing(48, 48, (Shape(RED, (square,), "red"),))
     done = polish(start, goal_of(target))
-    assert begin(done, goal_of(target)).value < 0.02 * begin(start, goal_of(target)).value
+    assert begin(done, goal_of(target)).stack.cost < 0.02 * begin(start, goal_of(target)).stack.cost
     assert done.segments == 4
 
 

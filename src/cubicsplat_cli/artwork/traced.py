@@ -123,7 +123,7 @@ def or_finer(
     nearer = begin(other, goal)
     # Half of chi^2 falls by as many times what a pixel is off by chance, on average.
     chance = state.chance(slice(None))
-    falls = 0.5 * settings.detail * (state.value - nearer.value) * len(chance)
+    falls = 0.5 * settings.detail * (state.stack.cost - nearer.stack.cost) * len(chance)
     longer = PRICE * (length(other.shapes) - length(drawing.shapes))
     return (other, nearer) if falls > longer * float(chance.sum()) else (drawing, state)
 

@@ -167,7 +167,8 @@ class DrawnStack:
 
     @cached_property
     def cost(self) -> float:
-        """The sum of the misfit of all pixels, and of the leaks."""
+        """The misfit of all pixels, and what the background adds where it shows through an opaque picture: where two
+        edges meet, viewers let it through if the hidden edge of a third shape is there too."""
         return _native("cs_stack_cost", self._handle, result=c_double)
 
     @cached_property

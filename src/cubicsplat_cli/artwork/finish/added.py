@@ -177,7 +177,8 @@ class _Trials:
         if rounds:
             free = replace(self.drawing, shapes=tuple(each.shape for each in new))
             layers = layers_of(free, self.goal)
-        after = settle(self.before.beside(layers, [each.beneath for each in new]), rounds)
+        over = self.before.stack, np.array([each.beneath for each in new], np.int32)
+        after = settle(State.of(layers, self.goal, over=over), rounds)
         new = [replace(placed, shape=layer.drawn()) for placed, layer in zip(new, after.layers, strict=True)]
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
         changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]

@@ -88,7 +88,7 @@ class Visibility:
 
     @classmethod
     def of(cls, state: State, number: int) -> Visibility:
-        c, own = state.crossings, slice(state.marks[number], state.marks[number + 1])
+        c, own = state.stack.crossings, slice(state.marks[number], state.marks[number + 1])
         piece, t = c.piece[own] - state.pieces[number], c.t[own]
         order = np.lexsort((t, piece))
         seen = summed((c.slope[own] * WHITE) ** 2) * SEEN_SIGMA**2 > UNSEEN

@@ -104,7 +104,7 @@ def polish_closer(drawing: Drawing, goal: Goal, detail: float = 1.0) -> Drawing:
         state = begin(drawing, goal)
         effects = state.effects(slice(None))
         shown = effects > SHOWN**2
-        left = state.misfit[state.crossings.pixel[shown]] / effects[shown]
+        left = state.misfit[state.stack.crossings.pixel[shown]] / effects[shown]
         known = float(np.sqrt(left.mean())) if len(left) else np.inf
         if known < KNOWN * goal.share_error:
             drawing = polish(drawing, replace(goal, share_error=max(known, EXACT)), detail)
@@ -142,7 +142,7 @@ class Complaints:
     @classmethod
     def of(cls, state: State) -> Complaints:
         """Return the complaints against the pieces of a drawing, numbered through all its outlines."""
-        c, floor = state.crossings, np.maximum(state.chance(slice(None)), UNSEEN)
+        c, floor = state.stack.crossings, np.maximum(state.chance(slice(None)), UNSEEN)
         chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / floor, MOST_CHI) - 1.0, 0.0)
         lengths = polygon_lengths(state.drawn.cubics)
         along, weight = c.t * lengths[c.piece], np.maximum(chi, 0.0)

@@ -39,10 +39,10 @@ def settle(state: State, rounds: int = ROUNDS, *, trim: bool = True, changed: np
     for _ in range(rounds):
         work().at()
         following, awake = _improved(state, damping, awake)
-        gain = state.value - following.value
+        gain = state.stack.cost - following.stack.cost
         state = trimmed(following, awake) if trim else following
         retried = awake & (damping > RELAXED) & (damping < HOPELESS)
-        if not awake.any() or (gain < ENOUGH * state.value and not retried.any()):
+        if not awake.any() or (gain < ENOUGH * state.stack.cost and not retried.any()):
             break
     return state
 
@@ -73,7 +73,7 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
         trial, refused = trial.taken_back(state, worse), refused | worse
     changed = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
     damping[moving] = changed[moving]
-    if trial.value >= state.value:
+    if trial.stack.cost >= state.stack.cost:
         damping[moving] *= 10.0
         return state, moving
     noticed = trial.stack.changed(state.stack, families[trial.owners], len(families), NOTICED)[families]

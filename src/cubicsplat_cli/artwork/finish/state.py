@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.restore import BLUR_REACH
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces
+from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
@@ -78,12 +78,6 @@ class State:
         """The state with the outlines of an earlier one where these are worse (outlines,) bool."""
         return self.with_outlines({k: before.outlines[k] for k in np.flatnonzero(worse).tolist()})
 
-    def beside(self, layers: list[Layer], beneath: list[int]) -> State:
-        """The state of further layers alone, each drawn right above that one of this state's, which stay as they are.
-        beneath: ascending numbers, -1 for what lies below all.
-        """
-        return State.of(layers, self.goal, over=(self.stack, np.array(beneath, np.int32)))
-
     def with_layers(self, layers: list[Layer]) -> State:
         """The state of other layers, of which only what differs is drawn."""
         return State.of(layers, self.goal, self, self.over)
@@ -140,15 +134,10 @@ class State:
         """(outlines,) bool, as seen, by the area."""
         return np.bincount(self.owners, areas_beside(self.drawn.cubics), len(self.outlines)) > 0.0
 
-    @property
-    def crossings(self) -> CoverageJacobian:
-        """The crossings of the pieces, numbered through all outlines."""
-        return self.stack.crossings
-
     @cached_property
     def marks(self) -> np.ndarray:
         """(outlines + 1,) where the crossings of each outline begin."""
-        return np.searchsorted(self.crossings.piece, self.pieces)
+        return np.searchsorted(self.stack.crossings.piece, self.pieces)
 
     @property
     def image(self) -> np.ndarray:
@@ -159,14 +148,6 @@ class State:
     def misfit(self) -> np.ndarray:
         """(H W,) of every pixel."""
         return self.stack.picture[1].ravel()
-
-    @property
-    def value(self) -> float:
-        """The misfit of all pixels, and what the background adds that shows where the picture is opaque.
-
-        Where two edges meet, viewers let it through if the hidden edge of a third shape is there too.
-        """
-        return self.stack.cost
 
     @property
     def sharing(self) -> float:
@@ -192,7 +173,7 @@ class State:
 
     def effects(self, crossed: slice) -> np.ndarray:
         """Return (m,) the squares of how much the pixels of some crossings change with their coverage."""
-        return summed((self.crossings.slope[crossed] * WHITE) ** 2)
+        return summed((self.stack.crossings.slope[crossed] * WHITE) ** 2)
 
     def floor(self, number: int) -> float:
         """Return the misfit that a pixel which an outline crosses has by chance."""

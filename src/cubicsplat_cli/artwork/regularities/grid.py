@@ -59,7 +59,7 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
 
 def _seen_edges(state: State, error: float) -> list[Mark]:
     """Return the x of the upright lines and the y of the level ones that show in the picture."""
-    crossings, cubics = state.crossings, state.drawn.cubics
+    crossings, cubics = state.stack.crossings, state.drawn.cubics
     shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWN, len(cubics))
     good = state.drawn.lines & (shown >= FEWEST_SEEN)
     level = np.ptp(cubics, axis=1) < EXACT
