@@ -96,7 +96,7 @@ def test_a_focal_gradient_is_circles_that_grow_from_the_focus_to_the_rim(focus):
     t, turn = np.meshgrid(np.linspace(0.0, 0.99, 12), np.linspace(0.0, 6.0, 9))
     rim = given.matrix() @ np.stack((np.cos(turn), np.sin(turn), np.ones_like(turn))).reshape(3, -1)
     places = ((1.0 - t.ravel()) * start[:, None] + t.ravel() * rim).T
-    assert np.allclose(parameter(given, *places.T), t.ravel(), atol=1e-12)
+    assert np.allclose(parameter(given.frame(), True, *places.T), t.ravel(), atol=1e-12)
     (found,) = gradients_of([given]).floating(lambda a: a.astype(float)).frames
     assert radial_of_frame(found, 1.0, given.stops).focus == (None if focus is None else pytest.approx(focus, abs=1e-4))
     drawn = paint_at(gradients_of([given]), 0, places)[:, 0]

@@ -121,11 +121,11 @@ def radial_from(
     return RadialGradient(cx, cy, float(lengths[0]), float(lengths[1]), angle, stops, focus)
 
 
-def parameter(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return t at places x, y in px, not clipped."""
-    (a, b, c, along), (d, e, f, across) = gradient.frame()
+def parameter(frame: np.ndarray, radial: bool, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return t at places x, y in px, not clipped, of a gradient with a frame (2, 4)."""
+    (a, b, c, along), (d, e, f, across) = frame
     first = a * x + b * y + c
-    if not isinstance(gradient, RadialGradient):
+    if not radial:
         return first
     second = d * x + e * y + f
     return np.hypot(first, second) + along * first + across * second
@@ -133,7 +133,7 @@ def parameter(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return (..., 4): premultiplied colours in [0, 1] of a gradient at places x, y in px."""
-    t = parameter(gradient, x, y)
+    t = parameter(gradient.frame(), isinstance(gradient, RadialGradient), x, y)
     offsets = [stop.offset for stop in gradient.stops]
     fills = np.array([stop.colour for stop in gradient.stops]) / 255.0
     colours = np.stack([np.interp(t, offsets, fills[:, k]) for k in range(4)], axis=-1)

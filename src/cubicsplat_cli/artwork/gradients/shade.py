@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.gradients.parts import Patch, joined
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN, eight_bit
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba, Stop, radial_of_frame
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba, Stop, parameter, radial_of_frame
 
 CLOSE = 2.0  # levels by which a gradient may differ from a pixel that it explains
 SIGMA = 0.4  # levels, standard deviation of rounding to 8 bits and of the arithmetic of drawing programs
@@ -61,11 +61,7 @@ class Shade:
     open: tuple[bool, bool] = (False, False)
 
     def t(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        first = self.frame[0, 0] * x + self.frame[0, 1] * y + self.frame[0, 2]
-        if not self.radial:
-            return first
-        second = self.frame[1, 0] * x + self.frame[1, 1] * y + self.frame[1, 2]
-        return np.hypot(first, second) + self.frame[0, 3] * first + self.frame[1, 3] * second
+        return parameter(self.frame, self.radial, x, y)
 
     def slope(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the derivatives (2, n) of t per px at places in px."""
