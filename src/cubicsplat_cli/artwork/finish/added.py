@@ -6,6 +6,7 @@ changes, against a price for every parameter, before and after it is optimised a
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -165,7 +166,10 @@ class _Trials:
             if not some:
                 continue
             new, changes, falls = self._tried([each for _, each in some], ROUNDS)
-            for k, own in _by_area(some).items():
+            own_of: dict[int, list[int]] = defaultdict(list)
+            for i, (k, _) in enumerate(some):
+                own_of[k].append(i)
+            for k, own in own_of.items():
                 around = ndimage.binary_dilation(found[k].where, ndimage.SQUARE, MARGIN)
                 fall = float(falls[found[k].rows, found[k].columns][around].sum())
                 out[k].append(_Explanation([new[i] for i in own], [changes[i] for i in own], fall))
@@ -200,12 +204,8 @@ class _Trials:
     def _shortest(self, ways: list[_Explanation]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
         floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
-        most, best = 0.0, list[Placed]()
-        for way in ways:
-            total, good = self._gain(way, floor)
-            if total > most:
-                most, best = total, good
-        return best
+        gains = [(0.0, list[Placed]()), *(self._gain(way, floor) for way in ways)]
+        return max(gains, key=lambda gain: gain[0])[1]
 
     def _gain(self, way: _Explanation, floor: float) -> tuple[float, list[Placed]]:
         """Nats by which a way shortens the description, and its shapes that do."""
@@ -219,14 +219,6 @@ class _Trials:
     def _still(self, shape: Shape) -> Layer:
         """The layer of a shape that stays as it is."""
         return layer_of(shape, self.goal, [Still(outline) for outline in shape.outlines])
-
-
-def _by_area(some: list[tuple[int, Placed]]) -> dict[int, list[int]]:
-    """The indices of new shapes by the numbers of their areas, ascending."""
-    out: dict[int, list[int]] = {area: [] for area in sorted({area for area, _ in some})}
-    for k, (area, _) in enumerate(some):
-        out[area].append(k)
-    return out
 
 
 def _back(goal: Goal) -> np.ndarray:

@@ -119,11 +119,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
         return few_lines(contour.points, SLACK)
     if whole and (box := _box(contour, window)) is not None:
         return box
-
-    def wrong(points: np.ndarray) -> int:
-        return len(window.wrong(polygon(points)))
-
-    loop = HiddenLoop(contour.points, contour.sigma, wrong, outer)
+    loop = HiddenLoop(contour.points, contour.sigma, lambda points: len(window.wrong(polygon(points))), outer)
     whole = whole and len(runs) <= SEVERAL
     left = [ways_on(loop, run) if whole else simply(loop, run) for run in runs]
     ways = [next(each) for each in left]

@@ -255,7 +255,9 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
     names = [int(n) for n in np.unique(group) if n >= 0]
     index = {n: i for i, n in enumerate(names)}
     size = np.bincount(group[group >= 0], facts.areas[group >= 0].astype(float), minlength=len(group))[names]
-    span = _spans(facts, group)[names]
+    # The px^2 of the box around each: what it would cover.
+    of = _members(group)
+    span = np.array([float(_area(_box_around(facts, of[name]))) for name in names])
     above, below = _without_cycles(len(names), *_net(facts, group, index))
     # What a large one waits for comes as early as the large one would, lest all small ones come between.
     waiting = np.zeros_like(span)
@@ -315,13 +317,3 @@ def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: dict[tuple[int,
         above, below = int(group[inner]), int(group[outer])
         if outer in broken and above >= 0 and above != below and facts.areas[outer] > facts.areas[inner]:
             weight[below, above] = 0.0
-
-
-def _spans(facts: _Facts, group: np.ndarray) -> np.ndarray:
-    """(R,) of each group, by its name, the px^2 of the box around it: what it would cover."""
-    count, own = len(group), group >= 0
-    low, high = np.full((count, 2), np.inf), np.zeros((count, 2))
-    for axis in (0, 1):
-        np.minimum.at(low[:, axis], group[own], np.array([box[axis].start for box in facts.boxes])[own])
-        np.maximum.at(high[:, axis], group[own], np.array([box[axis].stop for box in facts.boxes])[own])
-    return np.asarray(np.where(np.isfinite(low), high - low, 0.0).prod(axis=1))
