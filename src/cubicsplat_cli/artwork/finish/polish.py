@@ -66,12 +66,8 @@ def polish(
         return drawing
     constraints = Constraints(drawing.width, drawing.height)
     at = work().at
-
     merged = partial(with_merges, constraints=constraints, detail=detail)
-
-    def moved(state: State) -> State:
-        return _tried(state, with_moves(state, constraints, detail), detail)
-
+    moved = partial(with_moves, constraints=constraints, detail=detail)
     at("fitting to the pixels", 0.5)
     state = state or begin(drawing, goal)
     with work().stoppable():
@@ -151,9 +147,9 @@ class Complaints:
         return cls(np.maximum(0.5 * excess, 0.0), *(part / np.maximum(total, LEAST) for part in sums))
 
 
-def with_moves(state: State, constraints: Constraints, detail: float) -> dict[int, Parameters]:
-    """Return the outlines that have a piece more, by number, wherever the pixels ask for one."""
-    complaints, better = Complaints.of(state), {}
+def with_moves(state: State, constraints: Constraints, detail: float) -> State:
+    """Return the state with outlines that have a piece more wherever the pixels ask for one and it pays."""
+    complaints, better = Complaints.of(state), dict[int, Parameters]()
     for k, parameters in enumerate(state.outlines):
         first, outline = int(state.pieces[k]), parameters.outline()
         chi = detail * complaints.chi[first : state.pieces[k + 1]]
@@ -166,7 +162,7 @@ def with_moves(state: State, constraints: Constraints, detail: float) -> dict[in
             edited = as_path(outline, float(chi.sum()), int(state.marks[k + 1] - state.marks[k])) or outline
         if edited is not outline:
             better[k] = parametrised(edited, constraints)
-    return better
+    return _tried(state, better, detail)
 
 
 def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ring | None:
