@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import Mode, width_decimals
 from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, GridTrack
 from cubicsplat_cli.svg.paths import subpaths
@@ -56,7 +56,7 @@ def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
 def _curve(path: ElementTree.Element, clip: GridClip) -> dict[str, GridTrack]:
     moving = {each.attrib["attributeName"]: each for each in path}
     paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
-    width_decimals = clip.width_decimals - clip.precision
+    decimals = width_decimals(clip.precision) - clip.precision
 
     def track(name: str, usual: str, read: object) -> GridTrack:
         element = moving.get(name)
@@ -70,7 +70,7 @@ def _curve(path: ElementTree.Element, clip: GridClip) -> dict[str, GridTrack]:
         OFFSET: track("transform", "0 0", lambda text: [int(value) for value in NUMBERS.findall(text)]),
         COLOUR: track(paint, "", hex_colour),
         OPACITY: track(f"{paint}-opacity", "1", lambda text: [_whole(text, OPACITY_DECIMALS)]),
-        WIDTH: track("stroke-width", "0", lambda text: [_whole(text, width_decimals)]),
+        WIDTH: track("stroke-width", "0", lambda text: [_whole(text, decimals)]),
     }
 
 

@@ -292,6 +292,11 @@ def _setting(name: str) -> Setting:
     return next(spec for each, spec in settings_of(FitSettings) if each.name == name)
 
 
+def width_decimals(precision: int) -> int:
+    """Return the decimals of stroke widths in a file, two at least: in whole pixels most strokes would be 0 or 1 px."""
+    return max(precision, 2)
+
+
 def cpu_count() -> int:
     """Return the number of CPU cores that the process may use: its affinity, not the machine's count."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.formatting import hex_text
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import Mode, width_decimals
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, GridTrack
 
 _FORMAT = "5.7.0"  # of Lottie, which all players of today know
@@ -80,8 +80,8 @@ def _curve(clip: GridClip, curve: dict[str, GridTrack], moving: Callable[..., di
     if closed:
         paint = {"ty": "fl", **paint, "r": 1}
     else:
-        unit = 10 ** (clip.precision - clip.width_decimals)
-        width = moving(curve[WIDTH], lambda row: round(row[0] * unit, clip.width_decimals - clip.precision))
+        decimals = width_decimals(clip.precision) - clip.precision
+        width = moving(curve[WIDTH], lambda row: round(row[0] * 10**-decimals, decimals))
         paint = {"ty": "st", **paint, "w": width, "lc": _ROUND, "lj": _ROUND}
     place = {
         "ty": "tr", "p": moving(curve[OFFSET], lambda row: row),

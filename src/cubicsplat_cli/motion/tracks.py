@@ -17,11 +17,11 @@ from cubicsplat_cli.raster.native import address_of, native
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import width_decimals
 
 # What moves on knots of its own: the shape without its offset (control points and half-width), the offset, the fill.
 TRACKS = ("shapes", "offsets", "colours", "opacities")
-# Decimals of a file: of opacities, where more would not show beside the error of a fit; of widths, at least.
-OPACITY_DECIMALS, MIN_WIDTH_DECIMALS = 2, 2
+OPACITY_DECIMALS = 2  # of a file: more would not show beside the error of a fit
 PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
 LEVELS = 255
 EVERY = slice(None)
@@ -139,7 +139,7 @@ class Tracks:
 
 def grid_of(points: int, precision: int) -> dict[str, np.ndarray]:
     """Of each track the steps (C,) of its values in a file with `precision` decimals, for so many control points."""
-    coordinates, width = 10.0**-precision, 0.5 * 10.0 ** -max(precision, MIN_WIDTH_DECIMALS)
+    coordinates, width = 10.0**-precision, 0.5 * 10.0 ** -width_decimals(precision)
     return {
         "shapes": np.array([coordinates] * (2 * points) + [width]), "offsets": np.full(2, coordinates),
         "colours": np.full(3, 1.0 / LEVELS), "opacities": np.full(1, 10.0**-OPACITY_DECIMALS),

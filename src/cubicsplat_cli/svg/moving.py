@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.motion.tracks import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Tracks
+from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS, Tracks
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import PRECISION, Mode
+from cubicsplat_cli.settings import PRECISION, Mode, width_decimals
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.values import levels_of, unit_colour
 
@@ -60,7 +60,7 @@ class GridClip:
     """A clip in whole numbers.
 
     Control points ("shape", 2 K of them) and offsets (2) are multiples of 10^-precision px, "colour" has 3 of 0..255,
-    "opacity" is in hundredths, "width" (of strokes) in multiples of 10^-width_decimals px. duration: s. key_decimals:
+    "opacity" is in hundredths, "width" (of strokes) in multiples of 10^-`width_decimals` px. duration: s. key_decimals:
     of the times of knots, as shares of the duration.
     """
 
@@ -84,11 +84,6 @@ class GridClip:
         return self.duration / self.whole
 
     @property
-    def width_decimals(self) -> int:
-        """Decimals of the stroke widths."""
-        return max(self.precision, MIN_WIDTH_DECIMALS)
-
-    @property
     def knots(self) -> int:
         """Knots that are written, of all tracks that change."""
         tracks = [track for group in self.groups for curve in group.curves for track in curve.values()]
@@ -106,7 +101,7 @@ class GridClip:
         points = (points / 10.0**self.precision).astype(np.float32)
         colours, opacities = (all_of(COLOUR) / 255.0).astype(np.float32), all_of(OPACITY)[..., 0]
         opacities = (opacities / 10.0**OPACITY_DECIMALS).astype(np.float32)
-        half_widths = (all_of(WIDTH)[..., 0] / 10.0**self.width_decimals / 2.0).astype(np.float32)
+        half_widths = (all_of(WIDTH)[..., 0] / 10.0 ** width_decimals(self.precision) / 2.0).astype(np.float32)
         for frame in range(len(keys)):
             yield Scene(
                 self.mode, self.width, self.height, points[frame], colours[frame], opacities[frame],
@@ -166,7 +161,7 @@ def _curves(group: Tracks, precision: int, key_s: float, off: float) -> list[dic
         OFFSET: ((offsets - offsets[:1]) * unit, "offsets"),
         COLOUR: (values["colours"] * 255.0, "colours"),
         OPACITY: (values["opacities"] * 10.0**OPACITY_DECIMALS, "opacities"),
-        WIDTH: (2.0 * half_widths * 10.0 ** max(precision, MIN_WIDTH_DECIMALS), "shapes"),
+        WIDTH: (2.0 * half_widths * 10.0 ** width_decimals(precision), "shapes"),
     }
 
     def track(name: str, curve: int) -> GridTrack:

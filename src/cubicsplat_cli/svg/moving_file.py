@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.moving import MovingDrawing
 from cubicsplat_cli.motion.tracks import OPACITY_DECIMALS
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import Mode, width_decimals
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.markup import document, empty_document, format_number, joined, short_colour
@@ -98,7 +98,7 @@ def _path(clip: GridClip, curve: dict[str, GridTrack], timing: dict[str, str], *
         "d": (SHAPE, path_values(shapes.tolist(), closed=clip.mode is Mode.CLOSED)),
     }
     if clip.mode is Mode.OPEN:
-        texts["stroke-width"] = (WIDTH, _numbers(curve[WIDTH], clip.width_decimals - clip.precision))
+        texts["stroke-width"] = (WIDTH, _numbers(curve[WIDTH], width_decimals(clip.precision) - clip.precision))
     element = ElementTree.Element("path")
     for name, (_, values) in texts.items():
         if still if len(values) > 1 else not (name.endswith("-opacity") and values == ["1"]):

@@ -17,12 +17,10 @@ from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, radial_of_frame
-from cubicsplat_cli.settings import PRECISION, Mode
+from cubicsplat_cli.settings import PRECISION, Mode, width_decimals
 from cubicsplat_cli.svg.values import levels_of
 
 OPACITY_DECIMALS = 3  # and of the offsets of stops
-# Whole pixels would make most strokes 0 or 1 px wide, so widths have two decimals at least.
-MIN_WIDTH_DECIMALS = 2
 # Renderers store coordinates as 24.8 fixed point (cairo) or float32; no canvas is nearly this large.
 MAX_COORDINATE = 4.0e6
 _POWERS = 10 ** np.arange(1, 19, dtype=np.int64)
@@ -55,11 +53,6 @@ class GridScene:
     gradients: list[Gradient | None]
 
     @property
-    def width_decimals(self) -> int:
-        """Decimals of the stroke widths."""
-        return max(self.precision, MIN_WIDTH_DECIMALS)
-
-    @property
     def one_opacity(self) -> bool:
         """True if several curves all have one opacity, which the file gives once."""
         return len(self.opacities) > 1 and bool((self.opacities == self.opacities[0]).all())
@@ -89,7 +82,7 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
         points=_shortest(scene.mode, _round(points, 10**precision), ring_ends),
         colours=_round(colours, 255),
         opacities=_round(opacities, 10**OPACITY_DECIMALS),
-        stroke_widths=_round(2.0 * scene.half_widths, 10 ** max(precision, MIN_WIDTH_DECIMALS)),
+        stroke_widths=_round(2.0 * scene.half_widths, 10 ** width_decimals(precision)),
         background=levels_of(scene.background),
         ring_ends=ring_ends,
         gradients=gradients,

@@ -17,7 +17,7 @@ from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.scene.shapes import lengths, nearest_shape
-from cubicsplat_cli.settings import ANY, Mode
+from cubicsplat_cli.settings import ANY, Mode, width_decimals
 from cubicsplat_cli.svg.markup import GradientElements, add_head, document, format_number, gradient_element, joined
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, gradient_decimals, ring_slices, to_grid
 
@@ -111,7 +111,7 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene, paints: list[str]) 
         if opacities[index] < opaque:
             attributes[f"{kind}_opacity"] = format_number(opacities[index], OPACITY_DECIMALS)
         if not closed:
-            attributes["stroke_width"] = format_number(widths[index], grid.width_decimals - grid.precision)
+            attributes["stroke_width"] = format_number(widths[index], width_decimals(grid.precision) - grid.precision)
         # svgwrite would take a bare string apart into characters, so it gets a list.
         group.add(drawing.path(d=[data[index]], **attributes))
     return group
