@@ -213,14 +213,23 @@ def shadow_window(box: np.ndarray, numbers: np.ndarray, x: np.ndarray, y: np.nda
 
 
 @record
-class ShadedPixels:
-    """Pixels in the shade of boxes (b, 6) that have the same layers. rows, columns: (n,); open: (b, n) bool, true if
-    the shadow of a box falls on the pixel."""
+class ShadowSamples:
+    """Samples of the shadows of boxes (b, 6) with the same layers. rows, columns: (n,) of the pixels; open: (b, n)
+    bool, true if the shadow of a box falls on the pixel; seen: (n,) how much each is darkened; through: (n,) light that
+    other shadows leave it; scale: levels of full shade."""
 
     boxes: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
     open: np.ndarray
+    seen: np.ndarray
+    through: np.ndarray
+    scale: float
+
+    def every(self, few: int) -> ShadowSamples:
+        """Return one sample of so many."""
+        places = self.rows[::few], self.columns[::few], self.open[:, ::few]
+        return ShadowSamples(self.boxes, *places, self.seen[::few], self.through[::few], self.scale)
 
     def light(self, numbers: np.ndarray) -> np.ndarray:
         """Return (n,): the share of light that layers (k, 6) leave each pixel."""
@@ -228,15 +237,12 @@ class ShadedPixels:
         _shadows("cs_shadow_light", *self._given(), len(numbers), doubles(numbers), out)
         return out
 
-    def fitted(
-        self, numbers: np.ndarray, seen: np.ndarray, through: np.ndarray, scale: float
-    ) -> tuple[np.ndarray, float]:
-        """Fit layers (k, 6) to how much each pixel is darkened: seen (n,). Return them, and the mean square in levels^2
-        that remains. numbers: to start from; through: (n,) light that other shadows leave; scale: levels of a whole
-        shade."""
+    def fitted(self, numbers: np.ndarray) -> tuple[np.ndarray, float]:
+        """Fit layers (k, 6) to the samples. Return them, and the mean square in levels^2 that remains. numbers: to
+        start from."""
         numbers = np.array(numbers, dtype=np.float64, order="C")
-        given = *self._given(), doubles(seen), doubles(through), float(scale), len(numbers), numbers
-        return numbers, _shadows("cs_fit_shadows", *given, result=c_double)
+        seen = doubles(self.seen), doubles(self.through), float(self.scale)
+        return numbers, _shadows("cs_fit_shadows", *self._given(), *seen, len(numbers), numbers, result=c_double)
 
     def _given(self) -> tuple[Any, ...]:
         pixels = len(self.rows), int64s(self.rows), int64s(self.columns), bools(self.open)

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.raster.shades import ShadedPixels, shadow_box, shadow_window
-from cubicsplat_cli.record import record
+from cubicsplat_cli.raster.shades import ShadowSamples, shadow_box, shadow_window
 
 FAR = 400.0  # px beyond the canvas at which a side lies that the canvas cuts off
 OFF, RADII = 0.6, 33  # mean px by which a silhouette's outline may differ from its box; radii tried
@@ -121,50 +120,30 @@ class BlurredBox:
         return Box(*shadow_box(box.numbers(), self.numbers()).tolist())
 
 
-def _numbers_of(layers: Sequence[BlurredBox]) -> np.ndarray:
+def numbers_of(layers: Sequence[BlurredBox]) -> np.ndarray:
+    """Return (k, 6) the numbers of layers."""
     return np.stack([layer.numbers() for layer in layers])
 
 
 def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return (h, w) how much the layers of a box darken rows y (h,) and columns x (w,), px; 0..1."""
-    return 1.0 - shadow_window(box.numbers(), _numbers_of(layers), x, y)
+    return 1.0 - shadow_window(box.numbers(), numbers_of(layers), x, y)
 
 
-@record
-class ShadowSamples:
-    """Samples of the shadows of some boxes with the same layers.
+def too_dark(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> np.ndarray:
+    """Return (n,) levels by which layers make each pixel of samples too dark."""
+    light = samples.light(numbers_of(layers))
+    return np.asarray(samples.scale * (1.0 - samples.through * light - samples.seen))
 
-    pixels: the sampled pixels; seen: (n,) how much each is darkened; through: (n,) light that other shadows leave it;
-    scale: levels of full shade.
-    """
 
-    pixels: ShadedPixels
-    seen: np.ndarray
-    through: np.ndarray
-    scale: float
-
-    def every(self, few: int) -> ShadowSamples:
-        """Return one sample of so many."""
-        every = self.pixels
-        some = ShadedPixels(every.boxes, every.rows[::few], every.columns[::few], every.open[:, ::few])
-        return ShadowSamples(some, self.seen[::few], self.through[::few], self.scale)
-
-    def light(self, layers: Sequence[BlurredBox]) -> np.ndarray:
-        """Return (n,) the share of light that layers leave each pixel."""
-        return self.pixels.light(_numbers_of(layers))
-
-    def off(self, layers: Sequence[BlurredBox]) -> np.ndarray:
-        """Return (n,) levels by which layers make each pixel too dark."""
-        return np.asarray(self.scale * (1.0 - self.through * self.light(layers) - self.seen))
-
-    def nearest(self, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
-        """Return the layers nearest to the samples, fitted from these, and the mean square error in levels^2."""
-        numbers, left = self.pixels.fitted(_numbers_of(layers), self.seen, self.through, self.scale)
-        found = [
-            BlurredBox(dx, dy, grown, rounder, float(np.exp(sigma)), float(1.0 / (1.0 + np.exp(-odds))))
-            for dx, dy, grown, rounder, sigma, odds in numbers.tolist()
-        ]
-        return tuple(found), left
+def nearest_layers(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
+    """Return the layers nearest to samples, fitted from these, and the mean square error in levels^2."""
+    numbers, left = samples.fitted(numbers_of(layers))
+    found = [
+        BlurredBox(dx, dy, grown, rounder, float(np.exp(sigma)), float(1.0 / (1.0 + np.exp(-odds))))
+        for dx, dy, grown, rounder, sigma, odds in numbers.tolist()
+    ]
+    return tuple(found), left
 
 
 def reached(box: Box, layers: Sequence[BlurredBox], shape: tuple[int, int]) -> tuple[slice, slice]:

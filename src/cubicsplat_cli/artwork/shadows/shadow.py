@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.artwork.regions.sampling import ROUNDING
-from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, ShadowSamples, reached, shaded
+from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, nearest_layers, numbers_of, reached, shaded, too_dark
 from cubicsplat_cli.artwork.shadows.casters import (
     LEAST_RANGE,
     Caster,
@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.shadows.casters import (
     shaded_grounds,
     silhouettes_of,
 )
-from cubicsplat_cli.raster.shades import ShadedPixels
+from cubicsplat_cli.raster.shades import ShadowSamples
 from cubicsplat_cli.record import record
 
 HALFWAY = 0.6  # share of the shaded pixels that layers must explain to be continued
@@ -179,15 +179,14 @@ class _ShadowSearch:
         """Return the samples at some pixels (n,). through: (n,) light that other shadows leave."""
         boxes = np.stack([self.casters[k].box.numbers() for k in casters])
         open_ = np.stack([self.open[k][at] for k in casters])
-        pixels = ShadedPixels(boxes, self.rows[at], self.columns[at], open_)
-        return ShadowSamples(pixels, self.seen[at], through, self.scale)
+        return ShadowSamples(boxes, self.rows[at], self.columns[at], open_, self.seen[at], through, self.scale)
 
     def _light(self, found: Sequence[Layers | None], at: np.ndarray, without: Sequence[int] = ()) -> np.ndarray:
         """Return (n,) the light that the shadows of all casters but some leave to pixels."""
         out = np.ones(len(at))
         for k, layers in enumerate(found):
             if layers and k not in without:
-                out = out * self._samples_at([k], at, out).light(layers)
+                out = out * self._samples_at([k], at, out).light(numbers_of(layers))
         return out
 
     def _layers(self, samples: ShadowSamples, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
@@ -227,23 +226,23 @@ def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
 def _nearest(samples: ShadowSamples, begins: list[Layers]) -> Layers:
     """Return the layers nearest to the samples, from several beginnings, which are first fitted to few pixels."""
     few = samples.every(FEW)
-    fits = [few.nearest(layers) for layers in begins]
+    fits = [nearest_layers(few, layers) for layers in begins]
     unlikely, _, best = min(
         ((not all(map(_plausible, layers)), left, layers) for layers, left in fits), key=lambda fit: fit[:2]
     )
-    return best if unlikely or _explained(few, best) < HALFWAY else samples.nearest(best)[0]
+    return best if unlikely or _explained(few, best) < HALFWAY else nearest_layers(samples, best)[0]
 
 
 def _explained(samples: ShadowSamples, layers: Layers) -> float:
     """Return the share of the shaded pixels of samples that layers explain."""
     dark = samples.scale * samples.seen > FAINT
-    return float((np.abs(samples.off(layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
+    return float((np.abs(too_dark(samples, layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
 
 
 def _rough(samples: ShadowSamples, layers: Layers) -> float:
     """Return the root mean square in levels by which layers differ from the shaded pixels."""
-    off = samples.off(layers)[samples.scale * samples.seen > FAINT]
-    return float(np.sqrt((off * off).mean())) if len(off) else 0.0
+    wrong = too_dark(samples, layers)[samples.scale * samples.seen > FAINT]
+    return float(np.sqrt((wrong * wrong).mean())) if len(wrong) else 0.0
 
 
 def _plausible(layer: BlurredBox) -> bool:
