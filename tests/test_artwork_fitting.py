@@ -10,7 +10,7 @@ from outline_loops import nearest_primitive
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.artwork import vectorize
-from cubicsplat_cli.artwork.geometry.fitting import few_lines, fit_outline, fit_outlines
+from cubicsplat_cli.artwork.geometry.fitting import few_lines, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -31,6 +31,11 @@ from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 NOISE = 0.02
+
+
+def fit_outline(points, sigma, detail=1.0, corners=None):
+    points, sigma = np.asarray(points, dtype=float), np.asarray(sigma, dtype=float)
+    return fit_outlines([points], [sigma], detail, [np.zeros(len(points), bool) if corners is None else corners])[0]
 
 
 def sampled(outline: Outline, noise: float = NOISE, seed: int = 0) -> np.ndarray:

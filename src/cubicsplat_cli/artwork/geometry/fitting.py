@@ -36,30 +36,19 @@ TOLERANCE = 0.3  # px that lines are off the points where nothing else can be sa
 WHOLE = 0.1  # px that the points around a dot may be off the edges of whole pixels
 
 
-def fit_outline(
-    points: np.ndarray, sigma: np.ndarray, detail: float = 1.0, corners: np.ndarray | None = None
-) -> Outline:
-    """The outline through a closed loop of boundary points.
-
-    points: (n, 2) px, n >= 3, about one per px, in order, the first not repeated. sigma: (n,) their standard errors
-    across the boundary, px; large or inf where the boundary is hidden or unknown, there it goes the simplest way.
-    detail: > 0; more gives more pieces. corners: (n,) bool, hidden points that are corners. Raises InputError when
-    the points make no loop.
-    """
-    points, sigma = np.asarray(points, dtype=float), np.asarray(sigma, dtype=float)
-    return fit_outlines([points], [sigma], detail, [np.zeros(len(points), bool) if corners is None else corners])[0]
-
-
 def fit_outlines(
     points: Sequence[np.ndarray],
     sigmas: Sequence[np.ndarray],
     detail: float = 1.0,
     corners: Sequence[np.ndarray | None] | None = None,
 ) -> list[Outline]:
-    """The outline through each of some loops of boundary points, which those without corners are fitted ever closer to
-    where it has gone astray.
+    """The outline through each of some closed loops of boundary points; those without corners are fitted ever closer to
+    the points where they have gone astray.
 
-    Arguments and errors as of `fit_outline`.
+    points: of each (n, 2) px, n >= 3, about one per px, in order, the first not repeated. sigmas: (n,) their standard
+    errors across the boundary, px; large or inf where the boundary is hidden or unknown, there it goes the simplest
+    way. detail: > 0; more gives more pieces. corners: (n,) bool, hidden points that are corners. Raises InputError when
+    the points make no loop.
     """
     for loop, sigma in zip(points, sigmas, strict=True):
         if loop.ndim != 2 or loop.shape[1] != 2 or sigma.shape != loop.shape[:1] or not len(loop):

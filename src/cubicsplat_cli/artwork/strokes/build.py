@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fitting import PRECISION, fit_outline
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.rows import Link, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
@@ -114,7 +114,8 @@ def _stroke(
     if closed and len(np.unique(line, axis=0)) < 8:
         return None
     sigma = np.full(len(line), math.hypot(PRECISION, slack))
-    path = fit_outline(line, sigma, detail) if closed else open_line(line, corners, detail, slack)
+    known = np.zeros(len(line), dtype=bool)
+    path = fit_outlines([line], [sigma], detail, [known])[0] if closed else open_line(line, corners, detail, slack)
     return Stroke(path, width, cap, _join(line, corners, width, sides))
 
 
