@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import FINE, oriented
+from cubicsplat_cli.artwork.geometry.outlines import FINE
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer, pack_rings
@@ -64,5 +64,4 @@ def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: 
 
 def _rings(shape: Shape) -> list[np.ndarray]:
     """Return the control points (3m, 2) of each ring: the outer one clockwise as seen, holes the other way."""
-    rings = oriented([outline.ring(FINE) for outline in shape.outlines])
-    return [ring.cubics[:, :3].reshape(-1, 2).astype(np.float32) for ring in rings]
+    return [ring.cubics[:, :3].reshape(-1, 2).astype(np.float32) for ring in shape.oriented(FINE)]

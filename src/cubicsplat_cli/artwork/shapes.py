@@ -40,9 +40,10 @@ class Shape:
     group: str = ""
     shading: Scene | EmbeddedImage | None = None
 
-    def oriented(self) -> tuple[Ring, ...]:
-        """Return the rings for the nonzero rule: the outer one clockwise as seen, holes the other way."""
-        return oriented([outline.ring() for outline in self.outlines])
+    def oriented(self, arcs: int = 4) -> tuple[Ring, ...]:
+        """Return the rings for the nonzero rule: the outer one clockwise as seen, holes the other way. arcs: the cubics
+        of a whole turn."""
+        return oriented([outline.ring(arcs) for outline in self.outlines])
 
     def filled(self, fill: Rgba, width: int, height: int) -> Shape:
         """Return the shape in a flat fill, with its name on a canvas of width x height px."""

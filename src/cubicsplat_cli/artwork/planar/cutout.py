@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import offset_ring
 from cubicsplat_cli.artwork.planar.borders import Borders, Edges, borders_of, edges_of_borders
 from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces, connected, faces_of, visible_regions
-from cubicsplat_cli.artwork.planar.snapping import Sources, rings_of, snapped_segments, sources_from, sources_of
+from cubicsplat_cli.artwork.planar.snapping import EIGHTHS, Sources, snapped_segments, sources_from, sources_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
@@ -166,7 +166,7 @@ def _pieces(drawing: Drawing, ranks: np.ndarray, reach: float) -> tuple[Sources,
     outlines: list[Outline] = []
     kinds: list[tuple[int, bool]] = []
     for shape, rank in zip(drawing.shapes, ranks.tolist(), strict=True):
-        own = rings_of(shape)
+        own = shape.oriented(EIGHTHS)
         rings += own
         outlines += shape.outlines
         for index, ring in enumerate(own):

@@ -16,13 +16,12 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
     Ring,
-    oriented,
     pieces_of_rings,
     places_within,
     points_at,
     polygon_lengths,
 )
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
@@ -58,15 +57,10 @@ class Sources:
 def sources_of(drawing: Drawing) -> Sources:
     """The pieces of a drawing, outer rings clockwise as seen and holes the other way; arcs in eighths of a turn."""
     shapes = drawing.shapes
-    rings = [ring for shape in shapes for ring in rings_of(shape)]
+    rings = [ring for shape in shapes for ring in shape.oriented(EIGHTHS)]
     owners = [number for number, shape in enumerate(shapes) for _ in shape.outlines]
     outlines = [outline for shape in shapes for outline in shape.outlines]
     return sources_from(drawing, rings, owners, outlines, len(shapes))
-
-
-def rings_of(shape: Shape) -> list[Ring]:
-    """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
-    return list(oriented([outline.ring(EIGHTHS) for outline in shape.outlines]))
 
 
 def sources_from(
