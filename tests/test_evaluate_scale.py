@@ -29,7 +29,7 @@ from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
+from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
@@ -246,7 +246,7 @@ def test_one_long_ring_among_short_ones_costs_no_memory():
     points, ring_ends = pack_rings(Mode.CLOSED, [[disc], *[[square]] * 600])
     flat = np.ones(601, np.float32)
     scene = Scene(Mode.CLOSED, 40, 40, points, np.zeros((601, 3), np.float32), flat, 0 * flat, PAPER, ring_ends)
-    drawn = draw_part(scaled_scene(scene, 80, 80), 1, Tile(0, 0, 80, 80), 4, None)
+    drawn = draw_part(scene.scaled(80, 80), 1, Tile(0, 0, 80, 80), 4, None)
     assert np.allclose(drawn[[8, 40], [8, 40]], 0.0, atol=0.01)
     assert np.allclose(drawn[70, 5], PAPER, atol=0.01)
     assert resident_bytes() - before < 100e6

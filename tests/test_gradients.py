@@ -46,7 +46,7 @@ from torch import Tensor
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render, render_op
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import (
     FLAT,
     LINEAR,
@@ -171,7 +171,7 @@ def test_what_nothing_reads_may_be_anything():
 @pytest.mark.parametrize("mode", MODES)
 def test_a_scaled_scene_has_the_same_gradients(mode):
     scene = painted_scene(mode, 6, 20, 18)
-    larger = scaled_scene(scene, 40, 36)
+    larger = scene.scaled(40, 36)
     at = reference_coverage.pixel_centres(20, 18)
     for curve in (1, 2, 4, 5):
         assert torch.allclose(

@@ -16,7 +16,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo.initial import warmed
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import fit
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.scene_reader import read_svg
 
@@ -108,7 +108,7 @@ def test_a_start_of_another_size_and_of_curves_of_different_lengths(target, firs
         Mode.CLOSED, 40, 28, points, first.colours[:2], first.opacities[:2], first.half_widths[:2],
         first.background, ends,
     )  # fmt: skip
-    found = fit(target, settings(curves=10), inputs=FitInputs(start=scaled_scene(ragged, 80, 56))).scene
+    found = fit(target, settings(curves=10), inputs=FitInputs(start=ragged.scaled(80, 56))).scene
     assert found.ring_ends is not None
     found.validate()
     assert final(target, found) > final(target, ragged) + 1.0

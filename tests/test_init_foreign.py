@@ -10,7 +10,6 @@ from PIL import Image
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.initial import load_initial_drawing
 
@@ -52,7 +51,7 @@ def level(svg: str) -> float:
     """dB between a scene that is begun with and what an independent renderer draws of the file, over white."""
     scene = load_initial_drawing(svg.encode()).scene
     size = (240, round(240 * scene.height / scene.width))
-    own = render_scene(scaled_scene(scene, *size), threads=1)
+    own = render_scene(scene.scaled(*size), threads=1)
     drawn = rerender_untrusted(svg.encode(), source="x.svg", width=size[0], height=size[1])[0].pixels / 255.0
     own, drawn = own[..., :3] + 1 - own[..., 3:], drawn[..., :3] * drawn[..., 3:] + 1 - drawn[..., 3:]
     assert drawn.min() < 0.5

@@ -15,7 +15,6 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.scene_writer import write_svg
 
@@ -23,18 +22,18 @@ from cubicsplat_cli.svg.scene_writer import write_svg
 @pytest.mark.parametrize("mode", list(Mode))
 def test_a_scaled_scene_is_the_drawing_at_another_size(mode):
     scene = random_scene(mode, width=40, height=30, background=PAPER)
-    large = scaled_scene(scene, 120, 90)
+    large = scene.scaled(120, 90)
     assert (large.width, large.height) == (120, 90)
     assert torch.allclose(large.half_widths, 3 * scene.half_widths)
     drawn = rerender(write_svg(large, precision=3, title="", comment="").encode(), 120, 90).pixels
     wanted = rerender(write_svg(scene, precision=4, title="", comment="").encode(), 120, 90).pixels
     assert np.abs(drawn.astype(int) - wanted).mean() < 0.5
-    assert scaled_scene(scene, 40, 30) is scene
+    assert scene.scaled(40, 30) is scene
 
 
 def test_sides_that_were_rounded_fit_again():
     scene = random_scene(Mode.CLOSED, width=60, height=42)
-    large = scaled_scene(scene, 300, 211)
+    large = scene.scaled(300, 211)
     assert torch.allclose(large.points[..., 0], 5 * scene.points[..., 0])
     assert torch.allclose(large.points[..., 1], 211 / 42 * scene.points[..., 1])
 

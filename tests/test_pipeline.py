@@ -24,7 +24,6 @@ from cubicsplat_cli.pipeline.vectorize import measured, task_of, vectorize_pictu
 from cubicsplat_cli.progress import COMMAND_BEGAN, Progress, StageTimer, Work
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import FitSettings
 
 SETTINGS = FitSettings(curves=6, steps=12, threads=1)
@@ -187,7 +186,7 @@ def test_a_small_picture_shows_no_scribbles_when_it_is_enlarged(monkeypatch):
 
     def level() -> float:
         made = vectorize(small, style="photo", steps=300, threads=1, measure=False)
-        drawn = render_scene(scaled_scene(made.scene, 128, 128), threads=1)[..., :3]
+        drawn = render_scene(made.scene.scaled(128, 128), threads=1)[..., :3]
         return decibels(float(np.square(drawn - truth / 255).mean()))
 
     enlarged = level()

@@ -14,7 +14,7 @@ from scenes import MODES, PAPER, circle, ragged_scene, rectangle, reverse_ring, 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
+from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.scene_reader import quantise_scene, read_svg
 from cubicsplat_cli.svg.scene_writer import write_svg
@@ -77,7 +77,7 @@ def test_a_table_that_says_nothing_is_not_kept():
 
 @pytest.mark.parametrize("scale", [1, 3])
 def test_other_renderers_see_the_hole_where_the_engine_sees_it(scale):
-    scene = scaled_scene(ring_and_hole(), 40 * scale, 30 * scale)
+    scene = ring_and_hole().scaled(40 * scale, 30 * scale)
     drawn = rerender(written(scene).encode(), scene.width, scene.height).pixels[..., :3] / 255.0
     ours = render_scene(quantise_scene(scene, 2))
     assert float(np.abs(drawn - ours).max()) < 0.04

@@ -10,7 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
-from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
+from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 AnyLine = TypeVar("AnyLine", Outline, Path)
@@ -123,7 +123,7 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
             gradient=shape.gradient and shape.gradient.scaled(across, down),
             # A pen is round, so under different factors only its outline remains.
             stroke=_scaled_stroke(shape.stroke, across) if shape.stroke and _alike(across, down) else None,
-            shading=shape.shading and resized(shape.shading, width, height),
+            shading=shape.shading and shape.shading.scaled(width, height),
         )
         for shape in drawing.shapes
     )

@@ -29,7 +29,7 @@ from cubicsplat_cli.evaluate.rerender import (
 )
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene import EmbeddedImage, LayeredScene, Scene, scaled_scene
+from cubicsplat_cli.scene import EmbeddedImage, LayeredScene, Scene
 from cubicsplat_cli.scene.arrays import padded
 from cubicsplat_cli.settings import SCALE
 
@@ -260,15 +260,14 @@ def of_scene(
 
     samples: edges per cubic at most. Each call of `rows` draws them.
     """
-    scene = LayeredScene(width, height, ()) if scene is None else scene
-    if isinstance(scene, LayeredScene):
-        return _of_layers(scene.scaled(width, height), samples, threads)
-    sized = scaled_scene(scene, width, height)
+    sized = (scene or LayeredScene(width, height, ())).scaled(width, height)
+    if isinstance(sized, LayeredScene):
+        return _of_layers(sized, samples, threads)
 
     def rows(top: int, bottom: int) -> np.ndarray:
         return np.clip(draw_part(sized, 1, Tile(0, top, width, bottom - top), samples, threads), 0.0, 1.0)
 
-    return ImageSource(width, height, scene.background is None, rows)
+    return ImageSource(width, height, sized.background is None, rows)
 
 
 def _over(below: np.ndarray, above: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from cubicsplat_cli.html_report.embed import picture_data_url, rendered
 from cubicsplat_cli.html_report.page import Fact, course, setting_texts
 from cubicsplat_cli.progress import FrameRecorder
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene
 
 SIDE = 512  # px, at most
 _WHOLE_MS, _LEAST_MS, _MOST_MS, _LAST_MS = 4000, 80, 500, 2500
@@ -49,7 +49,7 @@ def animation(recorder: FrameRecorder, last: Scene, *, form: str, about: str, th
 
 
 def _frame(scene: Scene, width: int, height: int, threads: int | None) -> Image.Image:
-    values = render_scene(scaled_scene(scene, width, height), samples=_SAMPLES, threads=threads)
+    values = render_scene(scene.scaled(width, height), samples=_SAMPLES, threads=threads)
     if values.shape[2] == 4:
         values[..., :3] /= np.maximum(values[..., 3:], 1e-6)
     return Image.fromarray(np.round(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8))
@@ -58,7 +58,7 @@ def _frame(scene: Scene, width: int, height: int, threads: int | None) -> Image.
 def record_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: int | None) -> None:
     """Record how a drawing is built up, shape after shape from the back."""
     small = resize_picture(picture, SIDE)
-    sized = scaled_scene(scene, small.width, small.height)
+    sized = scene.scaled(small.width, small.height)
     pieces = np.linspace(1, sized.curves, min(sized.curves, 2 * film.frames)).astype(int)
     target = small.premultiplied()
     shown_db = 0.0

@@ -26,7 +26,7 @@ from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.raster.engines import leave_one_out_importance
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.elements import SVG
@@ -170,7 +170,7 @@ def _scene(svg: bytes) -> tuple[str, Scene | None, list[str]]:
 def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | None) -> list[float]:
     """Return the loss in dB without each element, back to front."""
     reference = measurable(picture)
-    sized = scaled_scene(scene, reference.width, reference.height)
+    sized = scene.scaled(reference.width, reference.height)
     target = reference.premultiplied() if sized.background is None else reference.premultiplied()[..., :3]
     loss, values = leave_one_out_importance(sized, target, None, _SAMPLES, threads)
     worth = dict.fromkeys(names[::-1], 0.0)

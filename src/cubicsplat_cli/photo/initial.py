@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo.fills import LinearFills, Shapes, middles_of
 from cubicsplat_cli.photo.state import Background, FitCurves
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, logit, namespace
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, ends_of
 from cubicsplat_cli.settings import ANY, FitSettings, Mode, Recipe
@@ -132,7 +132,7 @@ def curves_to_fit(
     if scene.mode is not settings.mode:
         what = "filled shapes" if scene.mode.value == "closed" else "strokes"
         raise InputError(f"the drawing to begin with has {what}; use --mode {scene.mode.value}")
-    sized, xp = scaled_scene(scene, width, height), namespace(scene.points)
+    sized, xp = scene.scaled(width, height), namespace(scene.points)
     soft = settings.recipe.edges == "soft"
     return FitCurves(
         settings.mode, width, height, contiguous(copied(sized.points)), _logits(sized.colours),

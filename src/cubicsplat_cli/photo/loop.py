@@ -21,7 +21,7 @@ from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
-from cubicsplat_cli.scene import Scene, points_from_segments, scaled_scene
+from cubicsplat_cli.scene import Scene, points_from_segments
 from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, like, namespace, one_torch_thread, with_channels
 from cubicsplat_cli.settings import FitSettings
 
@@ -190,7 +190,7 @@ class FitLoop:
         scene, start = snapped(self._scene(curves)), self.inputs.start
         if start is None:
             return scene
-        sized = replace(scaled_scene(start.as_numpy(), scene.width, scene.height), background=scene.background)
+        sized = replace(start.as_numpy().scaled(scene.width, scene.height), background=scene.background)
         if self.start_loss <= self.evaluator.loss(curves):
             self.log.notes.append(
                 "no step came nearer to the picture than the drawing that the fit began with, which it stays"

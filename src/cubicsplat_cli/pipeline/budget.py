@@ -26,7 +26,7 @@ from cubicsplat_cli.pipeline.likeness import file_db
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import LEAST_PIXELS_PER_CURVE, FitSettings
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Photo:
         """Return a function that writes the SVG of a scene, at the picture's size, for a title and a comment."""
         from cubicsplat_cli.svg.scene_writer import write_svg
 
-        request, sized = self.task.request, scaled_scene(scene, *self.task.picture.size)
+        request, sized = self.task.request, scene.scaled(*self.task.picture.size)
         form: dict[str, Any] = {"precision": file_precision(request), "shapes": request.settings.shapes}
         return lambda title, comment: write_svg(sized, title=title, comment=comment, **form)
 
@@ -103,7 +103,7 @@ class Photo:
         from cubicsplat_cli.raster.engines import leave_one_out_importance
 
         settings, target = self.task.request.settings, self.fine.target()
-        sized = scaled_scene(scene, *target.shape[1::-1])  # of a fit that ended early, it has the rough one's size
+        sized = scene.scaled(*target.shape[1::-1])  # of a fit that ended early, it has the rough one's size
         return leave_one_out_importance(sized, target, self.inputs.weights, settings.finish_samples, settings.threads)
 
 

@@ -24,7 +24,7 @@ from cubicsplat_cli.pipeline.budget import (
 )
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.scene import LayeredScene, Scene, scaled_scene
+from cubicsplat_cli.scene import LayeredScene, Scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
 # Most of a fit uses a copy of so many pixels for each curve; the exact finish uses one whose sides are this many times
@@ -156,7 +156,7 @@ def _made_of(photo: Photo, fitted: FitResult) -> Made:
     if rough.width < picture.width:
         finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
         notes.append(f"fitted on a copy of {rough.width} x {rough.height} pixels{finish}")
-    scene = scaled_scene(fitted.scene, *photo.task.picture.size)
+    scene = fitted.scene.scaled(*photo.task.picture.size)
     return _result(scene, photo.writer(scene), fitted, fitted.samples, notes)
 
 

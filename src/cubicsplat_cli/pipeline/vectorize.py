@@ -33,7 +33,7 @@ from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
 
@@ -146,7 +146,7 @@ def scores_of(task: Task, scene: Scene) -> list[float]:
     to the front, on a copy of at most SCORES_SIDE px.
     """
     target = resize_picture(task.picture, SCORES_SIDE)
-    sized = scaled_scene(scene, target.width, target.height)
+    sized = scene.scaled(target.width, target.height)
     goal = with_channels(target.target(), sized.channels)
     ground = np.zeros(4, np.float32) if sized.background is None else np.array(sized.background, np.float32)
     drawn: np.ndarray = np.broadcast_to(ground, goal.shape)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from PIL import Image
 
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.scene import Scene, scaled_scene
+from cubicsplat_cli.scene.scene import Scene
 
 
 @record
@@ -82,15 +81,9 @@ class LayeredScene:
         return sum(scene.curves for layer in self.layers for scene in layer.scenes)
 
     def scaled(self, width: int, height: int) -> LayeredScene:
-        """Return the same on a canvas of another size; see `scaled_scene`."""
-        layers = []
+        """Return the same on a canvas of another size; see `Scene.scaled`."""
+        size, layers = (width, height), []
         for layer in self.layers:
-            over = layer.over and resized(layer.over, width, height)
-            clip = layer.clip and scaled_scene(layer.clip, width, height)
-            layers.append(replace(layer, scene=scaled_scene(layer.scene, width, height), over=over, clip=clip))
+            over, clip = layer.over and layer.over.scaled(*size), layer.clip and layer.clip.scaled(*size)
+            layers.append(SceneLayer(layer.scene.scaled(*size), over, clip))
         return LayeredScene(width, height, tuple(layers))
-
-
-def resized(content: Scene | EmbeddedImage, width: int, height: int) -> Scene | EmbeddedImage:
-    """Return the content of a layer on a canvas of another size."""
-    return scaled_scene(content, width, height) if isinstance(content, Scene) else content.scaled(width, height)

@@ -122,6 +122,20 @@ class Scene(CurveArrays):
             return self.points.reshape(-1, 2)
         return self.points.reshape(-1, 2)[places_used(self.points_used(), self.points_per_curve)]
 
+    def scaled(self, width: int, height: int) -> Scene:
+        """Return the scene on a canvas of width x height px; the same object if it has that size already.
+
+        Sides are scaled independently, so that a canvas whose sides were rounded to whole pixels fits again;
+        half-widths by the geometric mean of both factors.
+        """
+        if (self.width, self.height) == (width, height):
+            return self
+        across, down = width / self.width, height / self.height
+        points = padded(self.unpadded() * like(self.points, [across, down]), self.points_used(), self.points_per_curve)
+        gradients = None if self.gradients is None else self.gradients.scaled(across, down)
+        half_widths = self.half_widths * math.sqrt(across * down)
+        return replace(self, width=width, height=height, points=points, half_widths=half_widths, gradients=gradients)
+
     def validate(self) -> None:
         """Raise InputError, naming the variable and what it should be, unless the scene can be rendered.
 
@@ -223,22 +237,6 @@ def _check_ring_ends(ends: Array, segments: int) -> None:
             f"ring_ends must rise along each row, from 1 to at most {segments} segments, but curve {curve} has "
             f"{ends[curve].tolist()}"
         )
-
-
-def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
-    """Return the scene on a canvas of width x height px; the same object if it has that size already.
-
-    Sides are scaled independently, so that a canvas whose sides were rounded to whole pixels fits again; half-widths
-    by the geometric mean of both factors.
-    """
-    if (scene.width, scene.height) == (width, height):
-        return scene
-    across, down = width / scene.width, height / scene.height
-    points = scene.unpadded() * like(scene.points, [across, down])
-    points = padded(points, scene.points_used(), scene.points_per_curve)
-    gradients = None if scene.gradients is None else scene.gradients.scaled(across, down)
-    half_widths = scene.half_widths * math.sqrt(across * down)
-    return replace(scene, width=width, height=height, points=points, half_widths=half_widths, gradients=gradients)
 
 
 def _check_range(name: str, values: Array, high: float, wanted: str) -> None:
