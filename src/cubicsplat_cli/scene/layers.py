@@ -33,22 +33,17 @@ class EmbeddedImage:
 
     def rows(self, top: int, bottom: int) -> np.ndarray:
         """Return (bottom - top, canvas[0], 4) float32: rows of premultiplied RGBA in [0, 1], at the nearest px."""
-        left, first, pixels = round(self.left), round(self.top), self._pixels
-        height, width = pixels.shape[:2]
-        out = np.zeros((self.canvas[1], self.canvas[0], 4), np.float32)
-        shown = out[max(0, first) : max(0, first + height), max(0, left) : max(0, left + width)]
-        cut = pixels[max(0, -first) :, max(0, -left) :]
-        shown[..., :3], shown[..., 3] = cut[: shown.shape[0], : shown.shape[1]], 1.0
-        return out[top:bottom]
+        return self._pixels[top:bottom] / np.float32(255.0)
 
     @cached_property
     def _pixels(self) -> np.ndarray:
-        """(h, w, 3) float32 in [0, 1] of the box, kept since rows are requested strip by strip."""
+        """(H, W, 4) uint8 of the canvas, kept since rows are requested strip by strip."""
         left, top = round(self.left), round(self.top)
         size = max(1, round(self.left + self.width) - left), max(1, round(self.top + self.height) - top)
+        canvas = Image.new("RGBA", self.canvas)
         with Image.open(io.BytesIO(self.data), formats=("PNG", "JPEG")) as image:
-            resized = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-            return np.asarray(np.asarray(resized, np.float32) / 255.0)
+            canvas.paste(image.convert("RGB").resize(size, Image.Resampling.LANCZOS), (left, top))
+        return np.asarray(canvas)
 
 
 @record
