@@ -158,21 +158,16 @@ class CurveArrays:
                 found[f.name] = value
         return found
 
-    def with_arrays(self, tensors: dict[str, Array]) -> Self:
-        """Return the same with other arrays under these names, as `arrays_by_name` gives them."""
+    def changed(self, change: Callable[..., Array], *others: Self) -> Self:
+        """Return the same, with `change` of each array, and of those of `others` in its place, instead of the array."""
         changes: dict[str, object] = {}
         for f in fields(self):
-            value = getattr(self, f.name)
+            value, *theirs = (getattr(each, f.name) for each in (self, *others))
             if isinstance(value, CurveArrays):
-                own = {name.partition(".")[2]: t for name, t in tensors.items() if name.startswith(f"{f.name}.")}
-                changes[f.name] = value.with_arrays(own)
-            elif f.name in tensors:
-                changes[f.name] = tensors[f.name]
+                changes[f.name] = value.changed(change, *theirs)
+            elif is_array(value):
+                changes[f.name] = change(value, *theirs)
         return replace(self, **changes)
-
-    def changed(self, change: Callable[[Array], Array]) -> Self:
-        """Return the same with all arrays changed alike."""
-        return self.with_arrays({name: change(t) for name, t in self.arrays_by_name().items()})
 
     def copy(self) -> Self:
         return self.changed(copied)
@@ -195,8 +190,7 @@ class CurveArrays:
 
     def joined(self, behind: Self) -> Self:
         """Return these curves in front of others."""
-        mine, theirs = self.arrays_by_name(), behind.arrays_by_name()
-        return self.with_arrays({name: namespace(t).concat((t, theirs[name])) for name, t in mine.items()})
+        return self.changed(lambda mine, theirs: namespace(mine).concat((mine, theirs)), behind)
 
     def overwrite(self, other: Self) -> None:
         """Take over other curves' values in place: a captured CUDA graph keeps the addresses."""
