@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene, straight
 
-from cubicsplat_cli.photo.geometric import LEAST_CROSSING, _handles, cross, crossing_gradient, lengths, segments_of
+from cubicsplat_cli.photo.geometric import LEAST_CROSSING, _handles, crossing_gradient, segments_of
 from cubicsplat_cli.photo.seeding import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, snapped
 from cubicsplat_cli.scene.arrays import one_torch_thread
@@ -99,10 +99,11 @@ def test_snapped_colours_are_not_darker_on_average():
 
 def crossing_penalty(points, mode, ring_ends=None):
     """What `crossing_gradient` is the gradient of, with a weight of 1."""
-    found = segments_of(points, mode, ring_ends)
-    first, last, side = _handles(points, found)
-    sine = cross(first, last) / (lengths(first) * lengths(last)).clip(LEAST_CROSSING)
-    return ((side * sine).clip(0.0) * found.real).sum() / found.real.sum()
+    index, _, after, real = segments_of(points, mode, ring_ends)
+    first, last, side = _handles(points, index, after)
+    product = first[..., 0] * last[..., 1] - first[..., 1] * last[..., 0]
+    sine = product / (first.norm(dim=-1) * last.norm(dim=-1)).clip(LEAST_CROSSING)
+    return ((side * sine).clip(0.0) * real).sum() / real.sum()
 
 
 def test_crossing_penalty_knows_a_crossing_cubic():

@@ -8,7 +8,6 @@ import math
 
 from cubicsplat_cli.raster.cpu import Blunting
 from cubicsplat_cli.raster.native import address_on
-from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import segments_from_points
 from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode, Recipe
@@ -88,36 +87,37 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     relu(D2). ring_ends: as in `Scene`. Source: LIVE (Ma et al., "Towards Layer-wise Image Vectorization", CVPR 2022),
     section on the Xing loss.
     """
-    xp, found = namespace(points), segments_of(points, mode, ring_ends)
-    first, last, side = _handles(points, found)
+    xp, (index, before, after, real) = namespace(points), segments_of(points, mode, ring_ends)
+    first, last, side = _handles(points, index, after)
     # The sine is the cosine between the first handle, turned by a right angle, and the last one.
     turned = xp.stack((-first[..., 1], first[..., 0]), axis=-1)
     sine, of_turned, of_last = _cosine(turned, last)
-    factor = weight * side * ((side * sine > 0.0) & found.real) / xp.sum(xp.astype(found.real, points.dtype))
+    factor = weight * side * ((side * sine > 0.0) & real) / xp.sum(xp.astype(real, points.dtype))
     of_first = factor[..., None] * xp.stack((of_turned[..., 1], -of_turned[..., 0]), axis=-1)
     of_last = factor[..., None] * of_last
     closed = mode is Mode.CLOSED
     if closed:
-        starts = points_of_segments(of_last, found.before) * found.real[..., None] - of_first
+        starts = points_of_segments(of_last, before) * real[..., None] - of_first
     else:
         starts = xp.concat((xp.zeros_like(of_last[:, :1]), of_last[:, :-1]), axis=1) - of_first
     of_points = xp.reshape(xp.stack((starts, of_first, -of_last), axis=2), (len(points), -1, 2))
     return of_points if closed else xp.concat((of_points, of_last[:, -1:]), axis=1)
 
 
-def _handles(points: Array, found: SegmentIndices) -> tuple[Array, Array, Array]:
+def _handles(points: Array, index: Array, after: Array) -> tuple[Array, Array, Array]:
     """Return the first and last handle (N, M, 2) of each cubic, and (N, M) -1 if it turns left between them, else 1."""
     xp = namespace(points)
-    a, b, c = (points_of_segments(points, 3 * found.index + k) for k in range(3))
-    d = points_of_segments(points, 3 * found.after)
+    a, b, c = (points_of_segments(points, 3 * index + k) for k in range(3))
+    d = points_of_segments(points, 3 * after)
     first, middle, last = b - a, c - b, d - c
-    return first, last, 1.0 - 2.0 * xp.astype(cross(first, middle) > 0, points.dtype)
+    turn = first[..., 0] * middle[..., 1] - first[..., 1] * middle[..., 0]
+    return first, last, 1.0 - 2.0 * xp.astype(turn > 0, points.dtype)
 
 
 def _cosine(u: Array, v: Array) -> tuple[Array, Array, Array]:
     """Return u v / max(|u| |v|, LEAST_CROSSING) of vectors (..., 2), and its derivatives by u and by v."""
     xp = namespace(u)
-    product = lengths(u) * lengths(v)
+    product = xp.sqrt(xp.sum(u * u, axis=-1)) * xp.sqrt(xp.sum(v * v, axis=-1))
     divisor = xp.clip(product, min=LEAST_CROSSING)[..., None]
     cosine = xp.sum(u * v, axis=-1)[..., None] / divisor
     through = cosine * (product >= LEAST_CROSSING)[..., None]
@@ -128,21 +128,11 @@ def _cosine(u: Array, v: Array) -> tuple[Array, Array, Array]:
     return cosine[..., 0], of_u, of_v
 
 
-@record
-class SegmentIndices:
-    """Of each segment, (N, M) or, where curves do not differ, (1, M): its number, and those of the ones before and
-    after it, round its ring if it is closed, else from 0 to the number of segments; and, (N, M), whether it is one, and
-    not room that a shorter curve leaves.
+def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> tuple[Array, Array, Array, Array]:
+    """Return of each segment of curves (N, K, 2), (N, M) or, where curves do not differ, (1, M): its number, and those
+    of the ones before and after it, round its ring if it is closed, else from 0 to the number of segments; and, (N, M),
+    whether it is one, and not room that a shorter curve leaves. ring_ends: as in `Scene`.
     """
-
-    index: Array
-    before: Array
-    after: Array
-    real: Array
-
-
-def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> SegmentIndices:
-    """Return the segments of curves (N, K, 2) and their neighbours. ring_ends: as in `Scene`."""
     xp, count, device = namespace(points), segments_from_points(mode, points.shape[1]), points.device
     if ring_ends is None:
         ends = xp.full((1, 1), count, dtype=xp.int64, device=device)
@@ -157,20 +147,9 @@ def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> SegmentIn
         start = xp.take_along_axis(xp.concat((xp.zeros_like(ends[:, :1]), ends), axis=1), ring, axis=1)
         end = xp.take_along_axis(ends, ring, axis=1)
         before, after = xp.where(index == start, end - 1, before), xp.where(after >= end, start, after)
-    return SegmentIndices(index, before, after, xp.broadcast_to(index < ends[:, -1:], (len(points), count)))
+    return index, before, after, xp.broadcast_to(index < ends[:, -1:], (len(points), count))
 
 
 def points_of_segments(values: Array, index: Array) -> Array:
     """Return (N, M, 2): the values (N, K, 2) at places (N or 1, M) of each curve."""
     return namespace(values).take_along_axis(values, index[..., None], axis=1)
-
-
-def lengths(u: Array) -> Array:
-    """Return the lengths (...) of vectors (..., 2)."""
-    xp = namespace(u)
-    return xp.sqrt(xp.sum(u * u, axis=-1))
-
-
-def cross(u: Array, v: Array) -> Array:
-    """Return the cross products (...) of vectors (..., 2)."""
-    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
