@@ -123,7 +123,7 @@ def run_peers(
                 tell(f"{path.name}, {tool}, {setting}: failed: {one_line(error)}")
                 continue
             quality = found.quality
-            renderer = found.candidate.renderer or ""
+            renderer = found.renderer or ""
             points.done.append(
                 Point(
                     path.name, tool, setting, quality.psnr_db, quality.ssim, len(svg), len(gzip.compress(svg)), seconds,

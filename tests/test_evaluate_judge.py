@@ -39,7 +39,7 @@ def judged(data: bytes = SVG, *, is_svg: bool = True, picture: Picture | None = 
 
 def test_scale_figures_of_file_and_engine():
     found = judged(scale=3)
-    assert (found.candidate.kind, found.candidate.data, found.notes) == ("svg", SVG, [])
+    assert (found.kind, found.data, found.notes) == ("svg", SVG, [])
     scale = found.scale
     assert scale.factor == 3
     assert scale.svg.native == found.quality
@@ -80,7 +80,7 @@ def test_files_whose_engine_figures_would_be_wrong_have_none_and_a_note(data, pi
 def test_pictures_have_no_scale_and_senseless_scales_are_refused():
     data = encode(Image.fromarray(smooth_pixels(40, 28)))
     same = judged(data, is_svg=False)
-    assert (same.candidate.kind, same.quality.identical, same.public()["quality"]["renderer"]) == ("raster", True, None)
+    assert (same.kind, same.quality.identical, same.public()["quality"]["renderer"]) == ("raster", True, None)
     with pytest.raises(UsageError, match="scale"):
         judged(data, is_svg=False, scale=2)
     with pytest.raises(UsageError, match="from 1 to 12"):

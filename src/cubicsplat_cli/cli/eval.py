@@ -146,15 +146,14 @@ def _folders(
 
 def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
     """Print the chosen metrics of one pair, and its changes at scale."""
-    candidate = comparison.candidate
-    drawn_by = [] if candidate.renderer is None else [candidate.renderer]
+    drawn_by = [] if comparison.renderer is None else [comparison.renderer]
     usual = [part for name, part in zip(USUAL, _quality_parts(comparison.quality), strict=True) if name in metrics]
-    typer.echo("  ".join([candidate.path, *usual, *figures_text(comparison.measures), *drawn_by]))
+    typer.echo("  ".join([comparison.path, *usual, *figures_text(comparison.measures), *drawn_by]))
     scale = comparison.scale
     if scale is None:
         return
     pixels = f"{scale.width} x {scale.height} px"
-    changes: list[tuple[str, Change | None]] = [(candidate.renderer or "", scale.svg), ("engine", scale.engine)]
+    changes: list[tuple[str, Change | None]] = [(comparison.renderer or "", scale.svg), ("engine", scale.engine)]
     for name, change in changes:
         if change is not None:
             typer.echo(f"  {scale.factor}x, {pixels}  {name}  {_change_text(change)}")
@@ -217,16 +216,16 @@ def _folder_report(reference: Path, candidate: Path, pairs: ComparedPairs) -> di
 
 def _row(comparison: Comparison) -> dict[str, Any]:
     """Return the row of a pair in the CSV table."""
-    candidate, quality, scale = comparison.candidate, comparison.quality, comparison.scale
+    quality, scale = comparison.quality, comparison.scale
     engine = None if scale is None else scale.engine
     return {
         "reference": comparison.reference_path,
-        "candidate": candidate.path,
-        "kind": candidate.kind,
+        "candidate": comparison.path,
+        "kind": comparison.kind,
         "width": comparison.reference.width,
         "height": comparison.reference.height,
-        "bytes": len(candidate.data),
-        "renderer": candidate.renderer,
+        "bytes": len(comparison.data),
+        "renderer": comparison.renderer,
         "psnr_db": quality.psnr_db,
         "ssim": quality.ssim,
         "identical": quality.identical,

@@ -41,44 +41,34 @@ class ScaleFigures:
 
 
 @record
-class ComparedFile:
-    """The file that is compared with the reference. renderer: the one that drew an SVG; None for a picture."""
-
-    path: str
-    data: bytes
-    renderer: str | None
-
-    @property
-    def kind(self) -> str:
-        return "raster" if self.renderer is None else "svg"
-
-
-@record
 class Comparison:
-    """A candidate, its reference, and the metrics of the two."""
+    """A candidate, its reference, and the metrics of the two. path, data: of the candidate. renderer: the one that
+    drew an SVG; None for a picture.
+    """
 
     reference: Picture
     reference_path: str
-    candidate: ComparedFile
+    path: str
+    data: bytes
+    renderer: str | None
     quality: Quality
     scale: ScaleFigures | None = None
     notes: list[str] = field(default_factory=list)
     measures: dict[str, float | None] = field(default_factory=dict)  # further metrics, by their names in reports
 
+    @property
+    def kind(self) -> str:
+        return "raster" if self.renderer is None else "svg"
+
     def public(self) -> dict[str, Any]:
         """Return the members of the JSON report on this pair, for `metrics.plain`."""
-        picture, candidate = self.reference, self.candidate
+        picture, data = self.reference, self.data
         members: dict[str, Any] = {
             "reference": Input(
                 self.reference_path, picture.sha256, picture.width, picture.height, picture.alpha is not None
             ),
-            "candidate": {
-                "path": candidate.path,
-                "sha256": sha256_of(candidate.data),
-                "kind": candidate.kind,
-                "bytes": len(candidate.data),
-            },
-            "quality": {"renderer": candidate.renderer, **vars(self.quality)},
+            "candidate": {"path": self.path, "sha256": sha256_of(data), "kind": self.kind, "bytes": len(data)},
+            "quality": {"renderer": self.renderer, **vars(self.quality)},
         }
         if self.measures:
             members["measures"] = self.measures
@@ -115,8 +105,9 @@ def compare_with(
         change = _change(quality, compare_premultiplied(reference, large.pixels))
         engine = _engine(reference, data, candidate_path, scale, threads, notes)
         figures = ScaleFigures(scale, scale * reference.width, scale * reference.height, change, engine)
-    candidate = ComparedFile(candidate_path, data, drawn_by)
-    return Comparison(reference, reference_path, candidate, quality, figures, notes, further_figures)
+    return Comparison(
+        reference, reference_path, candidate_path, data, drawn_by, quality, figures, notes, further_figures
+    )
 
 
 def _draw_svg(reference: Picture, data: bytes, source: str, renderer: str, notes: list[str]) -> Rendered:

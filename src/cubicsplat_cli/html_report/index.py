@@ -133,7 +133,7 @@ def write_pages(
     if not folders:
         write_atomically(first, _page(compared[0], threads))
         return
-    names = {id(each): first.with_name(f"{Path(each.candidate.path).name}{PAGE}") for each in compared}
+    names = {id(each): first.with_name(f"{Path(each.path).name}{PAGE}") for each in compared}
     check_outputs([first, *names.values()], force=False)
     entries = []
     for each in compared:
@@ -144,19 +144,18 @@ def write_pages(
 
 
 def _page(comparison: Comparison, threads: int | None) -> bytes:
-    candidate = comparison.candidate
-    path = Path(candidate.path)
+    path = Path(comparison.path)
     subject = Subject(
         comparison.reference,
         read_whole(Path(comparison.reference_path)),
         path.name,
-        candidate.data,
+        comparison.data,
         comparison.quality,
-        candidate.renderer,
-        _made_with(path, candidate.data),
-        sha256_of(candidate.data),
-        path.stat().st_size if is_file(path) else len(candidate.data),
-        raster=None if candidate.kind == "svg" else load_picture(candidate.data, name=candidate.path),
+        comparison.renderer,
+        _made_with(path, comparison.data),
+        sha256_of(comparison.data),
+        path.stat().st_size if is_file(path) else len(comparison.data),
+        raster=None if comparison.kind == "svg" else load_picture(comparison.data, name=comparison.path),
         notes=tuple(comparison.notes),
     )
     return page(subject, threads)
@@ -170,10 +169,10 @@ def _made_with(path: Path, data: bytes) -> Report | None:
 
 
 def _entry(comparison: Comparison, page: Path) -> Entry:
-    candidate, reference = comparison.candidate, comparison.reference
-    if candidate.kind == "svg":
-        thumbnail = svg_thumbnail(candidate.data, candidate.path, reference.width, reference.height)
+    reference = comparison.reference
+    if comparison.kind == "svg":
+        thumbnail = svg_thumbnail(comparison.data, comparison.path, reference.width, reference.height)
     else:
-        thumbnail = thumbnail_url(load_picture(candidate.data, name=candidate.path).pixels())
-    size = Path(candidate.path).stat().st_size
-    return Entry(candidate.path, page, thumbnail, quality=comparison.quality, bytes=size)
+        thumbnail = thumbnail_url(load_picture(comparison.data, name=comparison.path).pixels())
+    size = Path(comparison.path).stat().st_size
+    return Entry(comparison.path, page, thumbnail, quality=comparison.quality, bytes=size)
