@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zlib
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,7 +15,7 @@ from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.dxf import MM_PER_PX, arcs_along
-from cubicsplat_cli.export.formats import Exported, exported
+from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.files.paths import EXPORTS
 from cubicsplat_cli.svg.paths import cubic_subpaths
 
@@ -50,8 +51,13 @@ def svg_of(body: str, size: str = 'width="64" height="48" viewBox="0 0 64 48"') 
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{body}</svg>'.encode()
 
 
+class Exported(NamedTuple):
+    data: bytes
+    notes: list[str]
+
+
 def made(body: str, form: str, **options: float) -> Exported:
-    return exported(svg_of(body), form, "x.svg", **options)
+    return Exported(*exported(svg_of(body), form, "x.svg", **options))
 
 
 def pdf_content(data: bytes) -> str:
@@ -83,7 +89,7 @@ def test_pages_hold_vectors_and_have_the_size_of_the_svg(form):
 
 
 def test_the_box_of_an_eps_begins_where_its_page_does():
-    data = exported(svg_of(RECTANGLE, 'width="33" height="301"'), "eps", "x.svg").data
+    data = exported(svg_of(RECTANGLE, 'width="33" height="301"'), "eps", "x.svg")[0]
     assert b"\n%%BoundingBox: 0 0 25 226\n%%HiResBoundingBox: 0 0.25 24.75 226\n" in data
 
 
@@ -97,7 +103,7 @@ def test_only_postscript_makes_pixels_of_what_is_translucent_and_says_so():
 
 
 def test_the_pixels_of_a_large_page_fit_into_memory():
-    data = exported(svg_of(RECTANGLE + TRANSLUCENT, 'width="20000" height="20000"'), "eps", "x.svg").data
+    data = exported(svg_of(RECTANGLE + TRANSLUCENT, 'width="20000" height="20000"'), "eps", "x.svg")[0]
     assert int(re.search(rb"% Fallback Image: .* res=(\d+)[.\d]*ppi", data)[1]) < 50
 
 

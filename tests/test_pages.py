@@ -313,9 +313,9 @@ def test_an_image_is_embedded_and_read_and_drawn_by_all(embedded):
 
 def test_other_formats_and_the_report_take_an_embedded_image(embedded):
     data = embedded.svg.encode()
-    assert b"/Image" in exported(data, "pdf", "the SVG", tolerance=0.05).data
-    made = exported(data, "xml", "the SVG", tolerance=0.05)
-    assert "1 shading" in " ".join(made.notes)
+    assert b"/Image" in exported(data, "pdf", "the SVG", tolerance=0.05)[0]
+    _, notes = exported(data, "xml", "the SVG", tolerance=0.05)
+    assert "1 shading" in " ".join(notes)
     page_shown = shown_elements(data, as_picture(page()), 1)
     assert page_shown is not None
     assert "data:image/" in page_shown.markup

@@ -317,9 +317,9 @@ def test_shading_does_not_go_with_options_of_flat_shapes(option):
 
 
 def test_programs_without_clips_get_the_shapes_alone(svg):
-    made = exported(svg.encode(), "xml", "the SVG", tolerance=0.05)
-    assert made.data.count(b"<path") == 2
-    assert "1 shading" in " ".join(made.notes)
+    data, notes = exported(svg.encode(), "xml", "the SVG", tolerance=0.05)
+    assert data.count(b"<path") == 2
+    assert "1 shading" in " ".join(notes)
 
 
 def test_shading_of_a_shape_needs_a_ground_and_curves(drawing):

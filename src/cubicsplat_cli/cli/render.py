@@ -152,8 +152,8 @@ def _draw(
             raise UsageError("--renderer is of PNGs; leave it out")
         from cubicsplat_cli.export.formats import exported
 
-        made = exported(svg, form, name, tolerance=tolerance, **size)
-        data, notes, about = made.data, [f"{name}: {note}" for note in made.notes], file_size(len(made.data))
+        data, lacking = exported(svg, form, name, tolerance=tolerance, **size)
+        notes, about = [f"{name}: {note}" for note in lacking], file_size(len(data))
     else:
         rendered, _ = rerender_untrusted(svg, source=name, renderer=renderer, **size)
         height, width = rendered.pixels.shape[:2]

@@ -16,7 +16,6 @@ from cubicsplat_cli.export.dxf import dxf
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import is_file, read_ends
 from cubicsplat_cli.progress import warnings_to
-from cubicsplat_cli.record import record
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.svg.painted import painted_shapes
 from cubicsplat_cli.svg.untrusted import SvgSize
@@ -24,14 +23,6 @@ from cubicsplat_cli.svg.untrusted import SvgSize
 BY_CAIRO = ("pdf", "ps", "eps")
 _POINTS = 0.75  # per px, as in CSS
 _PPI = 300.0  # pixels per inch for what PostScript cannot express, as in cairo
-
-
-@record
-class Exported:
-    """A file for another program. notes: a sentence for each thing of the SVG that it lacks."""
-
-    data: bytes
-    notes: list[str]
 
 
 def check_packages(formats: Iterable[str]) -> None:
@@ -52,8 +43,8 @@ def exported(
     width: float | None = None,
     height: float | None = None,
     scale: float = 1.0,
-) -> Exported:
-    """Return an SVG of any origin, unpacked, in a format.
+) -> tuple[bytes, list[str]]:
+    """Return an SVG of any origin, unpacked, in a format, and a sentence for each thing of it that the file lacks.
 
     form: a name in `files.paths.EXPORTS`. source: the SVG's name for messages. tolerance: largest distance of a DXF's
     arcs from the outlines, px. width, height, scale: see `rerender_untrusted`. Raises InputError for an SVG that cannot
@@ -66,14 +57,14 @@ def exported(
     notes: list[str] = []
     with warnings_to(notes.append):
         if form in BY_CAIRO:
-            made = _by_cairo(svg, form, drawn, source)
-            return Exported(made.data + f"% {mark}\n".encode(), made.notes)
+            data, notes = _by_cairo(svg, form, drawn, source)
+            return data + f"% {mark}\n".encode(), notes
         try:
             drawing = painted_shapes(svg, size, drawn)
             data = dxf(drawing, mark, tolerance) if form == "dxf" else vector_drawable(drawing, mark)
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
-    return Exported(data, [*notes, *drawing.notes()])
+    return data, [*notes, *drawing.notes()]
 
 
 def mark_of(svg: bytes, form: str, tolerance: float) -> str:
@@ -86,8 +77,8 @@ def is_current(path: Path, svg: bytes, tolerance: float) -> bool:
     return is_file(path) and mark_of(svg, path.suffix[1:].lower(), tolerance).encode() in read_ends(path)
 
 
-def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> Exported:
-    """Return a page drawn by cairosvg. Cairo makes pixels of what PostScript cannot express, as many as fit memory."""
+def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> tuple[bytes, list[str]]:
+    """Do as `exported`, by cairosvg. Cairo makes pixels of what PostScript cannot express, as many as fit memory."""
     module, name, _ = choose_renderer("cairosvg")
     surfaces = importlib.import_module(f"{module.__name__}.surface")
     width, height = drawn.width * _POINTS, drawn.height * _POINTS
@@ -108,4 +99,4 @@ def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> Exported:
         data = re.sub(rb"%%BoundingBox: .*", box.encode(), data, count=1)
     pixels = form != "pdf" and b"/ImageType" in data  # which begins every picture in PostScript
     opacity = "what is translucent became pixels; PDF keeps it as it is, --set opaque=true makes a photo without it"
-    return Exported(data, [f"{form.upper()} has no opacity: {opacity}"] if pixels else [])
+    return data, [f"{form.upper()} has no opacity: {opacity}"] if pixels else []

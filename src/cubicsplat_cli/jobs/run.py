@@ -158,10 +158,10 @@ def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable
     """Return the bytes of an export of a job's SVG; call `note` with the parts that the export lacks."""
     from cubicsplat_cli.export.formats import exported
 
-    made = exported(svg, path.suffix[1:].lower(), str(job.outputs.svg), tolerance=request.dxf_tolerance)
-    for text in made.notes:
+    data, notes = exported(svg, path.suffix[1:].lower(), str(job.outputs.svg), tolerance=request.dxf_tolerance)
+    for text in notes:
         note(f"{path}: {text}")
-    return made.data
+    return data
 
 
 def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:

@@ -23,7 +23,6 @@ from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import nearest_paints
-from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba, painted
 from cubicsplat_cli.settings import FitSettings, cpu_count
@@ -51,12 +50,8 @@ FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones conve
 LEAST_STEPS = 0.25  # the least share of the steps
 
 
-@record
-class Objects:
-    """The objects of a picture. levels: (H, W, 4) premultiplied, 0..255. labels: (H, W) int32 the object of a pixel."""
-
-    levels: np.ndarray
-    labels: np.ndarray
+# Of a picture: levels (H, W, 4) premultiplied, 0..255, and labels (H, W) int32, the object of a pixel.
+Objects = tuple[np.ndarray, np.ndarray]
 
 
 def shaded_objects(target: np.ndarray) -> Objects | None:
@@ -82,7 +77,7 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
         if own.any():
             off[own] = _off(straight, *_paint_of(straight, own))[own].mean()
     shaded = off[visible] > SHADED**2
-    return Objects(levels, labels) if shaded.mean() >= LEAST_SHADED else None
+    return (levels, labels) if shaded.mean() >= LEAST_SHADED else None
 
 
 def drawn_shaded(task: Task, objects: Objects) -> Made:
@@ -99,14 +94,15 @@ def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = N
     """Draw objects with their shading; some have none if the current work is stopped. most: curves of an object, or
     None for as many as are useful.
     """
-    outlined = draw_flat(silhouettes(objects.levels, objects.labels))
-    straight, shares, shapes = _straight(objects.levels), shown(outlined), list[Shape]()
+    levels, labels = objects
+    outlined = draw_flat(silhouettes(levels, labels))
+    straight, shares, shapes = _straight(levels), shown(outlined), list[Shape]()
     for shape, share in zip(outlined.shapes, shares, strict=True):
         fill, gradient = _paint_of(straight, share >= min(FULL, float(share.max())))
         name = shape_name(fill, shape.outlines, outlined.width, outlined.height)
         shapes.append(replace(shape, fill=fill, gradient=gradient, name=name))
     with work().stoppable():
-        spread = _spread(objects.levels, straight, shares)
+        spread = _spread(levels, straight, shares)
         for index, share in enumerate(shares):
             work().at("shading objects", 0.85 + 0.15 * index / len(shares))
             shapes[index] = _shaded(straight, shapes[index], share, spread, settings, most)

@@ -89,10 +89,10 @@ class Result:
             return
         from cubicsplat_cli.export.formats import exported
 
-        made = exported(self.svg.encode(), form, "the SVG", tolerance=dxf_tolerance)
-        for note in made.notes:
+        data, notes = exported(self.svg.encode(), form, "the SVG", tolerance=dxf_tolerance)
+        for note in notes:
             log.warning("%s: %s", path, note)
-        write_atomically(path, made.data)
+        write_atomically(path, data)
 
     def layers(self) -> dict[str, str]:
         """Return the text of an SVG with register marks for each colour, by names such as `01-ff8800`, in the order of
