@@ -52,18 +52,6 @@ class FitCurves(EngineScene):
             own.background, own.ring_ends, own.gradients,
         )  # fmt: skip
 
-    def resize(self, width: int, height: int) -> None:
-        """Scale the curves, in place, to a canvas of another size."""
-        across, down = width / self.width, height / self.height
-        self.points *= like(self.points, [across, down])
-        self.half_widths *= math.sqrt(across * down)
-        if self.fills is not None:
-            self.fills.resize(across, down)
-        if self.restricted is not None:
-            self.restricted.resize(across, down)
-            self.points[...] = self.restricted.points()
-        self.width, self.height = width, height
-
     def with_room(self, points: int, rings: int) -> FitCurves:
         """Return the same curves with room for so many points and rings each, as a table of rings."""
         xp, (count, own), device = namespace(self.points), self.points.shape[:2], self.points.device
@@ -126,9 +114,17 @@ class FitState(CurveArrays):
         return self.chosen(xp.concat((order, xp.arange(free, total, device=order.device))))
 
     def resize(self, width: int, height: int) -> None:
-        """Adapt, in place, to a picture of another size."""
-        across, down = width / self.curves.width, height / self.curves.height
-        self.curves.resize(width, height)
+        """Scale the curves, in place, to a canvas of another size, and adapt the optimiser."""
+        curves = self.curves
+        across, down = width / curves.width, height / curves.height
+        curves.points *= like(curves.points, [across, down])
+        curves.half_widths *= math.sqrt(across * down)
+        if curves.fills is not None:
+            curves.fills.resize(across, down)
+        if curves.restricted is not None:
+            curves.restricted.resize(across, down)
+            curves.points[...] = curves.restricted.points()
+        curves.width, curves.height = width, height
         self.optimiser.resize(across, down)
 
     def share_opacity(self) -> None:
@@ -139,24 +135,16 @@ class FitState(CurveArrays):
 class BestCheckpoint:
     """A copy of the curves whose picture has had the least loss, where they live.
 
-    A loss that is an array on a GPU is compared there: nothing waits for it before `loss` is read.
+    A loss that is an array on a GPU is compared there: nothing waits for it.
     """
 
     def __init__(self) -> None:
-        self._loss: float | Array = math.inf
+        self.loss: float | Array = math.inf
         self._curves: FitCurves | None = None
 
     @property
     def empty(self) -> bool:
         return self._curves is None
-
-    @property
-    def loss(self) -> float:
-        return float(self._loss)
-
-    @loss.setter
-    def loss(self, loss: float) -> None:
-        self._loss = loss
 
     @property
     def curves(self) -> FitCurves:
@@ -169,12 +157,12 @@ class BestCheckpoint:
         """Keep the curves if their loss is the least so far."""
         best = self._curves
         if best is not None and best.curves == curves.curves and is_array(loss):
-            xp, better, theirs = namespace(loss), loss < self._loss, curves.arrays_by_name()
+            xp, better, theirs = namespace(loss), loss < self.loss, curves.arrays_by_name()
             for name, mine in best.arrays_by_name().items():
                 mine[...] = xp.where(better, theirs[name], mine)
-            self._loss = xp.where(better, loss, self._loss)
-        elif best is None or float(loss) < self.loss:
-            self._loss = loss
+            self.loss = xp.where(better, loss, self.loss)
+        elif best is None or float(loss) < float(self.loss):
+            self.loss = loss
             if best is not None and best.curves == curves.curves:
                 best.overwrite(curves)
             else:
