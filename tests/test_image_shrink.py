@@ -9,7 +9,7 @@ from image_files import encode
 from PIL import Image
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files import decode, load
+from cubicsplat_cli.files import decode
 from cubicsplat_cli.files.load import load_picture
 
 WIDTH, HEIGHT = 96, 64
@@ -96,7 +96,7 @@ def test_the_limit_is_that_of_what_is_read(monkeypatch):
     assert load_picture(data, max_size=20, max_pixels=384).width == 24
     with pytest.raises(InputError, match=r"96 x 64 = .*; try this, or raise it with --max-pixels"):
         load_picture(data, max_size=90, max_pixels=6000, smaller="try this")
-    monkeypatch.setattr(load, "MAX_DECODED_PIXELS", 6000)
+    monkeypatch.setattr(decode, "MAX_DECODED_PIXELS", 6000)
     with pytest.raises(InputError, match=r"a file of its kind is read up to .*; scale the picture down first"):
         load_picture(data, max_size=20)
     assert load_picture(encode(picture_of("RGB"), "JPEG"), max_size=20).width == 24, "is decoded small to begin with"

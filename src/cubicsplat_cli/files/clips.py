@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.files.decode import Decoded, decode, formats_of
+from cubicsplat_cli.files.decode import decode, formats_of
 from cubicsplat_cli.files.load import Picture, PictureLike, as_picture, load_picture, resize_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import pictures_in
@@ -175,8 +175,8 @@ def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) ->
 
     def frames() -> Iterator[Frame]:
         begin = 0.0
-        for decoded, seconds in islice(_decoded_frames(data, shown), most):
-            yield Frame(Picture(decoded.rgb, decoded.alpha, shown, digest), begin, begin + seconds)
+        for rgb, alpha, seconds in islice(_decoded_frames(data, shown), most):
+            yield Frame(Picture(rgb, alpha, shown, digest), begin, begin + seconds)
             begin += seconds
 
     looked = [(frame.picture.alpha is not None, frame.end) for frame in frames()]
@@ -202,15 +202,15 @@ def _plays(data: bytes, shown: str) -> int | None:
         raise InputError(f"{shown}: is damaged or truncated ({printable(one_line(error))}); save it again") from error
 
 
-def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
-    """Yield each frame as it is shown, composed with the frames before it, and its seconds."""
+def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[np.ndarray, np.ndarray | None, float]]:
+    """Yield rgb and alpha of each frame as it is shown, composed with the frames before it, and its seconds."""
     with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
         # An animated PNG may begin with a picture for those who show no animations.
         first = 1 if image.info.get("default_image") else 0
         for index in range(first, getattr(image, "n_frames", 1)):
             try:
                 image.seek(index)
-                decoded = decode(image, data, shown, chosen=True)
+                rgb, alpha, *_ = decode(image, data, shown, chosen=True)
             except InputError:
                 raise
             except Exception as error:  # as of a still picture, Pillow answers broken bytes with nearly any
@@ -220,7 +220,7 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
                     "those before it with --frames"
                 ) from error
             milliseconds = float(image.info.get("duration") or 0.0)
-            yield decoded, milliseconds / 1000.0 if milliseconds > 10.0 else UNTIMED_S
+            yield rgb, alpha, milliseconds / 1000.0 if milliseconds > 10.0 else UNTIMED_S
 
 
 def is_video(data: bytes) -> bool:

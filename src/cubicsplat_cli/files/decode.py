@@ -24,7 +24,6 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.names import reads_heic
 from cubicsplat_cli.files.paths import is_file, read_head
 from cubicsplat_cli.files.write import encoded
-from cubicsplat_cli.record import record
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 FORMATS_TEXT = ", ".join((*FORMATS, "AVIF"))
@@ -113,18 +112,10 @@ def compression_of(image: Image.Image, data: bytes) -> Compression | None:
     return Compression(tables, sampling) if max(map(max, tables)) <= 255 else Compression()  # as in baseline files
 
 
-@record
-class Decoded:
-    """rgb (H, W, 3) and alpha (H, W) or None, float32 in [0, 1], straight; the rest as in `Picture`."""
-
-    rgb: np.ndarray
-    alpha: np.ndarray | None
-    notes: tuple[str, ...]
-    compression: Compression | None = None
-
-
-def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chosen: bool = False) -> Decoded:
-    """Decode the current frame of an image.
+def decode(
+    image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chosen: bool = False
+) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...], Compression | None]:
+    """Return the rgb, alpha, notes and compression, as in `Picture`, of the current frame of an image.
 
     data: the bytes of its file. shown: its name for messages. factor: divides its sides. chosen: the user has chosen
     this frame. Raises InputError for colour modes and value ranges without a defined meaning, and anything that Pillow
@@ -140,7 +131,8 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
     image.load()
     upright = _turn_upright(image if factor == 1 else shrunk(image, factor), notes)
     if upright.mode.startswith("I") or upright.mode == "F":
-        grey, alpha = _deep_grey(upright, shown), _key_alpha(upright)
+        grey, key = _deep_grey(upright, shown), upright.info.get("transparency")  # one value (PNG tRNS)
+        alpha = (np.asarray(upright) != key).astype(np.float32) if isinstance(key, int) else None
         photometric = getattr(image, "tag_v2", {}).get(262)  # of a TIFF; 0: white is zero
         if image.mode.startswith("I;16") and photometric == 0:  # Pillow itself inverts 1 to 8 bits
             grey = np.float32(1.0) - grey
@@ -161,7 +153,7 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
         rgb[alpha == 0.0] = 0.0
         if not alpha.any():
             notes.append("every pixel is transparent")
-    return Decoded(rgb=rgb, alpha=alpha, notes=tuple(notes), compression=compression)
+    return rgb, alpha, tuple(notes), compression
 
 
 def _turn_upright(image: Image.Image, notes: list[str]) -> Image.Image:
@@ -245,12 +237,6 @@ def _deep_grey(image: Image.Image, shown: str) -> np.ndarray:
     return values.astype(np.float32) / np.float32(65535)
 
 
-def _key_alpha(image: Image.Image) -> np.ndarray | None:
-    """Return alpha (H, W) of a deep grey image if it declares one value transparent (PNG tRNS), else None."""
-    key = image.info.get("transparency")
-    return None if not isinstance(key, int) else (np.asarray(image) != key).astype(np.float32)
-
-
 def _as_float(image: Image.Image) -> np.ndarray:
     """Return 8-bit channels as float32 in [0, 1]."""
     values = np.asarray(image, dtype=np.float32)
@@ -267,12 +253,22 @@ def factor_for(size: tuple[int, int], max_size: int | None) -> int:
     return max(1, min(factor, max(size) // max_size))
 
 
-def draft(image: Image.Image, factor: int) -> int:
-    """Have a JPEG decoded smaller, the only format that can be; return the rest of the factor."""
+def draft(image: Image.Image, factor: int, shown: str) -> int:
+    """Have a JPEG decoded smaller, the only format that can be; return the rest of the factor.
+
+    Raises InputError, naming the file, for a picture that is too large to be decoded whole.
+    """
+    width, height = image.size
     for scale in (8, 4, 2):
         if isinstance(image, JpegImageFile) and factor >= scale:
-            image.draft(None, (max(1, image.width // scale), max(1, image.height // scale)))
-            return max(1, factor // scale)
+            image.draft(None, (max(1, width // scale), max(1, height // scale)))
+            factor = max(1, factor // scale)
+            break
+    if factor > 1 and image.width * image.height > MAX_DECODED_PIXELS:
+        raise InputError(
+            f"{shown}: is {width} x {height} = {width * height / 1e6:.1f} megapixels, a file of its kind is read up to "
+            f"{MAX_DECODED_PIXELS / 1e6:.0f}; scale the picture down first"
+        )
     return factor
 
 

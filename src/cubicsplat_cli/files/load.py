@@ -21,17 +21,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.decode import (
-    FORMATS_TEXT,
-    MAX_DECODED_PIXELS,
-    Compression,
-    Decoded,
-    decode,
-    draft,
-    factor_for,
-    formats_of,
-    unit_values,
-)
+from cubicsplat_cli.files.decode import FORMATS_TEXT, Compression, decode, draft, factor_for, formats_of, unit_values
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.formatting import counted, one_line, printable
@@ -119,8 +109,7 @@ def load_picture(
     check_size(len(data), shown)
     if not data:
         raise InputError(f"{shown}: is empty (0 bytes); give a picture")
-    decoded, size = _open_and_decode(data, shown, max_pixels, max_size, smaller, frame)
-    picture = Picture(decoded.rgb, decoded.alpha, shown, sha256_of(data), decoded.notes, None, decoded.compression)
+    picture, size = _open_and_decode(data, shown, max_pixels, max_size, smaller, frame)
     width, height = picture.width, picture.height
     if (width - height) * (size[0] - size[1]) < 0:  # it was turned upright
         size = size[::-1]
@@ -183,7 +172,7 @@ def _pillow_settings() -> Iterator[list[str]]:
 
 def _open_and_decode(
     data: bytes, shown: str, max_pixels: int, max_size: int | None, smaller: str, frame: int | None
-) -> tuple[Decoded, tuple[int, int]]:
+) -> tuple[Picture, tuple[int, int]]:
     """Return the picture, and its size in the file."""
     try:
         with (
@@ -198,15 +187,10 @@ def _open_and_decode(
                 image.seek(frame - 1)
             size, factor = image.size, factor_for(image.size, max_size)
             _check_pixels(size, shown, max_pixels, factor, smaller)
-            rest = draft(image, factor)
-            if rest > 1 and image.width * image.height > MAX_DECODED_PIXELS:
-                raise InputError(
-                    f"{shown}: is {size[0]} x {size[1]} = {size[0] * size[1] / 1e6:.1f} megapixels, a file of its kind "
-                    f"is read up to {MAX_DECODED_PIXELS / 1e6:.0f}; scale the picture down first"
-                )
-            decoded = decode(image, data, shown, rest, chosen=frame is not None)
+            rest = draft(image, factor, shown)
+            rgb, alpha, own, compression = decode(image, data, shown, rest, chosen=frame is not None)
         heard = [f"the decoder says: {line}" for line in lines[:1]]
-        return replace(decoded, notes=(*decoded.notes, *notes, *heard)), size
+        return Picture(rgb, alpha, shown, sha256_of(data), (*own, *notes, *heard), compression=compression), size
     except InputError:
         raise
     except UnidentifiedImageError as error:
@@ -340,11 +324,11 @@ def _of_array(values: np.ndarray) -> Picture:
 
 def _of_image(image: Image.Image) -> Picture:
     try:
-        decoded = decode(image, b"", "<image>")
+        rgb, alpha, notes, compression = decode(image, b"", "<image>")
     except InputError:
         raise
     except Exception as error:
         # Pillow reads the pixels only now, and raises nearly any exception for broken ones.
         raise InputError(f"the Pillow image cannot be read ({one_line(error)})") from error
-    digest = sha256_of(decoded.rgb.tobytes() + (b"" if decoded.alpha is None else decoded.alpha.tobytes()))
-    return Picture(decoded.rgb, decoded.alpha, "<image>", digest, decoded.notes, compression=decoded.compression)
+    digest = sha256_of(rgb.tobytes() + (b"" if alpha is None else alpha.tobytes()))
+    return Picture(rgb, alpha, "<image>", digest, notes, compression=compression)
