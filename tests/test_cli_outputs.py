@@ -99,7 +99,7 @@ def test_our_files_are_known_by_their_marks(folder):
     from cubicsplat_cli.settings import Mode
     from cubicsplat_cli.svg.scene_writer import write_svg
 
-    comment = provenance_comment("1.2.3", 4, settings_hash({"a": 1}), "ab" * 32)
+    comment = provenance_comment(4, settings_hash({"a": 1}), "ab" * 32)
     ours = {
         "a.svg": write_svg(random_scene(Mode.CLOSED), title="t" * 9000, comment=comment).encode(),
         "a.svgz": gzip.compress(write_svg(random_scene(Mode.CLOSED), title="t", comment=comment).encode()),

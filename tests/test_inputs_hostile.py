@@ -186,7 +186,7 @@ def test_two_runs_on_one_output_leave_the_set_of_the_one_that_ends_last(order, t
     for name in order:
         sink, end = sinks[name.lower()], name.lower().encode()
         if name.islower():
-            text = provenance_comment("1", 0, "0" * 12, "0" * 64)
+            text = provenance_comment(0, "0" * 12, "0" * 64)
             svg = with_checksum(f"<svg><!-- {text} --><g id='{name}'/></svg>").encode()
             sink.put("svg", svg)
             sink.put("png", encode_png(np.zeros((2, 2, 4), np.uint8)) + end)

@@ -18,15 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.rerender import (
-    RGBA,
-    Rendered,
-    choose_renderer,
-    draw_by_cairo,
-    draw_by_resvg,
-    drawing_with,
-    full_name,
-)
+from cubicsplat_cli.evaluate.rerender import RGBA, Rendered, choose_renderer, draw_by_cairo, draw_by_resvg, drawing_with
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import EmbeddedImage, LayeredScene, Scene
@@ -67,7 +59,7 @@ def downsampled_svg(
                 drawn = draw_by_resvg(module, crop(svg, size, *large, part), part.width, part.height)
                 means = _means_of_straight(drawn, scale)
             pixels[tile.rows, tile.columns] = means
-    return Rendered(pixels, full_name(module, name), note)
+    return Rendered(pixels, f"{module.__name__} {module.__version__}", note)
 
 
 def scaled_samples(samples: int, scale: int) -> int:

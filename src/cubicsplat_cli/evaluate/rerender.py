@@ -76,7 +76,7 @@ def rerender(svg: bytes, width: int, height: int, *, renderer: str = "auto", sou
             pixels = _straight(draw_by_cairo(module, svg, width, height))
         else:
             pixels = _centred(draw_by_resvg(module, svg.decode("utf-8"), width, height), width, height)
-    return Rendered(pixels, full_name(module, name), note)
+    return Rendered(pixels, f"{module.__name__} {module.__version__}", note)
 
 
 @contextmanager
@@ -103,11 +103,6 @@ def _reason(error: BaseException, name: str) -> str:
     # The sentences of resvg and of the XML parser are clear; cairosvg fails with any exception of Python.
     clear = isinstance(error, (InputError, SyntaxError)) or (name == "resvg" and isinstance(error, ValueError))
     return text if clear else ""
-
-
-def full_name(module: ModuleType, name: str) -> str:
-    """Return the package and version of a renderer, as reports name it."""
-    return f"{_PACKAGES[name]} {module.__version__}"
 
 
 def rerender_untrusted(

@@ -38,9 +38,9 @@ def sha256_of(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def provenance_comment(version: str, seed: int, digest: str, sha256: str) -> str:
+def provenance_comment(seed: int, digest: str, sha256: str) -> str:
     """Return the text of the SVG's comment: version, seed, settings hash, and the SHA-256 of the input's bytes."""
-    return f"{PROGRAM} {version}, seed {seed}, settings {digest}, input {sha256}"
+    return f"{PROGRAM} {__version__}, seed {seed}, settings {digest}, input {sha256}"
 
 
 def with_checksum(svg: str) -> str:

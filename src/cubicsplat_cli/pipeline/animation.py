@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.moving import MovingDrawing
 from cubicsplat_cli.artwork.style import ARTWORK
 from cubicsplat_cli.clip_request import FRAMES, LOTTIE, SMIL, ClipReport, ClipRequest
@@ -50,8 +49,7 @@ class ClipTask:
     @cached_property
     def comment(self) -> str:
         """Return the line by which the command recognises its own files."""
-        seed, digest = self.request.settings.seed, self.request.digest()
-        return provenance_comment(__version__, seed, digest, self.source.sha256)
+        return provenance_comment(self.request.settings.seed, self.request.digest(), self.source.sha256)
 
     @cached_property
     def transparent(self) -> bool:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.style import PHOTO, Style
 from cubicsplat_cli.errors import UsageError
@@ -204,8 +203,7 @@ class Task:
 
     def comment(self) -> str:
         """Return the line by which the command recognises its own files."""
-        request = self.request
-        return provenance_comment(__version__, request.settings.seed, request.digest(), self.picture.sha256)
+        return provenance_comment(self.request.settings.seed, self.request.digest(), self.picture.sha256)
 
     def svg(self, made: Made) -> str:
         """Return the text of a result's SVG, and count the time."""

@@ -16,17 +16,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 from cubicsplat_cli.files.read import packed
-from cubicsplat_cli.metrics import (
-    SECONDS_DECIMALS,
-    FileQuality,
-    Input,
-    Output,
-    OwnQuality,
-    Qualities,
-    Report,
-    Timing,
-    gap_db,
-)
+from cubicsplat_cli.metrics import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db, plain
 from cubicsplat_cli.options import KEEP
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
@@ -172,7 +162,7 @@ def report_of(task: Task, made: Made, figures: Measured | None, output: Output, 
     facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, seconds["fit"]), **made.facts}
     stages = {f"{name}_s": seconds.get(name) for name in ("read", "write", "draw", "measure")}
     # Rounded here, so that the page and the summary, which round it further, agree with the written report.
-    total = round(task.timer.total(), SECONDS_DECIMALS)
+    total = plain(task.timer.total(), "total_s")
     timing = replace(facts.pop("timing"), total_s=total, **stages)
     return Report(
         input=Input(path or source.source, source.sha256, *source.size, source.alpha is not None),
