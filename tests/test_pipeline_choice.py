@@ -37,7 +37,7 @@ from cubicsplat_cli.pipeline.choose import (
     photo_is_nearer,
 )
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
-from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, settings_of_photo, whole_photo
+from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, photo_settings, whole_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
@@ -234,7 +234,7 @@ def test_a_photo_is_not_fitted_to_the_end_where_one_of_as_many_bytes_is_no_neare
 def test_only_a_drawing_of_fewer_bytes_replaces_a_photo_at_sight(curves, smaller):
     task = task_for(speckled(2.0), curves=curves)
     with task.working():
-        assert (curves_of_equal_bytes(task, drawn_artwork(task)) < settings_of_photo(task).curves) == smaller
+        assert (curves_of_equal_bytes(task, drawn_artwork(task)) < photo_settings(task).curves) == smaller
 
 
 def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():

@@ -207,9 +207,10 @@ def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
     return low
 
 
-def guessed_curves(most: float, segments: int, precision: int) -> int:
-    """Return about how many curves of so many segments an uncompressed file of `most` bytes holds, and a few more."""
-    return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
+def guessed_curves(most: int, segments: int, request: Request) -> int:
+    """Return about how many curves of so many segments a file of `most` bytes holds, and a few more."""
+    whole = most / (COMPRESSED if request.counts_compressed else 1.0)
+    return max(1, min(1_000_000, int(SPARE * whole / (28 + (3.0 + file_precision(request)) * (2 + 6 * segments)))))
 
 
 def _to_spare(scene: Scene, least: float, level: float, photo: Photo) -> tuple[np.ndarray, int]:

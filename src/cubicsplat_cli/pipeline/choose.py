@@ -23,13 +23,7 @@ from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import (
-    curves_of_equal_bytes,
-    fitted_photo,
-    quick_photo,
-    settings_of_photo,
-    whole_photo,
-)
+from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo, whole_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 from cubicsplat_cli.scene import LayeredScene
 
@@ -216,7 +210,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
             return _drawing_instead(drawing, f"a photo has only {expected:.1f} dB")
         if (
             not far
-            and curves_of_equal_bytes(task, drawing) < settings_of_photo(task).curves
+            and curves_of_equal_bytes(task, drawing) < photo_settings(task).curves
             and photo_is_nearer(task, drawing) is None
         ):
             return _drawing_instead(drawing, "no photo of as many bytes is nearer")
@@ -307,7 +301,7 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0, *, quick: b
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    curves, all_curves = curves_of_equal_bytes(task, drawing), settings_of_photo(task).curves
+    curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
     if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):

@@ -12,16 +12,7 @@ from cubicsplat_cli.files.load import Picture, enlarge_picture, resize_picture
 from cubicsplat_cli.metrics import Timing
 from cubicsplat_cli.photo.inputs import FitResult
 from cubicsplat_cli.photo.remote import begin_fit
-from cubicsplat_cli.pipeline.budget import (
-    COMPRESSED,
-    LOOKS,
-    SHARED_OPACITY,
-    Photo,
-    file_precision,
-    guessed_curves,
-    within_bytes,
-    within_level,
-)
+from cubicsplat_cli.pipeline.budget import LOOKS, SHARED_OPACITY, Photo, guessed_curves, within_bytes, within_level
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.scene import LayeredScene, Scene
@@ -143,7 +134,7 @@ def quick_photo(task: Task, curves: int) -> Scene:
 
 def _prepared(task: Task) -> tuple[Photo, FitSettings]:
     """Return the fits of a picture, and their settings."""
-    settings = settings_of_photo(task)
+    settings = photo_settings(task)
     rough, fine = copies_of(task.target, settings)
     # An initial drawing has all its detail already.
     return Photo(task, fine if task.request.init is not None else rough, fine), settings
@@ -193,12 +184,11 @@ def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:
     return settings.with_(recipe=replace(recipe, shared_opacity=SHARED_OPACITY))
 
 
-def settings_of_photo(task: Task) -> FitSettings:
+def photo_settings(task: Task) -> FitSettings:
     """Return the settings with a number of curves: of the request, the initial drawing, the bytes, or the size."""
     settings, request, init = task.settings(), task.request, task.request.init
     if request.max_bytes is not None:
-        most = request.max_bytes / (COMPRESSED if request.counts_compressed else 1.0)
-        return settings.with_(curves=guessed_curves(most, settings.segments, file_precision(request)))
+        return settings.with_(curves=guessed_curves(request.max_bytes, settings.segments, request))
     if init is None:
         return settings.for_size(*task.target.size)
     init.check_shape(*task.picture.size)
