@@ -71,7 +71,7 @@ def test_avif_is_read(tmp_path):
     seen = pixels[..., 3] == 255
     assert np.abs(255 * picture.rgb - pixels[..., :3])[seen].mean() < 6
     assert picture.alpha is not None
-    assert [source.path for source in find_sources([str(tmp_path)], recursive=False).sources] == [path]
+    assert [each for each, _ in find_sources([str(tmp_path)], recursive=False).sources.values()] == [path]
 
 
 def test_avif_without_a_pillow_that_reads_it_says_what_to_install(monkeypatch):
@@ -106,7 +106,7 @@ def test_heic_is_read_by_its_plugin_where_that_is_installed(tmp_path, monkeypatc
     path = tmp_path / "x.heic"
     path.write_bytes(HEIC)
     assert load_picture(path).width == 9
-    assert [source.path for source in find_sources([str(tmp_path)], recursive=False).sources] == [path]
+    assert [each for each, _ in find_sources([str(tmp_path)], recursive=False).sources.values()] == [path]
 
 
 def test_whether_heic_is_read_depends_on_what_is_installed(monkeypatch, package):

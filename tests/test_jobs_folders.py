@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from cli_runs import SHORT, contents, json_lines, save_pictures
 
-from cubicsplat_cli.jobs.plan import Source, plan_jobs
+from cubicsplat_cli.jobs.plan import plan_jobs
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.scene_reader import read_svg
@@ -135,7 +135,7 @@ def test_beside_the_inputs_own_drawings_are_left_out_and_endings_kept_apart(tmp_
     pattern = run_cli("vectorize", tmp_path / "*.jpg", "--dry-run", *SHORT)
     planned = sorted(Path(line.split(" -> ")[1]).name for line in pattern.stdout.decode().splitlines())
     assert planned == ["a.svg", "b.svg"], "without a.png among the inputs, a.jpg needs no longer name"
-    job = plan_jobs([Source(tmp_path / "a.jpg")], None, Request())[0]
+    job = plan_jobs([(tmp_path / "a.jpg", Path())], None, Request())[0]
     assert job.outputs.png.name == "a.rendered.png", "a by-product never replaces somebody's picture"
 
 

@@ -95,7 +95,7 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
             if getattr(request, name) is not None:
                 raise UsageError(f"--{name} is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
-        jobs = plan_jobs(search.sources, output, request)
+        jobs = plan_jobs([*search.sources.values()], output, request)
         return _with_others(JobPlan(jobs, [*search.problems], search.left_out), output, request)
     name = arguments[0]
     path = None if name == STDIO else Path(name)
@@ -149,23 +149,25 @@ def _check_distinct(places: Iterable[tuple[Path | None, str]], said: str) -> Non
             raise UsageError(f"{other} and {name} would both give {said.format(place)}")
 
 
-def plan_jobs(sources: list[Source], output: str | None, request: Request) -> list[Job]:
+def plan_jobs(sources: list[tuple[Path, Path]], output: str | None, request: Request) -> list[Job]:
     """Return a job for each picture: its files lie beside it, or in a mirror of its folders below `output`.
 
     Pictures that differ in their suffix alone (`a.png` and `a.jpg`) would give the same files. The names of their files
     contain the suffix (`a.png.svg`, `a.jpg.svg`), unless a picture has the short name from an earlier run. Raises
     UsageError where two pictures would still give one file, or where `output` cannot be a folder.
+
+    sources: as the values in a `PictureSearch`.
     """
     _check_folder(output)
     suffix = request.suffix + (COMPRESSED if request.compress else PLAIN)
-    folders = [source.path.parent if output is None else Path(output) / source.below for source in sources]
-    stems = [_key(folder / source.path.stem) for source, folder in zip(sources, folders, strict=True)]
+    folders = [path.parent if output is None else Path(output) / below for path, below in sources]
+    stems = [_key(folder / path.stem) for (path, _), folder in zip(sources, folders, strict=True)]
     count = Counter(stems)
     jobs = []
-    for source, folder, stem in zip(sources, folders, stems, strict=True):
-        svg = place_for(source.path, folder, suffix, shared=count[stem] > 1)
+    for (path, below), folder, stem in zip(sources, folders, stems, strict=True):
+        svg = place_for(path, folder, suffix, shared=count[stem] > 1)
         outputs = outputs_beside(svg, png=request.png, metrics=request.metrics)
-        jobs.append(Job(str(source.path), source.path, outputs, below=source.below))
+        jobs.append(Job(str(path), path, outputs, below=below))
     _check_distinct(((job.outputs.svg, job.name) for job in jobs), "{}; use two runs with different folders")
     return jobs
 
@@ -219,19 +221,13 @@ def _mask_of(job: Job, folder: Path, listed: dict[Path, list[Path]]) -> Path | N
     return next(iter(same or masks), None)
 
 
-@record
-class Source:
-    """One picture: its path, and the folder below an output folder that mirrors where it was found."""
-
-    path: Path
-    below: Path = Path()
-
-
 @dataclass(eq=False)
 class PictureSearch:
-    """The result of a search. sources: in a fixed order; problems, left_out: as in a `JobPlan`."""
+    """The result of a search. sources: of each picture, by its absolute path and in a fixed order, its path and the
+    folder below an output folder that mirrors where it was found. problems, left_out: as in a `JobPlan`.
+    """
 
-    sources: list[Source] = field(default_factory=list)
+    sources: dict[Path, tuple[Path, Path]] = field(default_factory=dict)
     problems: list[tuple[str, InputError]] = field(default_factory=list)
     left_out: dict[str, list[Path]] = field(default_factory=lambda: defaultdict(list))
 
@@ -259,11 +255,7 @@ def find_sources(arguments: list[str], *, recursive: bool) -> PictureSearch:
         elif _is_pattern(argument):
             _take_pattern(argument, search)
         else:
-            _take_file(Source(path), search)
-    once: dict[Path, Source] = {}
-    for source in search.sources:
-        once.setdefault(source.path.absolute(), source)
-    search.sources = list(once.values())
+            _take_file(path, search)
     return search
 
 
@@ -271,11 +263,11 @@ def _is_pattern(argument: str) -> bool:
     return glob.has_magic(argument) and not os.path.lexists(argument)
 
 
-def _take_file(source: Source, search: PictureSearch) -> None:
-    if is_ours(source.path):
-        search.left_out["drawn by cubicsplat itself"].append(source.path)
+def _take_file(path: Path, search: PictureSearch, below: Path = Path()) -> None:
+    if is_ours(path):
+        search.left_out["drawn by cubicsplat itself"].append(path)
     else:
-        search.sources.append(source)
+        search.sources.setdefault(path.absolute(), (path, below))
 
 
 def _take_pattern(pattern: str, search: PictureSearch) -> None:
@@ -283,7 +275,7 @@ def _take_pattern(pattern: str, search: PictureSearch) -> None:
     if not matches:
         search.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
     for path in matches:
-        _take_file(Source(path), search)
+        _take_file(path, search)
 
 
 def _matching(pattern: str) -> Iterator[Path]:
@@ -316,7 +308,7 @@ def _take_folder(folder: Path, recursive: bool, search: PictureSearch) -> None:
             path = Path(place, name)
             if is_picture_name(path) or (is_heic_name(path) and reads_heic()):
                 count += 1
-                _take_file(Source(path, Path(place).relative_to(folder)), search)
+                _take_file(path, search, Path(place).relative_to(folder))
             elif is_heic_name(path):
                 search.left_out["HEIC, which pip install pillow-heif has read"].append(path)
             elif not name.startswith(".") and not is_ours(path):

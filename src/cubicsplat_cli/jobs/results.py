@@ -84,13 +84,6 @@ def _is_whole(path: Path, data: bytes) -> bool:
         return False
 
 
-def forget(job: Job) -> None:
-    """Remove the report of an earlier run, before its files are replaced."""
-    path = _report_of(job)
-    if path is not None and is_replaceable(path):
-        path.unlink(missing_ok=True)
-
-
 def forget_layers(job: Job, kinds: Iterable[str]) -> None:
     """Remove layers of an earlier run, of colours that are not among these kinds; edited layers stay."""
     kept = {job.outputs.place(kind) for kind in kinds}
@@ -169,7 +162,9 @@ class FileSink:
             replaced = self._replaced() if kind == "metrics" else {}
             if kind == "svg" or replaced:
                 # The report of an earlier run is wrong from here on; without one the work counts as not done.
-                forget(self.job)
+                report = _report_of(self.job)
+                if report is not None and is_replaceable(report):
+                    report.unlink(missing_ok=True)
             for place, content in replaced.items():
                 write_atomically(place, content)
             if path is not None:
