@@ -11,7 +11,7 @@ import pytest
 from conftest import rest_slow
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.files.cache import cache_folder
+from cubicsplat_cli.files.write import cache_folder
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda import nvrtc
 from cubicsplat_cli.raster.cuda.compile import Program

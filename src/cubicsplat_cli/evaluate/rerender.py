@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
-from cubicsplat_cli.files.cache import read_cache, write_cache
+from cubicsplat_cli.files.write import read_cache, write_cache
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.progress import COMMAND_BEGAN
 from cubicsplat_cli.record import record

@@ -1,5 +1,5 @@
 """Write results: files, of which any reader sees either the old or the whole new one; PNGs with our mark; and standard
-output, with an error instead of a traceback.
+output, with an error instead of a traceback. Also keep, in the user's cache folder, data that take long to make.
 
 A process that is killed while it writes leaves its temporary file behind. The writer holds a lock on that file, which
 ends with the process. So the next writer of the same target can tell the file of a dead writer, and remove it.
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import io
 import os
 import re
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 STDOUT = "standard output"  # as messages call it
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+_CACHED = b"cubicsplat cache 1\n"  # at the start of each file of the cache
 _NAME_PART = 40  # characters of the target's name in that of its temporary file
 
 
@@ -226,3 +228,36 @@ def encode_png(pixels: np.ndarray) -> bytes:
     info.add_text("Software", f"{PROGRAM} {__version__}")
     # Drawings are runs of one colour. Searching for runs alone takes two thirds of the time, and makes smaller files.
     return encoded(image, "PNG", pnginfo=info, compress_type=zlib.Z_RLE)
+
+
+def cache_folder(kind: str) -> Path | None:
+    """Return the folder of the data of a kind, by the custom of the platform; None if the user has no home."""
+    windows = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
+    base = windows or os.environ.get("XDG_CACHE_HOME")
+    try:
+        folder = Path(base) if base else Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    except RuntimeError:  # neither HOME nor an entry in the user database, as in some containers
+        return None
+    return folder / "cubicsplat" / kind
+
+
+def read_cache(kind: str, key: str) -> bytes | None:
+    """Return the data under a key; None if there are none, or they are damaged: they are made again."""
+    folder = cache_folder(kind)
+    try:
+        data = (folder / f"{key}.bin").read_bytes() if folder else b""
+    except OSError:
+        return None
+    head = len(_CACHED) + hashlib.sha256().digest_size
+    kept = data[head:]
+    return kept if kept and data[:head] == _CACHED + hashlib.sha256(kept).digest() else None
+
+
+def write_cache(kind: str, key: str, data: bytes) -> None:
+    """Keep data under a key, if the folder can be written."""
+    folder = cache_folder(kind)
+    if folder is None:
+        return
+    with contextlib.suppress(OSError, InputError):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / f"{key}.bin", _CACHED + hashlib.sha256(data).digest() + data)

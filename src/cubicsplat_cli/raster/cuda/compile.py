@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.files.cache import read_cache, write_cache
+from cubicsplat_cli.files.write import read_cache, write_cache
 from cubicsplat_cli.raster.cuda import nvrtc
 from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, SIDE_BYTES, StepFrame, StepValues
 from cubicsplat_cli.raster.engine import EngineScene
