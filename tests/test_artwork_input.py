@@ -451,6 +451,16 @@ def test_a_blur_is_what_explains_the_picture_better(noise):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("noise", [3.0, 6.0])
+def test_a_blur_is_told_under_noise(noise):
+    sharp = pixels("clean", '<rect width="160" height="160" fill="#406090"/>' + FACE)[..., :3].astype(float)
+    for blur in (0.0, 1.0, 1.6):
+        soft = ndimage.gaussian_filter(sharp, (blur, blur, 0.0), mode="nearest")
+        seen = np.clip(np.rint(soft + np.random.default_rng(3).normal(0.0, noise, soft.shape)), 0, 255)
+        found = condition_of(as_levels(as_picture(seen.astype(np.uint8)).target())).blur
+        assert found == pytest.approx(blur, rel=0.2)
+
+
 def test_a_blur_that_is_measured_but_not_there_is_not_drawn_through(monkeypatch):
     monkeypatch.setattr(prepare, "condition_of", lambda _, **__: Condition(blur=1.5))
     assert analysed(target("clean")).condition == CLEAN

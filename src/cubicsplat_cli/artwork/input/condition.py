@@ -40,6 +40,7 @@ SEEN = np.append(LUMA, 0.7).astype(np.float32)
 CONTRAST = 60.0  # levels of an edge whose width or place is measured
 # px: a narrower blur is the way in which programs smooth edges, or the effect of a JPEG on them.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG = 0.35, 0.6
+SKEWED = 2.0  # how many times as far as the upper quartile the lower one is off the median where some edges are sharp
 
 
 @dataclass(frozen=True)
@@ -329,5 +330,6 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     variances = edge_variances(levels, levels @ SEEN, 24_000, even, CONTRAST, 0.1)
     if len(variances) < FEWEST:
         return None
-    least, usual = np.sqrt(np.maximum(np.quantile(variances, [0.25, 0.5]), 0.0))
-    return float(usual) if least >= 2.0 / 3.0 * usual else 0.0
+    quarter, half, rest = np.maximum(np.quantile(variances, [0.25, 0.5, 0.75]), 0.0)
+    spread_by_noise = noise > 0.0 and half - quarter <= SKEWED * (rest - half)
+    return math.sqrt(half) if quarter >= 4.0 / 9.0 * half or spread_by_noise else 0.0
