@@ -64,8 +64,7 @@ class Input:
 class Output:
     """The written files. svg, png: paths (None: not written, or standard output). bytes, paths: of the SVG; paths are
     its drawn elements: a photo's curves, or the elements of a drawing's shapes. The hashes are of the files as written;
-    they tell a later run whether the files are complete. compressed_bytes: of the SVG after gzip, if a limit counts
-    them.
+    they tell a later run whether the files are complete. compressed_bytes: after gzip, if a limit counts them.
     """
 
     paths: int

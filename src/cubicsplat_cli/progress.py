@@ -233,9 +233,8 @@ class FrameRecorder:
     def keep(self, psnr_db: float, scene: Scene) -> None:
         """Keep a scene that is due, which must not change afterwards."""
         self._kept.append((psnr_db, scene))
-        values = sum(
-            math.prod(array.shape) for array in (scene.points, scene.colours, scene.opacities, scene.half_widths)
-        )
+        arrays = scene.points, scene.colours, scene.opacities, scene.half_widths
+        values = sum(math.prod(array.shape) for array in arrays)
         most = max(FEWEST_FRAMES, min(4 * self.frames, self._most_bytes // (4 * values)))
         while len(self._kept) > most:
             self._step_db *= 2.0

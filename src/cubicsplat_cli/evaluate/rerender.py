@@ -216,8 +216,7 @@ def draw_by_cairo(
 ) -> np.ndarray:
     """Draw an SVG at width x height px, or a part of that: left, top, width and height in px.
 
-    Returns (h, w, 4) uint8 premultiplied, with channels in the order of RGBA. module: cairosvg. Raises any error of
-    cairosvg.
+    Returns (h, w, 4) uint8 premultiplied, with channels in the order of RGBA. module: cairosvg. Raises its errors.
     """
     left, top, part_width, part_height = part or (0, 0, width, height)
     surfaces = importlib.import_module(f"{module.__name__}.surface")
@@ -255,9 +254,8 @@ def _straight(pixels: np.ndarray) -> np.ndarray:
 def import_cairosvg() -> ModuleType:
     """Import cairosvg. Raises the errors of its import.
 
-    cairocffi parses cairo's header at every import, which takes a tenth of a second. A command keeps the parsed
-    declarations in the user's cache. In other programs the import is the ordinary one, since they may need the rest of
-    that module.
+    cairocffi parses cairo's header at every import, which takes a tenth of a second. A command caches the result.
+    In other programs the import is the ordinary one, since they may need the rest of that module.
     """
     header = None if COMMAND_BEGAN.get() is None or "cairocffi" in sys.modules else _header()
     if header is None:

@@ -187,9 +187,7 @@ def _explain(error: OSError, path: Path) -> str:
 
 
 def write_stdout(data: bytes) -> None:
-    """Write and flush. Raises InputError if the disk behind it is full, SystemExit(1) without a message if its reader
-    has closed the pipe.
-    """
+    """Write and flush. Raises InputError if the disk is full, SystemExit(1) if the reader has closed the pipe."""
     stdout = sys.__stdout__  # of the process: `sys.stdout` may be redirected
     if stdout is None:
         raise InputError(f"{STDOUT}: there is none; use -o")

@@ -44,8 +44,7 @@ _SAMPLES = 48  # edges per cubic, as of the exact finish
 def picture_url(picture: Picture, data: bytes) -> str:
     """Return a data: URL of the picture. data: the bytes of its file.
 
-    The URL holds those bytes if a browser shows the same pixels, else a WebP: without loss, unless that is larger than
-    the file.
+    It holds those bytes if a browser shows the same pixels, else a WebP: without loss unless larger than the file.
     """
     mime = _mime(picture, data)
     if mime is not None:

@@ -142,9 +142,8 @@ def _charts(report: Report | None, losses: list[float], kind: str) -> list[Chart
             seconds, values = [e["seconds"] for e in entries], [e[member] for e in entries]
             charts.append(course(title, about, seconds, values, decimals))
     if len(losses) > 1:
-        charts.append(
-            histogram(f"Worth of the {kind}s", f"{kind}s by how many dB the picture loses without one", losses)
-        )
+        about = f"{kind}s by how many dB the picture loses without one"
+        charts.append(histogram(f"Worth of the {kind}s", about, losses))
     return charts
 
 

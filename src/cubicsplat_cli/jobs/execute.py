@@ -100,9 +100,7 @@ def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome], ob
 
 
 def lacking(job: Job, report: Report, request: Request, observer: Observer) -> dict[Path, Callable[[], bytes]]:
-    """Return what makes each file of a finished SVG that is missing, or was made of another SVG: the page, the exports
-    and the layers.
-    """
+    """Return what makes each page, export and layer of a finished SVG that is missing, or was made of another SVG."""
     outputs, files = job.outputs, dict[Path, Callable[[], bytes]]()
     if outputs.svg is None or not (outputs.html_report or outputs.exports or outputs.layers):
         return files

@@ -1,6 +1,4 @@
-"""Results of jobs: those of earlier runs, finished, interrupted or edited; and the sinks of new files, on the disk or
-in memory for another machine.
-"""
+"""Results of jobs: of earlier runs, finished, interrupted or edited; and sinks of new files, on disk or in memory."""
 
 from __future__ import annotations
 
@@ -39,9 +37,7 @@ def prepare_files(job: Job, *, force: bool) -> None:
 
 
 def check_may_write(job: Job, *, force: bool) -> None:
-    """Raise UsageError if a file of the job is the input, or, without `force`, a file that cubicsplat did not write or
-    that was edited since.
-    """
+    """Raise UsageError if a file of the job is the input or, without `force`, edited or not written by cubicsplat."""
     for path in job.outputs.files():
         if job.path is not None and same_file(path, job.path):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
@@ -107,8 +103,7 @@ def earlier_report(job: Job) -> Report | None:
 def finished(job: Job, digest: str) -> Report | None:
     """Return the report of an earlier run that made all results of a job from the same input with the same settings.
 
-    None if any file is missing, incomplete, changed, made from another input or with other settings, or from a fit that
-    was interrupted.
+    None if any file is missing, incomplete, changed, of another input or other settings, or of an interrupted fit.
     """
     outputs = job.outputs
     if outputs.svg is None or not all(is_file(path) for path in outputs.results()):
@@ -145,8 +140,7 @@ class FileSink:
     """Writes each file whole to its place; an SVG without a place goes to standard output. written: the files so far.
 
     If two runs have one output, the files of the run that ends last remain: with the report, which comes last, it
-    writes again all files that the other run has replaced meanwhile. A run that is killed leaves no report of other
-    files.
+    writes again all files that the other run has replaced. A run that is killed leaves no report of other files.
     """
 
     job: Job

@@ -57,8 +57,7 @@ def fit_clip(
     precision: int = 1,
     bytes_per_second: float = math.inf,
 ) -> list[Tracks]:
-    """Fits moving curves to the frames of a clip: those of each group of frames, with a scene cut or a bound on memory
-    between two.
+    """Fits moving curves to the frames of a clip, in groups with a scene cut or a bound on memory between two.
 
     frames: pictures (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1], all of one size, each with the
     seconds at which it begins and ends; they are read as they are needed, and at most `MEMORY` bytes of them kept.
@@ -66,8 +65,7 @@ def fit_clip(
     first frame, and all else follows from them. The work is done on the CPU. count: of the frames, for progress.
     precision: decimals of coordinates in the file. bytes_per_second: about what the file may take after gzip.
 
-    A stop (Ctrl-C, the deadline of `work()`) ends the fit with the frames so far. Raises EngineError where the engine
-    fails.
+    A stop (Ctrl-C, `work()`'s deadline) ends the fit with the frames so far. Raises EngineError if the engine fails.
     """
     channels = 4 if settings.background == "none" else 3
     taken = (

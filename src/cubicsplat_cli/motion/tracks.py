@@ -120,9 +120,7 @@ class Tracks:
         return {name: track.lines(self.times) for name, track in self.by_name.items()}
 
     def at(self, frame: int, lines: dict[str, Lines]) -> tuple[EngineScene, np.ndarray]:
-        """The scene of a frame, as the engine draws it, of the curves (n,) that have an opacity there, and which they
-        are.
-        """
+        """Return the scene of a frame, as the engine draws it, and which curves (n,) it has: those with an opacity."""
         opacities = lines["opacities"].at(self.by_name["opacities"].values, frame)
         seen = np.flatnonzero(opacities[:, 0] > 0.0)
         found = {name: lines[name].at(track.values, frame, seen) for name, track in self.by_name.items()}

@@ -106,9 +106,7 @@ def colour_to_logits(colours: Array) -> Array:
 
 
 def choose_background(target: Array, settings: FitSettings, weights: Array | None = None) -> Background:
-    """Return the colour behind the curves: the given one, else the picture's (weighted) mean; none for a picture with
-    transparency.
-    """
+    """Return the colour behind the curves: the given one, else the picture's (weighted) mean; none if it has alpha."""
     if target.shape[2] == 4:
         return None
     given = settings.background_colour

@@ -32,8 +32,7 @@ class _Scale:
 class MsSsim:
     """1 - MS-SSIM against a goal (H, W, 3), or (H, W, 4) premultiplied, which counts over black and over white.
 
-    weights (H, W): of the pixels. A picture with a side below 176 px has fewer scales, with one below 11 px a smaller
-    window.
+    weights (H, W): of the pixels. Pictures with a side below 176 px have fewer scales, below 11 px a smaller window.
     """
 
     def __init__(self, goal: Tensor, weights: Tensor | None = None) -> None:

@@ -60,9 +60,7 @@ def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
 
 
 def _sample(picture: np.ndarray, part: PhotoPart) -> Window:
-    """Return the window of SAMPLE px a side at most, within that of a part, with the most change between neighbours
-    that belong to the part.
-    """
+    """Return the window of at most SAMPLE px a side, within that of a part, with the most change in the part."""
     steps = largest(np.abs(np.gradient(picture[part.window], axis=(0, 1))).sum(axis=0)) * part.mask
     change = ndimage.uniform_filter(steps, (SAMPLE, SAMPLE))
     ends, whole = [], 2 * BLOCK  # of a JPEG's chroma at half the size, so that its compression can be repeated

@@ -50,8 +50,7 @@ class Result:
     """A vectorised picture.
 
     svg: the text of the file. scene: its curves, in pixels of the picture; in layers if any shape has shading. report:
-    the figures. pixels: (H, W, 4) uint8 straight RGBA, the SVG drawn by an independent renderer; None if it was not
-    measured.
+    the figures. pixels: (H, W, 4) uint8 straight RGBA, the SVG drawn by an independent renderer; None if unmeasured.
     """
 
     svg: str
