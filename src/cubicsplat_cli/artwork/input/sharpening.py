@@ -111,14 +111,13 @@ def _even(levels: np.ndarray) -> np.ndarray:
 
 
 def _even_range(levels: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the largest value of the even pixels in windows of an odd size around each pixel, -inf and
-    inf where there are none.
+    """Return the least and the largest value of the even pixels in windows of an odd size around each pixel, inf and
+    -inf where there are none.
     """
     even, window = _even(levels)[..., None], (size, size, 1)
     low = ndimage.minimum_filter(np.where(even, levels, np.float32(np.inf)), window)
     high = ndimage.maximum_filter(np.where(even, levels, np.float32(-np.inf)), window)
-    known = low <= high
-    return np.where(known, low, np.float32(-np.inf)), np.where(known, high, np.float32(np.inf))
+    return low, high
 
 
 def _range(levels: np.ndarray, size: int) -> np.ndarray:
