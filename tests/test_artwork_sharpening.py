@@ -1,6 +1,8 @@
-"""Halos of sharpened pictures: found where they are, and taken off."""
+"""Halos of sharpened pictures: found where they are, and taken off; and unsharp masks, undone."""
 
 from __future__ import annotations
+
+import io
 
 import numpy as np
 import pytest
@@ -40,6 +42,13 @@ def levels_of(image: Image.Image) -> np.ndarray:
     return as_levels(np.asarray(image, np.float32) / np.float32(255.0))
 
 
+def as_jpeg(image: Image.Image, quality: int = 85) -> Image.Image:
+    """Return a picture as a JPEG keeps it."""
+    file = io.BytesIO()
+    image.save(file, "JPEG", quality=quality)
+    return Image.open(file).convert("RGB")
+
+
 @pytest.mark.parametrize("resampling", [Image.Resampling.LANCZOS, Image.Resampling.BICUBIC])
 @pytest.mark.parametrize("gradient", [False, True])
 def test_without_halos_a_picture_is_nearer_to_the_areas_that_shapes_cover(resampling, gradient):
@@ -59,6 +68,19 @@ def test_an_unsharp_mask_is_told_by_its_amount_and_radius(radius, percent, groun
     assert mask.amount == pytest.approx(percent / 100, rel=0.15)
     before, after = (np.square(levels - levels_of(plain)).mean() ** 0.5 for levels in (sharp, mask.undone(sharp)))
     assert after < 0.4 * before
+
+
+@pytest.mark.parametrize(("radius", "percent"), [(1.0, 100), (1.3, 70), (2.0, 150)])
+@pytest.mark.parametrize("ground", ["#dddddd", "white"])
+@pytest.mark.parametrize("told", [True, False])
+def test_an_unsharp_mask_under_a_jpeg_is_told_by_the_profiles_of_edges(radius, percent, ground, told):
+    plain = icon(ground=ground).resize((SIDE, SIDE), Image.Resampling.BOX)
+    compressed = levels_of(as_jpeg(plain))
+    assert unsharp_mask(compressed, lossy=told) is None
+    sharp = levels_of(as_jpeg(plain.filter(ImageFilter.UnsharpMask(radius, percent, 0))))
+    undone = unsharp_mask(sharp, lossy=told).undone(sharp)
+    least, before, after = (np.square(p - levels_of(plain)).mean() ** 0.5 for p in (compressed, sharp, undone))
+    assert after < 1.3 * least < 0.85 * before
 
 
 @given(amount=st.floats(0.1, 1.5), radius=st.floats(0.5, 4.0), seed=st.integers(0, 99))
@@ -81,11 +103,13 @@ def test_a_translucent_picture_or_noise_has_no_unsharp_mask():
     noise[..., 3] = 255.0
     for picture in (noise, noise[:9], noise[:1, :1], np.full_like(noise, 255.0)):
         assert unsharp_mask(picture) is None
+        assert unsharp_mask(picture, lossy=True) is None
 
 
-def test_a_sharpened_picture_has_the_shapes_of_the_plain_one():
+@pytest.mark.parametrize("saved", [lambda image: image, as_jpeg])
+def test_a_sharpened_picture_has_the_shapes_of_the_plain_one(saved):
     plain = icon().resize((SIDE, SIDE), Image.Resampling.BOX)
-    sharp = plain.filter(ImageFilter.UnsharpMask(2.0, 150, 2))
+    sharp = saved(plain.filter(ImageFilter.UnsharpMask(2.0, 150, 2)))
     reports = [vectorize(np.asarray(image), threads=1).report for image in (plain, sharp)]
     assert reports[0].shapes == reports[1].shapes
     assert NOTE in " ".join(reports[1].notes)

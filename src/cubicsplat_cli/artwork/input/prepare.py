@@ -130,10 +130,10 @@ def without_filters(levels: np.ndarray, *, lossy: bool = False) -> tuple[np.ndar
     """
     plain = without_subpixels(levels)
     notes = [] if plain is levels else ["text drawn without the colour fringes that it has for LCDs"]
-    if lossy:
-        return plain, notes
-    mask = unsharp_mask(plain)
-    found = without_halos(mask.undone(plain) if mask else plain)
+    mask = unsharp_mask(plain, lossy=lossy)
+    found = mask.undone(plain) if mask else plain
+    if not lossy:
+        found = without_halos(found)
     return found, notes if found is plain else [*notes, HALOS]
 
 

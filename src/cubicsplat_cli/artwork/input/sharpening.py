@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -31,19 +32,39 @@ STARTS = tuple(itertools.product((0.4, 1.2), (1.0, 2.0, 3.2)))  # amounts and px
 # Amounts, and px of radius. A narrower mask is like the filters that reduce pictures; a stronger or wider one flattens
 # any picture.
 WEAKEST, STRONGEST, NARROWEST, WIDEST = 0.2, 3.0, 0.8, 3.5
-LEAST_FLATTENED = 0.06  # of the pixels that are not flat; reduction by Lanczos' filter leaves 0.05
+LEAST_BEND = 0.5  # amount times squared radius in px of a narrow mask, which tells it; Lanczos' filter has at most 0.4
+# Of the pixels that are not flat, or of the logarithms of the misfits of profiles, at least so large a share goes with
+# a mask; reduction by Lanczos' filter leaves 0.05.
+LEAST_GAIN = 0.06
+SIDE = 7  # px of a profile on each side of its edge: a mask of 2 px changes nothing beyond
+PLACES = np.linspace(-0.6, 0.6, 13)  # px of an edge from the middle of its profile
+# Shares of the contrast, at most: between the rows beside a profile, and between two pixels at its ends.
+TILTED, UNEVEN = 0.6, 0.08
+MOST_TRIED, MOST_PROFILES = 20_000, 600  # pixels in a channel and direction, and profiles, that are looked at
+EDGE_NOISE = 5.0  # levels by which pixels near edges are off in JPEGs of usual quality
+UNTOLD = 0.01  # weight of a pixel that is cut off at an end of the scale, where a JPEG keeps it apart by a few levels
 
 
 class UnsharpMask(NamedTuple):
-    """An unsharp mask: it adds to a picture `amount` times what a Gaussian blur of `radius` px takes away from it."""
+    """An unsharp mask: it adds to a picture `amount` times what a Gaussian blur of `radius` px takes away from it.
+
+    noise: levels by which pixels are off after it.
+    """
 
     amount: float
     radius: float
+    noise: float = 0.0
 
     def of(self, levels: np.ndarray) -> np.ndarray:
         """Return a picture (H, W, 4) in 0..255 sharpened."""
         soft = ndimage.gaussian_filter(levels, (self.radius, self.radius, 0.0), mode="nearest", truncate=3.0)
         return np.clip(levels + self.amount * (levels - soft), 0.0, 255.0)
+
+    @property
+    def likely(self) -> bool:
+        """True for the masks that programs apply, but for those that are like the filters that reduce pictures."""
+        broad = self.radius >= NARROWEST or self.amount * self.radius**2 >= LEAST_BEND
+        return WEAKEST <= self.amount <= STRONGEST and self.radius <= WIDEST and broad
 
     def undone(self, levels: np.ndarray, passes: int = 3) -> np.ndarray:
         """Return the picture (H, W, 4) in 0..255 that the mask turns into the given one, by Richardson's iteration.
@@ -57,39 +78,109 @@ class UnsharpMask(NamedTuple):
         steps = math.ceil(6.0 / math.log(1.0 + 2.0 / self.amount))
         found = levels
         for _ in range(passes):
-            low, high = _even_range(found, size + 4)
+            low, high = _even_range(found, size + 4, EVEN + 2.0 * self.noise)
             clipped = np.clip(levels, low, high)
             found = np.where(np.abs(clipped - levels) <= highest, clipped, levels)
             for _ in range(steps):
-                found = np.clip(found + (levels - self.of(found)) * (2.0 / (2.0 + self.amount)), 0.0, 255.0)
+                sharp = self.of(found)
+                off = levels - sharp
+                off[((sharp <= 0.0) | (sharp >= 255.0)) & (np.abs(off) <= self.noise)] = 0.0
+                found = np.clip(found + off * (2.0 / (2.0 + self.amount)), 0.0, 255.0)
         return found
 
 
-def unsharp_mask(levels: np.ndarray) -> UnsharpMask | None:
+def unsharp_mask(levels: np.ndarray, *, lossy: bool = False) -> UnsharpMask | None:
     """Return the unsharp mask by which an opaque picture (H, W, 4) in 0..255 was sharpened; None for none.
 
-    It is the one without which most pixels are flat. A weaker one leaves halos, and a stronger one blurs edges.
+    It is the one without which most pixels are flat. A weaker one leaves halos, and a stronger one blurs edges. In a
+    picture that was compressed with loss no pixels are flat. Its mask is the likeliest by the profiles of its edges.
     """
     if levels[..., 3].min() < 255.0:
         return None
-    window = _busiest(levels)
+    if not lossy and not rippled(levels):
+        window = _busiest(levels)
+        mask, gain = _best(lambda mask: _rough(mask.undone(window, passes=1)), _rough(window))
+    elif mask := _likeliest(_profiles(levels, levels))[0]:
+        # Halos of near edges overlap. Without them more profiles are even at their ends.
+        mask, gain = _likeliest(_profiles(levels, mask.undone(levels, passes=1)))
+    return mask if mask and mask.likely and gain >= LEAST_GAIN else None
 
-    def rough(logarithms: np.ndarray) -> float:
-        return _rough(UnsharpMask(*np.exp(logarithms).tolist()).undone(window, passes=1))
 
-    starts, most = np.log(STARTS), _rough(window)
-    start = min(starts, key=rough)
-    if rough(start) >= most:
-        return None
+def _best(cost: Callable[[UnsharpMask], float], unmasked: float) -> tuple[UnsharpMask | None, float]:
+    """Return the unsharp mask of least cost, and by what share that is lower than without one; None, 0 if it is not."""
+
+    def of(logarithms: np.ndarray) -> float:
+        return cost(UnsharpMask(*np.exp(logarithms).tolist()))
+
+    start = min(np.log(STARTS), key=of)
+    if of(start) >= unmasked:
+        return None, 0.0
     from scipy.optimize import minimize
 
     bounds = np.log([(0.5 * WEAKEST, 1.5 * STRONGEST), (0.7 * NARROWEST, 1.5 * WIDEST)])
     around = np.add(start, [[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]])
-    options = {"initial_simplex": around, "xatol": 0.03, "fatol": 1e-3 * most}
-    found = minimize(rough, start, method="Nelder-Mead", bounds=bounds, options=options)
-    mask = UnsharpMask(*np.exp(found.x).tolist())
-    likely = WEAKEST <= mask.amount <= STRONGEST and NARROWEST <= mask.radius <= WIDEST
-    return mask if likely and found.fun <= (1.0 - LEAST_FLATTENED) * most else None
+    options = {"initial_simplex": around, "xatol": 0.03, "fatol": 1e-3 * unmasked}
+    found = minimize(of, start, method="Nelder-Mead", bounds=bounds, options=options)
+    return UnsharpMask(*np.exp(found.x).tolist()), 1.0 - found.fun / unmasked
+
+
+def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
+    """Return profiles (n, 2 * SIDE + 1) of a picture (H, W, 4) across straight edges that are nearly upright or level,
+    at most MOST_PROFILES, rising; by a picture with fewer halos (H, W, 4), in which they are even at their ends.
+    """
+    reach, found = np.arange(-SIDE, SIDE + 1), [np.empty((0, 2 * SIDE + 1), dtype=np.float32)]
+    for channel in range(3):
+        for values, even in zip(_both_ways(levels[..., channel]), _both_ways(plain[..., channel]), strict=True):
+            slopes = np.abs(even[:, 2:] - even[:, :-2])
+            y, x = np.nonzero(slopes[1:-1, SIDE - 1 : 1 - SIDE] >= 0.5 * CONTRAST)
+            few = slice(None, None, 1 + len(y) // MOST_TRIED)
+            y, x = y[few, None] + 1, x[few, None] + SIDE
+            lines, steep = even[y, x + reach], slopes[y, x + np.arange(-2, 1)]
+            contrast = np.abs(lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1))
+            told = (contrast >= CONTRAST) & (steep[:, 1] > steep[:, 0]) & (steep[:, 1] >= steep[:, 2])
+            told &= np.abs(even[y - 1, x + reach] - even[y + 1, x + reach]).max(axis=1) <= TILTED * contrast
+            told &= np.abs(np.diff(lines, axis=1)[:, [0, 1, -2, -1]]).max(axis=1) <= UNEVEN * contrast
+            lines = values[y, x + reach][told]
+            found.append(np.where(lines[:, :1] > lines[:, -1:], lines[:, ::-1], lines))
+    profiles = np.concatenate(found)
+    return profiles[:: 1 + len(profiles) // MOST_PROFILES].astype(np.float64)
+
+
+def _both_ways(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return values, values.T
+
+
+def _likeliest(profiles: np.ndarray) -> tuple[UnsharpMask | None, float]:
+    """Return the unsharp mask that best explains profiles (n, 2 * SIDE + 1) of edges, as `_best` does."""
+    if len(profiles) < FEWEST:
+        return None, 0.0
+
+    def unlikely(mask: UnsharpMask) -> float:
+        return float(np.log1p(_misfits(profiles, mask) / EDGE_NOISE**2).mean())
+
+    mask, gain = _best(unlikely, unlikely(UnsharpMask(0.0, 1.0)))
+    return mask and mask._replace(noise=EDGE_NOISE), gain
+
+
+def _misfits(profiles: np.ndarray, mask: UnsharpMask) -> np.ndarray:
+    """Return the mean squares (n,), in levels, of what the nearest edges under a mask leave of profiles (n, 2 * SIDE +
+    1). An edge is a ramp of a pixel between two levels, and is cut off at the ends of the scale.
+    """
+    at = np.arange(-3 * SIDE, 3 * SIDE + 1) - PLACES[:, None]
+    ramps = np.clip(at + 0.5, 0.0, 1.0)
+    soft = ndimage.gaussian_filter(ramps.astype(np.float32), (0.0, mask.radius), mode="nearest", truncate=3.0)
+    light = (ramps + mask.amount * (ramps - soft))[:, 2 * SIDE : -2 * SIDE]
+    shares = np.stack([1.0 - light, light], axis=1)  # (places, 2, pixels), of both levels
+    ends = np.stack([profiles[:, :2].mean(axis=1), profiles[:, -2:].mean(axis=1)], axis=1)
+    sides = np.broadcast_to(ends[:, None], (len(profiles), len(PLACES), 2))
+    for _ in range(2):  # Gauss-Newton
+        drawn = np.einsum("ncs,csp->ncp", sides, shares)
+        weights = np.where((drawn > 0.0) & (drawn < 255.0), 1.0, UNTOLD)
+        normal = np.einsum("ncp,csp,ctp->ncst", weights, shares, shares)
+        toward = np.einsum("ncp,csp,ncp->ncs", weights, shares, profiles[:, None] - np.clip(drawn, 0.0, 255.0))
+        sides = np.clip(sides + np.linalg.solve(normal + UNTOLD * np.eye(2), toward[..., None])[..., 0], 0.0, 255.0)
+    drawn = np.clip(np.einsum("ncs,csp->ncp", sides, shares), 0.0, 255.0)
+    return np.asarray(np.square(profiles[:, None] - drawn).mean(axis=2).min(axis=1))
 
 
 def _busiest(levels: np.ndarray) -> np.ndarray:
@@ -105,16 +196,18 @@ def _rough(levels: np.ndarray) -> float:
     return float((squares / (squares + EVEN**2)).sum())
 
 
-def _even(levels: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool, true for the pixels of fills and gradients, away from edges and halos."""
-    return np.asarray(ndimage.maximum_filter(second_differences(levels), 3) <= EVEN)
+def _even(levels: np.ndarray, most: float) -> np.ndarray:
+    """Return (H, W) bool, true for the pixels of fills and gradients, away from edges and halos, where second
+    differences are at most so many levels.
+    """
+    return np.asarray(ndimage.maximum_filter(second_differences(levels), 3) <= most)
 
 
-def _even_range(levels: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+def _even_range(levels: np.ndarray, size: int, most: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest value of the even pixels in windows of an odd size around each pixel, inf and
     -inf where there are none.
     """
-    even, window = _even(levels)[..., None], (size, size, 1)
+    even, window = _even(levels, most)[..., None], (size, size, 1)
     low = ndimage.minimum_filter(np.where(even, levels, np.float32(np.inf)), window)
     high = ndimage.maximum_filter(np.where(even, levels, np.float32(-np.inf)), window)
     return low, high
@@ -135,11 +228,11 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     """
     if not _sharpened(levels) or rippled(levels):
         return levels
-    even, flat = _even(levels), spread(levels, 3, 3) <= FLAT
+    even, flat = _even(levels, EVEN), spread(levels, 3, 3) <= FLAT
     if flat[even].sum() <= 0.5 * even.sum():
         return levels
     flat = flat[..., None]
-    low, high = _even_range(levels, 2 * REACH + 1)
+    low, high = _even_range(levels, 2 * REACH + 1, EVEN)
     clipped = np.clip(levels, low, high)
     clipped = np.where(np.abs(clipped - levels) <= MOST * (high - low), clipped, levels)
     known, side = flat, np.where(flat, clipped, np.float32(0.0))
