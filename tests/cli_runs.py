@@ -60,7 +60,7 @@ def on_terminal(arguments: list[object], monkeypatch: pytest.MonkeyPatch, **envi
     reader.start()
     try:
         with os.fdopen(child, "wb", buffering=0) as terminal:
-            done = run_here(*arguments, stderr=terminal)
+            done = run_here(*arguments, stderr=terminal, code=None)
     finally:
         reader.join(timeout=30)
         os.close(parent)

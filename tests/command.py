@@ -54,12 +54,13 @@ def run_here(
     stdin: IO[bytes] | None = None,
     stderr: IO[bytes] | None = None,
     program: Callable[[], NoReturn] = main,
+    code: int | None = 0,
 ) -> Done:
     """`cubicsplat` in this process: the same entry point, exit code and bytes, without starting Python and torch.
 
     What the command changes of the process is put back. An exception that users would see as a traceback is raised.
     data, stdin: what standard input holds, or is. stderr: where standard error goes instead of into the result.
-    program: in place of `cubicsplat`.
+    program: in place of `cubicsplat`. code: the exit code that it must have, if any.
     """
     with ExitStack() as stack:
         given, stdout, errors = (stack.enter_context(tempfile.TemporaryFile()) for _ in range(3))
@@ -68,8 +69,10 @@ def run_here(
         command = ["cubicsplat", *map(str, arguments)]
         with _process_state(), _streams(stdin or given, stdout, stderr or errors), _plain_warnings():
             sys.argv = command
-            code = _exit_code(program)
-        return Done(command, code, _content(stdout), _content(errors))
+            ended = _exit_code(program)
+        done = Done(command, ended, _content(stdout), _content(errors))
+        assert code in (None, ended), done
+        return done
 
 
 def run_as_process(command: list[str], streams: list[int]) -> NoReturn:

@@ -99,14 +99,14 @@ def package(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monkey
 
 @pytest.fixture(scope="session")
 def run_cli() -> Callable[..., Done]:
-    """Run `cubicsplat` with arguments, in this process; stdout and stderr are bytes."""
+    """Run `cubicsplat` with arguments, in this process, as `run_here` does; stdout and stderr are bytes."""
     return run_here
 
 
 @pytest.fixture(scope="session")
 def run_benchmark() -> Callable[..., Done]:
-    """Run `python -m benchmarks.NAME` with arguments, in this process; stdout and stderr are bytes."""
-    return lambda name, *arguments: run_here(*arguments, program=lambda: benchmarks.main(command_of(name)))
+    """Run `python -m benchmarks.NAME` with arguments, in this process, as `run_here` runs the command."""
+    return lambda name, *given, **how: run_here(*given, program=lambda: benchmarks.main(command_of(name)), **how)
 
 
 def command_of(name: str) -> Callable[..., None]:

@@ -238,17 +238,16 @@ def test_the_library_cuts_out():
 def test_the_command_cuts_out_and_makes_anew_what_was_stacked(run_cli, tmp_path):
     Image.fromarray(picture()).save(tmp_path / "logo.png")
     arguments = (str(tmp_path / "logo.png"), "--style", "artwork", "--threads", "1")
-    assert run_cli("vectorize", *arguments).returncode == 0
+    run_cli("vectorize", *arguments)
     stacked = (tmp_path / "logo.svg").read_bytes()
-    done = run_cli("vectorize", *arguments, "--stacking", "cutout")
-    assert done.returncode == 0, done.stderr
+    run_cli("vectorize", *arguments, "--stacking", "cutout")
     cut = (tmp_path / "logo.svg").read_bytes()
     assert cut != stacked
     assert json.loads((tmp_path / "logo.json").read_text())["settings"]["artwork"]["stacking"] == "cutout"
-    assert run_cli("vectorize", *arguments, "--stacking", "cutout").returncode == 0
+    run_cli("vectorize", *arguments, "--stacking", "cutout")
     assert (tmp_path / "logo.svg").read_bytes() == cut
-    assert run_cli("eval", str(tmp_path / "logo.png"), str(tmp_path / "logo.svg")).returncode == 0
-    assert run_cli("render", str(tmp_path / "logo.svg"), "-o", str(tmp_path / "drawn.png")).returncode == 0
+    run_cli("eval", str(tmp_path / "logo.png"), str(tmp_path / "logo.svg"))
+    run_cli("render", str(tmp_path / "logo.svg"), "-o", str(tmp_path / "drawn.png"))
 
 
 def test_what_contradicts_a_cutout_is_refused():

@@ -29,7 +29,6 @@ BOUNDS = {
 def test_a_drawing_comes_as_near_in_as_much(run_benchmark, name):
     most, least, coordinates = BOUNDS[name]
     done = run_benchmark("artwork", SAMPLES, "--size", SIZE, "--only", name, "--json")
-    assert done.returncode == 0, done.stderr
     (run,) = json.loads(done.stdout)["runs"]
     assert run["delta_e"] <= most
     assert run["psnr_4x_db"] >= least

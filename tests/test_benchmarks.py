@@ -33,7 +33,7 @@ def test_every_program_is_in_the_table_and_nothing_else():
 @pytest.mark.parametrize("name", NAMES)
 def test_every_program_has_help(name, run_benchmark):
     done = run_benchmark(name, "--help")
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stderr == b""
     text = done.stdout.decode()
     assert text.startswith(f"Usage: python -m benchmarks.{name} [OPTIONS] ")
     assert command_of(name).__doc__.splitlines()[0] in text
@@ -48,8 +48,8 @@ def test_a_program_runs_as_a_module_and_its_errors_are_one_line():
 
 
 def test_wrong_options_are_refused(run_benchmark):
-    done = run_benchmark("artwork", "--sizes", 3)
-    assert (done.returncode, done.stderr.startswith(b"cubicsplat: error: ")) == (2, True)
+    done = run_benchmark("artwork", "--sizes", 3, code=2)
+    assert done.stderr.startswith(b"cubicsplat: error: ")
 
 
 def test_rows_inputs_and_limits_are_documented():

@@ -155,7 +155,6 @@ def test_public_names_exist():
 
 def test_doctor_reports_versions_renderers_and_engine(run_cli, capsys):
     done = run_cli("doctor", "--json")
-    assert done.returncode == 0, done.stdout
     found = json.loads(done.stdout)
     assert found["version"] == __version__
     assert found["problems"] == []
@@ -228,23 +227,21 @@ def test_completion_knows_commands_options_and_choices(run_cli, monkeypatch):
 
 @pytest.mark.parametrize("arguments", [["vectorize", ""], ["vectorize", "x.png", "-o", ""]])
 def test_an_empty_name_is_an_unset_variable(arguments, run_cli):
-    done = run_cli(*arguments)
-    assert done.returncode == 2
+    done = run_cli(*arguments, code=2)
     assert b"a file name is empty" in done.stderr
 
 
 @pytest.mark.parametrize(("moved", "module"), [("artwork", "artwork"), ("paper", "paper"), ("thorns", "spikes")])
 def test_a_benchmark_that_moved_says_where_to(moved, module, run_cli):
-    done = run_cli("bench", moved, "DIR", "--json")
-    assert done.returncode == 2
+    done = run_cli("bench", moved, "DIR", "--json", code=2)
     assert done.stderr.decode() == (
         f"cubicsplat: error: bench {moved} is now `python -m benchmarks.{module}`, to be run in a checkout\n"
     )
 
 
 def test_an_unknown_command_of_a_group_is_told_its_commands(run_cli):
-    assert run_cli("bench", "speed").stderr.decode().endswith("the commands are step, quality\n")
-    assert run_cli("bench", "qualty").stderr.decode().endswith("did you mean quality?\n")
+    assert run_cli("bench", "speed", code=2).stderr.decode().endswith("the commands are step, quality\n")
+    assert run_cli("bench", "qualty", code=2).stderr.decode().endswith("did you mean quality?\n")
 
 
 def asked_by(run_cli, monkeypatch, *arguments: str) -> Request:
@@ -258,8 +255,7 @@ def asked_by(run_cli, monkeypatch, *arguments: str) -> Request:
         raise UsageError("enough")
 
     monkeypatch.setattr(module, "plan", planned)
-    done = run_cli("vectorize", "x.png", *arguments)
-    assert asked, done.stderr
+    run_cli("vectorize", "x.png", *arguments, code=2)
     return asked[0]
 
 
@@ -300,5 +296,5 @@ def test_the_library_takes_the_same_names_and_those_of_earlier_versions():
     ],
 )
 def test_a_wrong_set_is_one_clear_line(given, said, run_cli):
-    done = run_cli("vectorize", "x.png", "--set", given)
-    assert (done.returncode, done.stderr.decode()) == (2, f"cubicsplat: error: {said}\n")
+    done = run_cli("vectorize", "x.png", "--set", given, code=2)
+    assert done.stderr.decode() == f"cubicsplat: error: {said}\n"

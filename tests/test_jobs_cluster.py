@@ -82,18 +82,16 @@ def test_a_cluster_makes_the_same_files_and_survives_a_dead_worker(address, tmp_
     assert b"bad.png: is not a picture" in errors
     status = {name: value["status"] for name, value in json_lines(output.read_bytes()).items()}
     assert status == {"a.png": "done", "b.png": "done", "c.png": "done", "bad.png": "failed"}, errors
-    again = run_cli(*arguments, "-o", tmp_path / "far")
+    again = run_cli(*arguments, "-o", tmp_path / "far", code=1)
     assert [value["status"] for value in json_lines(again.stdout).values()].count("unchanged") == 3
     (tmp_path / "in" / "bad.png").unlink()
-    near = run_cli(*arguments, "-o", tmp_path / "near", "-j", 2)
-    assert near.returncode == 0, near.stderr
+    run_cli(*arguments, "-o", tmp_path / "near", "-j", 2)
     assert contents(tmp_path / "near") == contents(tmp_path / "far")
 
 
 @pytest.mark.slow
 def test_one_picture_on_a_cluster(address, photo, run_cli):
     done = run_cli("vectorize", photo, "-o", photo.parent / "x.svgz", "--cluster", address, *SHORT)
-    assert done.returncode == 0, done.stderr
     assert (photo.parent / "x.svgz").read_bytes().startswith(b"\x1f\x8b")
     assert done.stderr.decode().count("\n") == 1
 
@@ -116,6 +114,5 @@ def test_one_gpu_or_some_cores_a_task():
 
 def test_without_ray_the_command_says_how_to_get_it(photo, run_cli, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    done = run_cli("vectorize", photo, "--cluster", "127.0.0.1:1", *SHORT)
-    assert done.returncode == 1
+    done = run_cli("vectorize", photo, "--cluster", "127.0.0.1:1", *SHORT, code=1)
     assert b"pip install 'cubicsplat[ray]'" in done.stderr

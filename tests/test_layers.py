@@ -88,9 +88,7 @@ def test_the_command_writes_layers_and_removes_those_of_colours_that_are_gone(tm
     out = tmp_path / "layers"
     run = ("vectorize", tmp_path / "a.png", "--layers", out, "--threads", 1, "--no-measure")
     done = run_cli(*run)
-    assert (done.returncode, done.stderr.strip().endswith(b"3 layers in " + str(out).encode())) == (0, True), (
-        done.stderr
-    )
+    assert done.stderr.strip().endswith(b"3 layers in " + str(out).encode()), done.stderr
     assert [path.name[:4] for path in sorted(out.iterdir())] == ["a-01", "a-02", "a-03"]
     assert '"stacking": "cutout"' in (tmp_path / "a.json").read_text()
     assert run_cli(*run, "--dry-run").stdout.startswith(b"unchanged")
@@ -100,14 +98,14 @@ def test_the_command_writes_layers_and_removes_those_of_colours_that_are_gone(tm
     done = run_cli(*run)
     assert (b"unchanged" in done.stderr, missing.read_bytes()) == (True, content), "made again without a drawing"
     (out / "a-99-123456.svg").write_text("mine")
-    done = run_cli(*run, "--colors", 2)
-    assert (done.returncode, b"was not written by cubicsplat" in done.stderr) == (2, True)
+    done = run_cli(*run, "--colors", 2, code=2)
+    assert b"was not written by cubicsplat" in done.stderr
     (out / "a-99-123456.svg").unlink()
-    assert run_cli(*run, "--colors", 2).returncode == 0
+    run_cli(*run, "--colors", 2)
     assert len(list(out.iterdir())) == 2, "the third colour's layer went with it"
     edited = min(out.iterdir())
     edited.write_text(edited.read_text().replace("</svg>", "<!-- mine --></svg>"))
-    assert b"was edited" in run_cli(*run, "--colors", 3).stderr
+    assert b"was edited" in run_cli(*run, "--colors", 3, code=2).stderr
 
 
 def test_folders_have_layers_below_as_their_pictures_are(tmp_path, run_cli):
@@ -118,14 +116,13 @@ def test_folders_have_layers_below_as_their_pictures_are(tmp_path, run_cli):
     jobs = plan([str(tmp_path / "in")], str(tmp_path / "out"), request, recursive=True).jobs
     assert [job.outputs.layers for job in jobs] == [tmp_path / "layers" / "a", tmp_path / "layers" / "b" / "a"]
     assert jobs[0].outputs.place("layer 01-ff8800") == tmp_path / "layers" / "a-01-ff8800.svg"
-    done = run_cli("vectorize", tmp_path / "in/a.png", tmp_path / "in/b/a.png", "--layers", tmp_path / "layers")
-    assert (done.returncode, b"would both give" in done.stderr) == (2, True)
+    done = run_cli("vectorize", tmp_path / "in/a.png", tmp_path / "in/b/a.png", "--layers", tmp_path / "layers", code=2)
+    assert b"would both give" in done.stderr
 
 
 @pytest.mark.slow  # two processes start
 def test_workers_write_layers(tmp_path, run_cli):
     for name in ("a.png", "b.png"):
         sign(16).save(tmp_path / name)
-    done = run_cli("vectorize", tmp_path, "-j", 2, "--threads", 1, "--svg-only", "--layers", tmp_path / "layers")
-    assert done.returncode == 0, done.stderr
+    run_cli("vectorize", tmp_path, "-j", 2, "--threads", 1, "--svg-only", "--layers", tmp_path / "layers")
     assert {path.name[:2] for path in (tmp_path / "layers").iterdir()} == {"a-", "b-"}

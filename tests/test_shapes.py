@@ -125,8 +125,7 @@ def test_the_list_of_geometrize(run_cli, photo, tmp_path):
     listed = tmp_path / "shapes.json"
     command = ("vectorize", photo, "--curves", 6, "--steps", 30, "--threads", 1, "--no-png", "-q")
     for kind, number, length in (("ellipse", 4, 5), ("rectangle", 1, 5), ("triangle", 2, 6)):
-        done = run_cli(*command, "--shapes", kind, "--geometrize", listed)
-        assert done.returncode == 0, done.stderr
+        run_cli(*command, "--shapes", kind, "--geometrize", listed)
         background, *shapes = json.loads(listed.read_text())
         size = strict_json(photo.with_suffix(".json").read_bytes())["input"]
         assert (background["type"], background["data"]) == (0, [0, 0, size["width"], size["height"]])

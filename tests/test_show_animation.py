@@ -62,8 +62,7 @@ def test_few_frames_are_all_shown(scene):
 def test_the_command_writes_the_fit_as_it_develops(run_cli, photo, form):
     out, plain = photo.with_name(f"a.{form}"), photo.with_name("plain.svg")
     run_cli("vectorize", photo, *FIT, "-o", plain)
-    done = run_cli("vectorize", photo, *FIT, "--animation", out)
-    assert done.returncode == 0, done.stderr
+    run_cli("vectorize", photo, *FIT, "--animation", out)
     # To watch a fit does not change it.
     assert photo.with_suffix(".svg").read_text().split("-->")[1] == plain.read_text().split("-->")[1]
     goal = np.asarray(Image.open(photo).convert("RGB")).astype(float)
@@ -87,10 +86,9 @@ def test_artwork_is_shown_as_it_is_laid_down(run_cli, tmp_path):
     pixels = np.full((24, 40, 3), 255, np.uint8)
     pixels[4:20, 4:16], pixels[8:16, 22:34] = (200, 30, 30), (30, 60, 160)
     Image.fromarray(pixels).save(tmp_path / "flat.png")
-    done = run_cli(
+    run_cli(
         "vectorize", tmp_path / "flat.png", "--style", "artwork", "--threads", 1, "--animation", tmp_path / "a.webp"
     )
-    assert done.returncode == 0, done.stderr
     with Image.open(tmp_path / "a.webp") as image:
         assert image.n_frames == 3
 
@@ -100,14 +98,14 @@ def test_artwork_is_shown_as_it_is_laid_down(run_cli, tmp_path):
     [(("--animation", "a.mp4"), b"must end in .webp or .gif"), (("b.png", "--animation", "a.gif"), b"of one picture")],
 )
 def test_what_cannot_be_is_said_before_the_work(run_cli, photo, more, words):
-    done = run_cli("vectorize", photo, *more)
-    assert (done.returncode, words in done.stderr) == (2, True)
+    done = run_cli("vectorize", photo, *more, code=2)
+    assert words in done.stderr
 
 
 def test_the_animation_of_somebody_else_is_kept(run_cli, photo):
     mine = photo.with_name("mine.gif")
     Image.fromarray(smooth_pixels(8, 8)).save(mine)
     before = mine.read_bytes()
-    assert run_cli("vectorize", photo, *FIT, "--animation", mine).returncode == 2
+    run_cli("vectorize", photo, *FIT, "--animation", mine, code=2)
     assert mine.read_bytes() == before
     assert not Path(photo.with_suffix(".svg")).exists()

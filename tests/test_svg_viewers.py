@@ -36,8 +36,7 @@ def drawing(request, tmp_path_factory, run_cli) -> Path:
         (folder / "x.svg").write_text(write_drawing(made, title="logo", comment="c"), encoding="utf-8")
         return folder / "x.svg"
     name, *options = FITS[request.param]
-    done = run_cli("vectorize", SAMPLES / name, "-o", folder / "x.svg", *options)
-    assert done.returncode == 0, done.stderr
+    run_cli("vectorize", SAMPLES / name, "-o", folder / "x.svg", *options)
     return folder / "x.svg"
 
 
