@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli_runs import strict_json
 from conftest import smooth_pixels
 from PIL import Image
 from typer.testing import CliRunner
@@ -30,10 +31,6 @@ def run(command: str, *arguments: object):
     return CliRunner().invoke(bench, [command, *(str(argument) for argument in arguments)])
 
 
-def strict(text: str) -> dict:
-    return json.loads(text, parse_constant=pytest.fail)
-
-
 def quiet(_name: str):
     return nullcontext(None)
 
@@ -50,7 +47,7 @@ def test_quality_reports_what_the_files_are_worth(two_pictures, tmp_path):
     cache = tmp_path / "cache"
     done = run("quality", two_pictures, "--curves", "5,8", "--mode", "closed,open", *SHORT, "--cache", cache, "--json")
     assert done.exit_code == 0, done.exception
-    found = strict(done.stdout)
+    found = strict_json(done.stdout)
     assert list(found["means"]) == ["closed 5", "closed 8", "open 5", "open 8"]
     assert len(found["runs"]) == 8
     kept = {path.name.rsplit("-", 1)[0]: path for path in cache.glob("*.svg")}
@@ -98,7 +95,7 @@ def test_a_bad_picture_is_reported_once_and_the_others_go_on(two_pictures):
     (two_pictures / "aa.png").write_text("no picture")
     done = run("quality", two_pictures, "--curves", "4,5", *SHORT, "--json")
     assert done.exit_code == 1
-    found = strict(done.stdout)
+    found = strict_json(done.stdout)
     assert len(found["runs"]) == 4
     assert [failure["picture"] for failure in found["failed"]] == ["aa.png"]
     assert done.stderr.splitlines()[-1].startswith("cubicsplat: failed: aa.png: ")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
+from cli_runs import strict_json
 
 from benchmarks import ablation
 from cubicsplat_cli.bench import runs
@@ -12,10 +11,6 @@ from cubicsplat_cli.errors import EngineError, UsageError
 from cubicsplat_cli.settings import FitSettings
 
 SHORT = ("--steps", 12, "--threads", 1)
-
-
-def strict(text: bytes) -> dict:
-    return json.loads(text, parse_constant=pytest.fail)
 
 
 def test_ablation_rows_are_settings_that_exist_and_that_change_something():
@@ -30,7 +25,7 @@ def test_ablation_rows_are_settings_that_exist_and_that_change_something():
 def test_ablation_table_and_json_agree(run_benchmark, two_pictures, tmp_path):
     options = ("--curves", "4,6", "--mode", "closed,open", "--rows", "opaque,no pruning", "--cache", tmp_path / "c")
     done = run_benchmark("ablation", two_pictures, *options, *SHORT, "--json")
-    found = strict(done.stdout)
+    found = strict_json(done.stdout)
     rows = found["rows"]
     assert [row["row"] for row in rows[:3]] == ["base", "no pruning", "opaque"], "in the order of the table"
     assert len(rows) == 12
@@ -62,7 +57,7 @@ def test_change_is_over_the_pictures_that_both_have(run_benchmark, two_pictures,
     done = run_benchmark(
         "ablation", two_pictures, "--curves", 4, "--mode", "closed", "--rows", "opaque", *SHORT, "--json", code=1
     )
-    found = strict(done.stdout)
+    found = strict_json(done.stdout)
     base, opaque = found["rows"]
     levels = {(run["picture"], run["configuration"]): run["psnr_db"] for run in found["runs"]}
     want = levels["a.png", "closed 4, opaque"] - levels["a.png", "closed 4, base"]

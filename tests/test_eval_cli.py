@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
 import typer
+from cli_runs import strict_json
 from conftest import smooth_pixels
 from PIL import Image
 from scenes import PAPER, random_scene
@@ -41,10 +41,6 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     return references, candidates
 
 
-def strict(text: str) -> dict:
-    return json.loads(text, parse_constant=pytest.fail)
-
-
 def test_folders_are_judged_pair_by_pair_and_failures_come_last(folders):
     done = run(*folders)
     assert done.exit_code == 1
@@ -63,7 +59,7 @@ def test_json_and_csv_of_folders_hold_every_pair_and_the_means(folders, tmp_path
     table = tmp_path / "table.csv"
     done = run(*folders, "--json", "--csv", table, "-q")
     assert (done.exit_code, done.stderr) == (0, "")
-    found = strict(done.stdout)
+    found = strict_json(done.stdout)
     levels = [pair["quality"]["psnr_db"] for pair in found["pairs"]]
     assert len(levels) == 2
     assert found["mean"]["psnr_db"] == pytest.approx(sum(levels) / 2, abs=1e-3)
@@ -79,7 +75,7 @@ def test_one_pair_that_cannot_be_judged_does_not_stop_the_others(folders):
     (folders[1] / "c.svg").write_text("no svg")
     done = run(*folders, "--json")
     assert done.exit_code == 1
-    found = strict(done.stdout)
+    found = strict_json(done.stdout)
     assert [Path(pair["candidate"]["path"]).name for pair in found["pairs"]] == ["a.svg", "b.png"]
     assert "is no SVG" in found["failed"][0]["error"]
     for path in folders[1].iterdir():
