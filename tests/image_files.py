@@ -7,7 +7,7 @@ import struct
 import zlib
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageCms
 
 NOISE = np.random.default_rng(7).integers(0, 256, (13, 17, 3), dtype=np.uint8)
 
@@ -26,6 +26,20 @@ def recoded(picture: Image.Image | np.ndarray, file_format: str = "JPEG", **opti
         return np.array(image)
 
 
+def swapped_profile(other: bytes = b"bXYZ") -> bytes:
+    """An RGB profile whose red and blue (or other) primaries are exchanged, so that applying it cannot go unnoticed."""
+    data = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
+    for at in range(132, 132 + 12 * struct.unpack_from(">I", data, 128)[0], 12):
+        name = bytes(data[at : at + 4])
+        if name in (b"rXYZ", other):
+            data[at : at + 4] = other if name == b"rXYZ" else b"rXYZ"
+        if name == b"desc":
+            offset, size = struct.unpack_from(">II", data, at + 4)
+            text = bytes(data[offset : offset + size])
+            data[offset : offset + size] = text.replace("sRGB".encode("utf-16-be"), "swap".encode("utf-16-be"))
+    return bytes(data)
+
+
 def png_chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
@@ -33,10 +47,6 @@ def png_chunk(kind: bytes, body: bytes) -> bytes:
 def png_of(width: int, height: int, depth: int, colour_type: int, rows: bytes, *extra: bytes) -> bytes:
     """A PNG written by hand, for what Pillow does not write (bombs, 16-bit colour, a grey key value)."""
     header = struct.pack(">IIBBBBB", width, height, depth, colour_type, 0, 0, 0)
-    chunks = [
-        png_chunk(b"IHDR", header),
-        *extra,
-        png_chunk(b"IDAT", zlib.compress(rows)),
-        png_chunk(b"IEND", b""),
-    ]
+    data = png_chunk(b"IDAT", zlib.compress(rows))
+    chunks = [png_chunk(b"IHDR", header), *extra, data, png_chunk(b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)

@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 import pytest
-from image_files import NOISE, encode, png_chunk, png_of
+from image_files import NOISE, encode, png_chunk, png_of, swapped_profile
 from PIL import Image, ImageCms
 
 from cubicsplat_cli.errors import InputError
@@ -269,28 +269,11 @@ def test_animated_first_frame_with_a_note(file_format):
     assert any("first" in note for note in picture.notes)
 
 
-def swapped_profile() -> bytes:
-    """An RGB profile whose red and blue primaries are exchanged, so that applying it cannot go unnoticed."""
-    data = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
-    count = struct.unpack_from(">I", data, 128)[0]
-    for index in range(count):
-        at = 132 + 12 * index
-        name = bytes(data[at : at + 4])
-        if name in (b"rXYZ", b"bXYZ"):
-            data[at : at + 4] = b"bXYZ" if name == b"rXYZ" else b"rXYZ"
-        if name == b"desc":
-            offset, size = struct.unpack_from(">II", data, at + 4)
-            text = bytes(data[offset : offset + size])
-            data[offset : offset + size] = text.replace("sRGB".encode("utf-16-be"), "swap".encode("utf-16-be"))
-    return bytes(data)
-
-
 @pytest.mark.parametrize("mode", ["RGB", "RGBA", "P"])
 def test_embedded_profile_is_applied(mode):
     image = Image.new("RGBA", (4, 4), (255, 0, 0, 255))
     image.putpixel((0, 0), (0, 0, 0, 0))
-    options = {"icc_profile": swapped_profile()}
-    picture = load_picture(encode(image.convert(mode), **options))
+    picture = load_picture(encode(image.convert(mode), icc_profile=swapped_profile()))
     assert np.allclose(picture.rgb[2, 2], [0, 0, 1], atol=0.02)
     assert picture.notes == ()
     if mode == "RGBA":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,8 +11,8 @@ import numpy as np
 import pytest
 from cli_runs import SHORT, contents, json_lines
 from conftest import smooth_pixels
-from image_files import encode, png_chunk, png_of
-from PIL import Image, ImageCms
+from image_files import encode, png_chunk, png_of, swapped_profile
+from PIL import Image
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import read_file
@@ -51,17 +50,7 @@ def animated() -> bytes:
 
 def other_profile() -> bytes:
     """Pixels (0, 255, 0) of a profile whose primaries are swapped: what is called green is red."""
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    tags = bytearray(profile)
-    count = struct.unpack(">I", tags[128:132])[0]
-    for entry in range(132, 132 + 12 * count, 12):
-        name = bytes(tags[entry : entry + 4])
-        if name in (b"rXYZ", b"gXYZ"):
-            tags[entry : entry + 4] = b"gXYZ" if name == b"rXYZ" else b"rXYZ"
-    description = tags.find(b"s\0R\0G\0B")
-    if description >= 0:
-        tags[description : description + 2] = b"x\0"
-    return encode(Image.new("RGB", (24, 20), (0, 255, 0)), icc_profile=bytes(tags))
+    return encode(Image.new("RGB", (24, 20), (0, 255, 0)), icc_profile=swapped_profile(b"gXYZ"))
 
 
 def grey_with_alpha() -> bytes:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import base64
-import io
 import re
-import struct
-import zlib
 
 import numpy as np
 import pytest
-from image_files import recoded
+from image_files import encode, png_of, recoded
 from PIL import Image
 from test_svg_viewers import AGREEMENT_DB, agreement
 
@@ -326,9 +323,7 @@ PNG = base64.b64encode(b"\x89PNG\r\n\x1a\n" + bytes(40)).decode()
 
 def png(width: int, height: int) -> bytes:
     """A PNG whose header says it has so many pixels, and that has none."""
-    chunks = b"IHDR" + struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0), b"IDAT", b"IEND"
-    framed = [struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+    return png_of(width, height, 1, 0, b"")
 
 
 @pytest.mark.parametrize(
@@ -351,10 +346,9 @@ def test_other_references_are_no_pictures(uri):
 
 
 def test_a_jpeg_that_a_renderer_may_take_for_an_svg_is_refused():
-    file = io.BytesIO()
-    Image.new("RGB", (9, 9)).save(file, "JPEG", comment=b"<svg onload='x'/>")
+    file = encode(Image.new("RGB", (9, 9)), "JPEG", comment=b"<svg onload='x'/>")
     with pytest.raises(ValueError, match="plain PNG or JPEG"):
-        picture_in(uri_of(file.getvalue()))
+        picture_in(uri_of(file))
 
 
 @pytest.mark.parametrize("name", ["cairosvg", "resvg"])

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import rest_slow, smooth_pixels
+from image_files import encode
 from PIL import Image, ImageDraw
 
 from cubicsplat_cli import vectorize
@@ -34,26 +35,10 @@ SHORT = {"curves": 9, "steps": 60, "threads": 1}
 FRAME = 34_000  # bytes of a page beside what it shows
 
 
-def encoded(pixels: np.ndarray, form: str, **options) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, form, **options)
-    return buffer.getvalue()
-
-
 def page_about(svg: bytes, data: bytes, report: Report | None = None, **more) -> str:
-    subject = Subject(
-        load_picture(data),
-        data,
-        "a.svg",
-        svg,
-        Quality(30.0, 0.9, False),
-        "r 1",
-        report,
-        sha256_of(svg),
-        len(svg),
-        **more,
-    )
-    return page(subject, threads=1).decode()
+    quality = Quality(30.0, 0.9, False)
+    given = load_picture(data), data, "a.svg", svg, quality, "r 1", report, sha256_of(svg), len(svg)
+    return page(Subject(*given, **more), threads=1).decode()
 
 
 def data_of(text: str) -> dict:
@@ -63,7 +48,7 @@ def data_of(text: str) -> dict:
 @pytest.fixture(scope="module")
 def sample() -> tuple[bytes, str, Report]:
     """A PNG, its SVG and the report, of a short fit."""
-    data = encoded(smooth_pixels(48, 36), "PNG")
+    data = encode(Image.fromarray(smooth_pixels(48, 36)))
     result = vectorize(data, style="photo", **SHORT)
     return data, result.svg, result.report
 
@@ -105,7 +90,7 @@ def test_shapes_of_artwork_in_one_path_have_one_worth():
         pixels[4:20, left : left + 5] = pixels[15:20, left : left + 12] = (20, 60, 120)
     result = vectorize(pixels, style="artwork", threads=1)
     elements = len(re.findall(r"<(?:path|rect|circle|ellipse)\b", result.svg))
-    found = shown_elements(result.svg.encode(), load_picture(encoded(pixels, "PNG")))
+    found = shown_elements(result.svg.encode(), load_picture(encode(Image.fromarray(pixels))))
     assert len(found.losses_db) == elements < result.report.shapes
     assert min(found.losses_db) > 10
 
@@ -214,13 +199,13 @@ TURNED[0x0112] = 6
 @pytest.mark.parametrize(
     ("data", "mime", "kept"),
     [
-        (encoded(RGB, "PNG"), "png", True),
-        (encoded(RGBA, "PNG"), "png", True),
-        (encoded(RGB, "JPEG"), "jpeg", True),
-        (encoded(RGB, "WEBP", lossless=True), "webp", True),
-        (encoded(RGB, "JPEG", exif=TURNED), "webp", False),
-        (encoded(RGB, "BMP"), "webp", False),
-        (encoded(RGBA, "TIFF"), "webp", False),
+        (encode(Image.fromarray(RGB)), "png", True),
+        (encode(Image.fromarray(RGBA)), "png", True),
+        (encode(Image.fromarray(RGB), "JPEG"), "jpeg", True),
+        (encode(Image.fromarray(RGB), "WEBP", lossless=True), "webp", True),
+        (encode(Image.fromarray(RGB), "JPEG", exif=TURNED), "webp", False),
+        (encode(Image.fromarray(RGB), "BMP"), "webp", False),
+        (encode(Image.fromarray(RGBA), "TIFF"), "webp", False),
     ],
 )
 def test_the_original_is_the_file_where_browsers_show_the_same(data, mime, kept):
@@ -262,7 +247,7 @@ def test_the_command_asks_for_the_same_again(request_, monkeypatch):
         raise SystemExit
 
     monkeypatch.setattr(module, "plan", planned)
-    picture = load_picture(encoded(smooth_pixels(8, 8), "PNG"))
+    picture = load_picture(encode(Image.fromarray(smooth_pixels(8, 8))))
     quick = replace(request_, settings=request_.settings.with_(steps=1), measure=False)
     report = vectorize_picture(picture, quick).report
     report = replace(report, settings=request_.deciding(), input=replace(report.input, path="a 'b.png"))
@@ -324,7 +309,7 @@ def test_vectorize_writes_a_page_and_later_makes_a_missing_one(run_cli, photo):
 def test_a_folder_has_an_index_in_the_order_of_its_names(run_cli, tmp_path):
     fit = ("-o", f"{tmp_path}/out/", "--report", "--style", "photo", "--curves", 5, "--steps", 9, "--threads", 1)
     for name in ("b.png", "a.png"):
-        (tmp_path / name).write_bytes(encoded(smooth_pixels(24, 20), "PNG"))
+        (tmp_path / name).write_bytes(encode(Image.fromarray(smooth_pixels(24, 20))))
         run_cli("vectorize", tmp_path / name, *fit)
     run_cli("vectorize", tmp_path, *fit)
     assert str(tmp_path) not in (tmp_path / "out" / "index.html").read_text(), "where they lie is nobody's business"
@@ -365,7 +350,7 @@ def test_eval_shows_a_pair_with_what_is_known_of_the_run(run_cli, photo, tmp_pat
 def test_eval_of_two_folders_writes_an_index(run_cli, tmp_path):
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
-        (tmp_path / folder / "a.png").write_bytes(encoded(smooth_pixels(24, 20), "PNG"))
+        (tmp_path / folder / "a.png").write_bytes(encode(Image.fromarray(smooth_pixels(24, 20))))
     run_cli("eval", tmp_path / "one", tmp_path / "two", "--report", tmp_path / "pages")
     assert "identical" in (tmp_path / "pages" / "index.html").read_text()
     assert (tmp_path / "pages" / "a.png.html").is_file()
