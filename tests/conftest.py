@@ -115,6 +115,19 @@ def command_of(name: str) -> Callable[..., None]:
     return getattr(import_module(f"benchmarks.{name}.__main__" if folder.is_dir() else f"benchmarks.{name}"), name)
 
 
+def ctrl_c_when(true: Callable[..., object]) -> Callable[..., None]:
+    """A callback that does as Ctrl-C does when something is true of what it is told."""
+
+    def callback(*told: Any) -> None:
+        if true(*told):
+            raise KeyboardInterrupt
+
+    return callback
+
+
+ctrl_c = ctrl_c_when(lambda *_: True)
+
+
 def rest_slow(*cases: Any, fast: int = 1) -> list[Any]:
     """Cases to parametrise over, each once; only the first few are fast tests, and the others show more of the same."""
     as_tuples = [case if isinstance(case, tuple) else (case,) for case in dict.fromkeys(cases)]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from clip_reader import read_clip
 from command import run_here
-from conftest import rest_slow
+from conftest import ctrl_c_when, rest_slow
 from PIL import Image, ImageDraw
 
 import cubicsplat_cli
@@ -167,11 +167,7 @@ def test_scenes_of_a_frame_each_keep_theirs_at_times_that_the_file_rounds():
 
 def test_an_interrupt_writes_the_clip_so_far():
     pictures = [np.asarray(image.convert("RGB")) for image in frames(5)]
-
-    def stop(progress) -> None:
-        if progress.share > 0.1:
-            raise KeyboardInterrupt
-
+    stop = ctrl_c_when(lambda progress: progress.share > 0.1)
     made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=150, threads=1, on_progress=stop)
     assert made.report.interrupted and 1 <= made.report.input.frames <= 5
 

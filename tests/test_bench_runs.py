@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runs import strict_json
-from conftest import smooth_pixels
+from conftest import ctrl_c, smooth_pixels
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -170,14 +170,8 @@ def test_damaged_entries_are_made_anew(two_pictures, tmp_path, damage):
 
 
 def test_an_interrupted_fit_ends_the_run_and_is_not_kept(two_pictures, tmp_path):
-    def interrupt(_name: str):
-        def callback(_progress):
-            raise KeyboardInterrupt
-
-        return nullcontext(callback)
-
     with pytest.raises(KeyboardInterrupt):
-        run_all(jobs_of(two_pictures), tmp_path / "c", interrupt, lambda _: None)
+        run_all(jobs_of(two_pictures), tmp_path / "c", lambda _: nullcontext(ctrl_c), lambda _: None)
     assert not (tmp_path / "c").exists()
 
 

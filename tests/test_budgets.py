@@ -7,6 +7,7 @@ import gzip
 import numpy as np
 import pytest
 from cli_runs import strict_json
+from conftest import ctrl_c
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError, UsageError
@@ -169,11 +170,7 @@ def test_they_share_none_where_that_would_change_what_is_asked_for(noisy, others
 
 def test_a_folder_and_an_interrupt_keep_to_the_budget(noisy):
     """A Ctrl-C in the first fit leaves as many of its curves as fit."""
-
-    def stop(_):
-        raise KeyboardInterrupt
-
-    result = vectorize(noisy, max_bytes=4000, on_progress=stop, **SHORT | {"steps": 4000})
+    result = vectorize(noisy, max_bytes=4000, on_progress=ctrl_c, **SHORT | {"steps": 4000})
     assert result.report.interrupted
     assert len(result.svg.encode()) <= 4000
     with pytest.raises(InputError, match="not even one curve"):

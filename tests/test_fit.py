@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from conftest import smooth_pixels
+from conftest import ctrl_c, smooth_pixels
 from scenes import rectangle, scene_of
 
 from cubicsplat_cli.errors import EngineError, InputError
@@ -409,10 +409,7 @@ def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before()
 
 
 def test_an_interrupt_out_of_the_progress_callback_does_the_same():
-    def stop(_: Progress) -> None:
-        raise KeyboardInterrupt
-
-    result = fit(picture(), settings(steps=100_000), stop)
+    result = fit(picture(), settings(steps=100_000), ctrl_c)
     assert result.interrupted
     assert 0 < result.steps < 100_000
 

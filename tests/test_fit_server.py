@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runs import contents, save_pictures, wait_until
-from conftest import smooth_pixels
+from conftest import ctrl_c, smooth_pixels
 from emulated import EmulatedDriver, EmulatedKernels, compiler
 
 from cubicsplat_cli.errors import EngineError, InputError
@@ -160,14 +160,10 @@ def test_a_failing_fit_fails_alone_with_its_own_error_and_traceback():
 
 def test_an_interruption_ends_one_fit_and_keeps_what_it_has():
     long = replace(SETTINGS, steps=10_000_000)
-
-    def interrupt(_progress) -> None:
-        raise KeyboardInterrupt
-
     with served():
         other = remote.begin_fit(picture(0), SETTINGS)
         assert other.relax(0.1)
-        fit = remote.begin_fit(picture(1), long, on_progress=interrupt)
+        fit = remote.begin_fit(picture(1), long, on_progress=ctrl_c)
         assert not fit.relax()
         result = fit.finish()
         assert result.interrupted

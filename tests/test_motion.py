@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import ctrl_c_when
 from moving_scenes import scene_at
 
 from cubicsplat_cli.motion.fitting import ClipFit, FrameGroup, fit_clip, groups
@@ -18,7 +19,7 @@ from cubicsplat_cli.motion.knots import START_BYTES, Choice, choose, curve_bytes
 from cubicsplat_cli.motion.tracks import KEEP_MEAN, KEEP_SQUARE, JointFit, KnotTrack, Tracks
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.stepper import FINISH_TOLERANCE
-from cubicsplat_cli.progress import Progress, Work, under_way
+from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -97,12 +98,8 @@ def test_groups_end_at_cuts_and_where_memory_does_and_read_no_frame_ahead_of_nee
 
 
 def test_an_interrupt_keeps_the_frames_so_far() -> None:
-    def on_progress(progress: Progress) -> None:
-        if progress.stage == "frame 4":
-            raise KeyboardInterrupt
-
     pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
-    with under_way(Work(on_progress)) as work:
+    with under_way(Work(ctrl_c_when(lambda progress: progress.stage == "frame 4"))) as work:
         (group,) = fitted(pictures, steps=40)
     assert work.interrupted
     assert group.frames == 3
@@ -110,11 +107,7 @@ def test_an_interrupt_keeps_the_frames_so_far() -> None:
 
 
 def test_a_stop_before_the_joint_fit_leaves_a_clip_that_can_be_drawn() -> None:
-    def on_progress(progress: Progress) -> None:
-        if progress.stage == "moving curves":
-            raise KeyboardInterrupt
-
-    with under_way(Work(on_progress)):
+    with under_way(Work(ctrl_c_when(lambda progress: progress.stage == "moving curves"))):
         (group,) = fitted([disc(8.0 + frame, 12.0) for frame in range(8)], curves=12, steps=60)
     for frame in range(8):
         scene_at(group, frame).validate()

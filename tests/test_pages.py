@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from conftest import ctrl_c
 from image_files import encode, png_of, recoded
 from PIL import Image
 from test_svg_viewers import AGREEMENT_DB, agreement
@@ -409,10 +410,7 @@ def test_photo_parts_takes_three_words():
 
 
 def test_an_interrupt_leaves_the_photo_in_its_mean_colour(monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.goal_of", interrupted)
+    monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.goal_of", ctrl_c)
     made = vectorize(page(), style="artwork", measure=False, **QUICK)
     assert made.report.interrupted
     off = np.abs(drawn(made.svg)[100, 80] - page()[TOP:BOTTOM, LEFT:RIGHT].mean(axis=(0, 1)))

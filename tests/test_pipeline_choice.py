@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ctrl_c, ctrl_c_when
 from image_files import encode
 from PIL import Image, ImageDraw, ImageFilter
 from scipy import ndimage
@@ -123,15 +124,9 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
 
 @pytest.mark.parametrize("during", ["comparison", "photo"])
 def test_ctrl_c_keeps_the_drawing(during, monkeypatch):
-    def interrupted(*_) -> None:
-        raise KeyboardInterrupt
-
-    def told(progress: Progress) -> None:
-        if progress.steps:  # those of a photo's fit, which a quick one does not tell
-            raise KeyboardInterrupt
-
+    told = ctrl_c_when(lambda progress: progress.steps)  # those of a photo's fit, which a quick one does not tell
     if during == "comparison":
-        monkeypatch.setattr(FitLoop, "advance", interrupted)
+        monkeypatch.setattr(FitLoop, "advance", ctrl_c)
     first, last = candidates(replace(task_for(blotches(), curves=4, steps=60), on_progress=told), FLAT)
     assert [made.interrupted for made in (first, last)] == [False, True]
     assert first.scene is last.scene

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import ctrl_c
 from PIL import Image
 from skimage import data
 from skimage.color import deltaE_ciede2000, rgb2lab
@@ -336,10 +337,7 @@ def test_numbers_are_as_fine_as_small_curves_need(drawing):
 
 
 def test_an_interrupt_leaves_the_objects_in_their_paints(monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("cubicsplat_cli.photo.loop.FitLoop.relax", interrupted)
+    monkeypatch.setattr("cubicsplat_cli.photo.loop.FitLoop.relax", ctrl_c)
     with under_way(Work()) as work:
         made = shaded_drawing(shaded_objects(ball()), QUICK)
     assert work.interrupted

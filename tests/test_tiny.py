@@ -11,6 +11,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 from cli_runs import strict_json
+from conftest import ctrl_c
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.cli.run import summary_line
@@ -20,7 +21,6 @@ from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.options import GzipBytes, parse_bytes
 from cubicsplat_cli.pipeline.tiny import TinySearch
 from cubicsplat_cli.pipeline.vectorize import dominant_colors
-from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import FitSettings
@@ -116,11 +116,7 @@ def test_the_search_gets_back_what_rounding_costs(hills):
 def test_an_interrupted_search_still_fits(hills):
     with closing(CpuEngine(1)) as engine:
         search = TinySearch(random_polygons((48.0, 32.0), 20), as_picture(hills), None, engine, FitSettings(threads=1))
-
-        def interrupted(price: float, most: int) -> None:
-            raise KeyboardInterrupt
-
-        search._sweep = interrupted
+        search._sweep = ctrl_c
         assert search.run(250, np.inf, Event())
         assert packed_size(search.polygons.text()) <= 250 < packed_size(random_polygons((48.0, 32.0), 20).text())
 
@@ -131,10 +127,7 @@ def test_the_file_does_not_depend_on_the_threads(hills, placeholder):
 
 
 def test_an_interrupt_ends_all_fits(hills):
-    def interrupted(_: Progress) -> None:
-        raise KeyboardInterrupt
-
-    drawn = vectorize(hills, max_bytes="300gz", on_progress=interrupted, **SHORT | {"steps": 100_000, "threads": 3})
+    drawn = vectorize(hills, max_bytes="300gz", on_progress=ctrl_c, **SHORT | {"steps": 100_000, "threads": 3})
     assert drawn.report.interrupted and packed_size(drawn.svg) <= 300
 
 
