@@ -15,6 +15,14 @@ from cubicsplat_cli.raster.native import doubles, native
 _native = partial(native, "outlines")
 
 
+def farthest(points: np.ndarray, line: np.ndarray) -> float:
+    """The largest distance of points from a polyline, both (n, 2)."""
+    start, step = line[:-1], np.diff(line, axis=0)
+    share = ((points[:, None] - start) * step).sum(-1) / np.maximum((step**2).sum(-1), 1e-30)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * step
+    return float(np.hypot(*np.moveaxis(points[:, None] - nearest, -1, 0)).min(axis=1).max())
+
+
 def corners_of(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The corners of a closed loop of points (n, 2), px: the index of the first point after each (C,), ascending, their
     positions (C, 2), px, and turns (C,), radians, in (-pi, pi). weights: (n,) 1/px^2, 0 where unknown. Raises

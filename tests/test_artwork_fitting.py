@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from outline_loops import nearest_primitive
+from outline_loops import farthest, nearest_primitive
 from PIL import Image, ImageDraw, ImageFont
 
 from cubicsplat_cli.artwork import vectorize
@@ -63,12 +63,8 @@ def fitted(outline: Outline, **options: float) -> Outline:
 
 def deviation(fit: Outline, truth: Outline) -> float:
     """Largest distance of the fit from the truth, px."""
-    a, b = flattened(fit.ring(), 0.5), sampled(truth, noise=0.0)
-    start, end = a, np.roll(a, -1, axis=0)
-    way = end - start
-    t = ((b[:, None] - start) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-12)
-    feet = start + np.clip(t, 0.0, 1.0)[..., None] * way
-    return float(np.hypot(*np.moveaxis(b[:, None] - feet, -1, 0)).min(axis=1).max())
+    line = flattened(fit.ring(), 0.5)
+    return farthest(sampled(truth, noise=0.0), np.vstack([line, line[:1]]))
 
 
 def star() -> Ring:

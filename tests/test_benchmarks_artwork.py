@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from test_svg_drawing import segments_of
 
 from benchmarks import tools
 from benchmarks.artwork.contact_sheet import wireframe
@@ -22,11 +23,6 @@ from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.artwork.scores import Truth, count, count_numbers, minified
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
-from cubicsplat_cli.svg.paths import subpaths
-
-
-def segments_of(d: str):
-    return [segment for subpath in subpaths(d) for segment in subpath]
 
 
 def svg(body: str, width: int = 64, height: int = 48, root: str = "") -> bytes:

@@ -16,7 +16,7 @@ import reference
 import torch
 from conftest import agreement_db, rest_slow
 from PIL import Image
-from scenes import PAPER, random_scene
+from scenes import PAPER, random_scene, rectangle
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene, of_values
@@ -39,22 +39,13 @@ def svg_of(scene: Scene, precision: int = 2) -> bytes:
     return write_svg(scene, precision=precision, title="t", comment="cubicsplat test").encode()
 
 
-def square(left: float, top: float, side: float) -> list[list[float]]:
-    """Control points of a closed curve of four straight cubics."""
-    corners = [(left, top), (left + side, top), (left + side, top + side), (left, top + side)]
-    points = []
-    for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True):
-        points += [[x0 + (x1 - x0) * t, y0 + (y1 - y0) * t] for t in (0, 1 / 3, 2 / 3)]
-    return points
-
-
 def two_squares(background: tuple[float, float, float] | None) -> Scene:
     """A red opaque square in front of a half transparent blue one; edges on pixel edges."""
     return Scene(
         mode=Mode.CLOSED,
         width=12,
         height=8,
-        points=torch.tensor([square(2, 2, 3), square(4, 2, 4)]),
+        points=torch.stack([rectangle(2, 2, 5, 5), rectangle(4, 2, 8, 6)]),
         colours=torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
         opacities=torch.tensor([1.0, 0.5]),
         half_widths=torch.zeros(2),

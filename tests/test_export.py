@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from outline_loops import farthest
 
 from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import EngineError, InputError
@@ -176,14 +177,6 @@ def test_arcs_are_within_the_tolerance_of_the_outline(tolerance):
         drawn = np.array(outline) / MM_PER_PX * [1.0, -1.0] + [0.0, 48.0]
         wanted = points_at(cubics, np.linspace(0.0, 1.0, 200)).reshape(-1, 2)
         assert farthest(wanted, drawn) <= 1.1 * tolerance and farthest(drawn, wanted) <= 1.1 * tolerance + 0.3, data
-
-
-def farthest(points: np.ndarray, line: np.ndarray) -> float:
-    """The largest distance of points from a polyline, both (n, 2)."""
-    start, step = line[:-1], np.diff(line, axis=0)
-    share = ((points[:, None] - start) * step).sum(-1) / np.maximum((step**2).sum(-1), 1e-30)
-    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * step
-    return float(np.hypot(*np.moveaxis(points[:, None] - nearest, -1, 0)).min(axis=1).max())
 
 
 def test_circles_are_arcs_lines_are_lines_and_a_smaller_tolerance_takes_more():

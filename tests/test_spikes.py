@@ -106,11 +106,16 @@ def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(engine, m
     assert not crossing_gradient(points, mode, 1.0, ends)[~used].any()
 
 
-def strip(thickness: float, length: float = 12.0) -> np.ndarray:
-    """(1, 12, 2): a rectangle of four straight cubics."""
-    corners = np.array([[3, 4], [3 + length, 4], [3 + length, 4 + thickness], [3, 4 + thickness]], np.float32)
-    after = np.roll(corners, -1, axis=0)
-    return np.stack([corners, (2 * corners + after) / 3, (corners + 2 * after) / 3], axis=1).reshape(1, 12, 2)
+def joined(*corners: tuple[float, float]) -> np.ndarray:
+    """(1, 3N, 2): a ring of straight cubics."""
+    start = np.array(corners, np.float32)
+    after = np.roll(start, -1, axis=0)
+    return np.stack([start, (2 * start + after) / 3, (start + 2 * after) / 3], axis=1).reshape(1, -1, 2)
+
+
+def strip(thickness: float) -> np.ndarray:
+    """(1, 12, 2): a rectangle 12 px long."""
+    return joined((3, 4), (15, 4), (15, 4 + thickness), (3, 4 + thickness))
 
 
 def test_following_the_gradient_widens_a_sliver_and_leaves_what_is_wider(engine):
@@ -124,13 +129,6 @@ def test_following_the_gradient_widens_a_sliver_and_leaves_what_is_wider(engine)
     top, bottom = points[0, 1:3, 1], points[0, 7:9, 1]
     assert (bottom - top > 0.34).all()
     assert not blunted(engine, np.zeros((1, 6, 2))).any()
-
-
-def joined(*corners: tuple[float, float]) -> np.ndarray:
-    """(1, 3N, 2): a ring of straight cubics."""
-    start = np.array(corners, np.float32)
-    after = np.roll(start, -1, axis=0)
-    return np.stack([start, (2 * start + after) / 3, (start + 2 * after) / 3], axis=1).reshape(1, -1, 2)
 
 
 @pytest.mark.parametrize("turned", [False, True])
