@@ -43,6 +43,11 @@ def scan_of(
         return np.array(Image.open(file))
 
 
+def target_of(pixels: np.ndarray) -> np.ndarray:
+    """Levels as the artwork style takes them, float32 in [0, 1]."""
+    return pixels.astype(np.float32) / np.float32(255.0)
+
+
 def scaled_pens(pens: list[Pen], width: float) -> list[Pen]:
     """The same lines with pens of a width, in px of the icon."""
     return [Pen(pen.d, width, pen.cap, pen.join) for pen in pens]

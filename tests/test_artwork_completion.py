@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import rest_slow
+from test_artwork_draw import box, disc
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
@@ -33,14 +34,6 @@ def picture(size: int, *layers: tuple[object, tuple[float, float, float]]) -> np
     for inside, colour in layers:
         image = np.where(inside(x, y)[..., None], colour, image)
     return image.reshape(size, FINE, size, FINE, 3).mean(axis=(1, 3)).astype(np.float32)
-
-
-def disc(cx: float, cy: float, r: float):
-    return lambda x, y: (x - cx) ** 2 + (y - cy) ** 2 < r * r
-
-
-def box(left: float, top: float, right: float, bottom: float):
-    return lambda x, y: (x > left) & (x < right) & (y > top) & (y < bottom)
 
 
 RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.2, 0.7)

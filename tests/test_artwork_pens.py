@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import rest_slow
-from scans import scaled_pens
+from scans import scaled_pens, target_of
 from scans import scan_of as scan
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -24,10 +24,6 @@ from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate.rerender import rerender
 
 SIDE, FILL, WHITE = 600, np.array([26.0, 43.0, 109.0]), np.full(3, 255.0)
-
-
-def target_of(pixels: np.ndarray) -> np.ndarray:
-    return pixels.astype(np.float32) / np.float32(255.0)
 
 
 def drawn(name: str, width: float, **how: float | None) -> np.ndarray:

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from conftest import rest_slow
-from scans import PAPER, scaled_pens
+from scans import PAPER, scaled_pens, target_of
 from scans import scan_of as scan
 from scipy import ndimage
 from skimage import data
@@ -21,10 +21,6 @@ from cubicsplat_cli.evaluate.rerender import rerender
 
 SIDE = 600
 PENS = scaled_pens(ICONS["clock"], 1.6)
-
-
-def target_of(pixels: np.ndarray) -> np.ndarray:
-    return pixels.astype(np.float32) / np.float32(255.0)
 
 
 @pytest.mark.parametrize(("light", "quality"), rest_slow((0.15, 85), (0.3, None)))

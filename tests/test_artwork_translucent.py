@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import test_artwork_draw
 from conftest import rest_slow
 from image_files import recoded
+from test_artwork_draw import box, disc
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.layers.merging import FULL, Overlay, laid_over, likeliest, paint_of, with_covered
@@ -25,24 +27,12 @@ PAPER = (248, 244, 233, 255)
 
 def painted(*layers, ground=PAPER) -> np.ndarray:
     """(SIZE, SIZE, 4) premultiplied: layers are functions of x, y (px) and a fill of 8 bits, back to front."""
-    y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE
-    picture = np.broadcast_to(levels(ground) / FULL, (SIZE, SIZE, 4)).copy()
-    for inside, fill in layers:
-        share = inside(x, y).reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
-        picture = picture * (1.0 - share * fill[3] / FULL) + share * levels(fill) / FULL
-    return (np.rint(picture * FULL) / FULL).astype(np.float32)
+    premultiplied = [(inside, levels(fill) / FULL) for inside, fill in layers]
+    return test_artwork_draw.painted(SIZE, SIZE, *premultiplied, ground=levels(ground) / FULL, fine=FINE)
 
 
 def levels(fill) -> np.ndarray:
     return np.array([*(v * fill[3] / FULL for v in fill[:3]), fill[3]])
-
-
-def disc(cx, cy, r):
-    return lambda x, y: np.hypot(x - cx, y - cy) <= r
-
-
-def box(x0, y0, x1, y1):
-    return lambda x, y: (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
 
 
 def slanted(x, y):

@@ -10,6 +10,7 @@ import pytest
 from conftest import ctrl_c
 from image_files import encode, png_of, recoded
 from PIL import Image
+from scans import target_of
 from test_svg_viewers import AGREEMENT_DB, agreement
 
 from cubicsplat_cli import vectorize
@@ -56,13 +57,9 @@ def page(box: tuple[int, int, int, int] = (LEFT, TOP, RIGHT, BOTTOM), frame: boo
     return out
 
 
-def floats(pixels: np.ndarray) -> np.ndarray:
-    return pixels.astype(np.float32) / np.float32(255.0)
-
-
 def photos_in(pixels: np.ndarray) -> list[tuple[int, int, int, int]]:
     """Left, top, right and bottom of the photographs of a page."""
-    found = page_of(floats(pixels))
+    found = page_of(target_of(pixels))
     windows = [part.window for part in found.parts] if found else []
     return [(columns.start, rows.start, columns.stop, rows.stop) for rows, columns in windows]
 
@@ -88,12 +85,12 @@ def embedded():
 
 
 def test_a_photo_in_a_frame_is_found_to_the_pixel():
-    found = page_of(floats(page()))
+    found = page_of(target_of(page()))
     assert found is not None
     assert photos_in(page()) == [(LEFT, TOP, RIGHT, BOTTOM)]
     assert found.parts[0].rectangular
     assert len(np.unique(found.flat[TOP:BOTTOM, LEFT:RIGHT].reshape(-1, 3), axis=0)) == 1
-    assert np.array_equal(found.flat[:TOP], floats(page())[:TOP])
+    assert np.array_equal(found.flat[:TOP], target_of(page())[:TOP])
 
 
 def with_clear_margin(pixels: np.ndarray) -> np.ndarray:
@@ -147,7 +144,7 @@ def round_photo() -> np.ndarray:
 
 
 def test_a_round_photo_keeps_its_form():
-    found = page_of(floats(round_photo()))
+    found = page_of(target_of(round_photo()))
     assert found is not None
     (part,) = found.parts
     assert not part.rectangular
@@ -204,10 +201,10 @@ def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):
     inside = np.hypot(x - 75, y - 105) < 54
     pixels[50:160, 20:140] = 255
     pixels[inside] = shaded[inside]
-    assert page_of(floats(pixels)) is None
+    assert page_of(target_of(pixels)) is None
     monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.GRAINY", 0.0)
     monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.RINGING", 0.0)
-    assert page_of(floats(pixels)) is not None
+    assert page_of(target_of(pixels)) is not None
 
 
 def test_ringing_around_the_edges_of_a_gradient_is_no_photo(monkeypatch):
@@ -220,9 +217,9 @@ def test_ringing_around_the_edges_of_a_gradient_is_no_photo(monkeypatch):
     for cover, fill in ((48.5 - off, ball), (2.5 - np.abs(off - 26.4), 255.0)):
         pixels += np.clip(cover, 0.0, 1.0)[..., None] * (fill - pixels)
     lossy = recoded(np.rint(pixels).astype(np.uint8), quality=80)
-    assert page_of(floats(lossy)) is None
+    assert page_of(target_of(lossy)) is None
     monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.RINGING", 0.0)
-    assert page_of(floats(lossy)) is not None
+    assert page_of(target_of(lossy)) is not None
 
 
 def test_two_photos_are_two_parts():
@@ -230,30 +227,30 @@ def test_two_photos_are_two_parts():
     pixels[60:160, 168:290] = 255
     pixels[70:170, 180:290] = photo(110, 100)[:, ::-1]
     assert sorted(photos_in(pixels)) == [(LEFT, TOP, RIGHT, BOTTOM), (180, 70, 290, 170)]
-    first, second = page_of(floats(pixels)).parts
+    first, second = page_of(target_of(pixels)).parts
     assert (first.stand_in != second.stand_in).any()
 
 
 def test_drawings_photos_and_text_have_no_part():
     plain = page()
     plain[TOP:BOTTOM, LEFT:RIGHT] = 200, 30, 30
-    assert page_of(floats(plain)) is None
-    assert page_of(floats(photo(WIDTH, HEIGHT))) is None
+    assert page_of(target_of(plain)) is None
+    assert page_of(target_of(photo(WIDTH, HEIGHT))) is None
     text = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     rng = np.random.default_rng(0)
     for row in range(8, HEIGHT - 16, 12):
         for left in range(8, WIDTH - 16, 7):
             text[row : row + 8, left : left + 5] = np.where(rng.random((8, 5, 1)) < 0.5, 255, 30)
-    assert page_of(floats(recoded(text, quality=70))) is None
+    assert page_of(target_of(recoded(text, quality=70))) is None
     small = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     small[20:40, 20:200] = photo(180, 20)
-    assert page_of(floats(small)) is None
+    assert page_of(target_of(small)) is None
 
 
 def test_a_photo_with_even_margins_alone_stays_a_photo():
     pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     pixels[30:170] = photo(WIDTH, 140)
-    assert page_of(floats(pixels)) is None
+    assert page_of(target_of(pixels)) is None
 
 
 def test_a_page_is_a_drawing_with_its_photo_in_it(fitted):
