@@ -20,7 +20,7 @@ from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.names import match_folders, pictures_in
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import csv_text, number, text_table
-from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
+from cubicsplat_cli.metrics import plain, to_json
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.scene_writer import write_svg
@@ -94,12 +94,6 @@ def test_notes_say_what_happened_to_either_picture():
     assert [note.split(":")[0] for note in found.notes] == ["a.gif", "c"]
     wide = b'<svg xmlns="http://www.w3.org/2000/svg" width="40" height="10"/>'
     assert "shape" in judged(wide).notes[0]
-
-
-def test_change_is_unknown_where_a_picture_is_identical():
-    perfect, good = Quality(None, 1.0, True), Quality(40.0, 0.9, False)
-    assert gap_db(perfect, good) is None
-    assert gap_db(good, perfect) is None
 
 
 # --- folders -----------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from conftest import ctrl_c
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.cli.run import summary_line
-from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.options import GzipBytes, parse_bytes
@@ -254,11 +254,6 @@ def test_its_json_knows_a_file_without_a_comment(hills_file, run_cli):
     svg.write_bytes(made)
     svg.with_suffix(".json").unlink()
     assert b"or is a placeholder whose JSON is gone; use --force" in run_cli(*command, "200gz", code=2).stderr
-
-
-def test_a_file_that_fits_in_nothing_says_what_it_needs(hills):
-    with pytest.raises(InputError, match="not even one polygon"):
-        vectorize(hills, max_bytes="60gz", **SHORT)
 
 
 def test_a_data_uri_holds_the_same_drawing(placeholder):
