@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -55,12 +56,14 @@ def run_here(
     stderr: IO[bytes] | None = None,
     program: Callable[[], NoReturn] = main,
     code: int | None = 0,
+    error: str | None = None,
 ) -> Done:
     """`cubicsplat` in this process: the same entry point, exit code and bytes, without starting Python and torch.
 
     What the command changes of the process is put back. An exception that users would see as a traceback is raised.
     data, stdin: what standard input holds, or is. stderr: where standard error goes instead of into the result.
-    program: in place of `cubicsplat`. code: the exit code that it must have, if any.
+    program: in place of `cubicsplat`. code: the exit code that it must have, if any. error: what the one line of its
+    error must hold, if it is to fail.
     """
     with ExitStack() as stack:
         given, stdout, errors = (stack.enter_context(tempfile.TemporaryFile()) for _ in range(3))
@@ -72,7 +75,16 @@ def run_here(
             ended = _exit_code(program)
         done = Done(command, ended, _content(stdout), _content(errors))
         assert code in (None, ended), done
+        if error is not None:
+            one_error(done, error)
         return done
+
+
+def one_error(done: Done, said: str) -> None:
+    """Nothing was printed but the one line of an error, which holds what is `said`; and JSON where it was asked for."""
+    assert done.stdout == b"" or "--json" in done.args, done
+    assert re.fullmatch(r"cubicsplat: error: [^\n]+\n", done.stderr.decode()), done
+    assert said in done.stderr.decode(), done
 
 
 def run_as_process(command: list[str], streams: list[int]) -> NoReturn:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
-import re
 import resource
 import signal
 import subprocess
@@ -13,11 +12,13 @@ import sys
 import threading
 import time
 import types
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_runs import SHORT, contents, start, strict_json, wait_until
+from command import one_error
 from conftest import rest_slow, smooth_pixels
 from image_files import encode
 from PIL import Image
@@ -54,12 +55,11 @@ def as_ordinary_user() -> None:
             powers[1] &= ~_OVERRIDING
 
 
-def one_error(done: subprocess.CompletedProcess[bytes], *words: str) -> None:
-    assert (done.returncode, done.stdout) == (1, b""), done.stderr
-    text = done.stderr.decode()
-    assert re.fullmatch(r"cubicsplat: error: [^\n]+\n", text), text
-    for word in words:
-        assert word in text
+def warm_error(said: str, *arguments: object, before: Callable[[], None]) -> None:
+    """The command fails with one line after something was done to its process."""
+    done = run_warm("vectorize", *arguments, *SHORT, before=before)
+    assert done.returncode == 1
+    one_error(done, said)
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_a_bad_file_alone(name, tmp_path, run_cli):
     if data is not None:
         (tmp_path / name).write_bytes(data)
     before = contents(tmp_path)
-    one_error(run_cli("vectorize", tmp_path / name, *SHORT, code=1), said)
+    run_cli("vectorize", tmp_path / name, *SHORT, code=1, error=said)
     assert contents(tmp_path) == before
 
 
@@ -104,7 +104,7 @@ def test_what_is_no_file(kind, tmp_path, run_cli):
         path = Path("/dev/zero")
     else:
         path.mkdir()
-    one_error(run_cli("vectorize", path, *SHORT, code=1))
+    run_cli("vectorize", path, *SHORT, code=1, error="cubicsplat: error: ")
     assert contents(tmp_path) == {}
 
 
@@ -116,16 +116,16 @@ def test_a_folder_nobody_may_look_into(tmp_path):
     folder.chmod(0)
     try:
         for path in (folder, folder / "x.jpg", folder / "*.jpg"):
-            one_error(run_warm("vectorize", path, *SHORT, before=as_ordinary_user), "locked")
-        one_error(run_warm("vectorize", tmp_path, "-r", *SHORT, before=as_ordinary_user), "cannot be read")
+            warm_error("locked", path, before=as_ordinary_user)
+        warm_error("cannot be read", tmp_path, "-r", before=as_ordinary_user)
     finally:
         folder.chmod(0o755)
     assert set(contents(folder)) == {"x.jpg"}
 
 
 def test_names_that_no_file_can_have(jpeg, run_cli):
-    one_error(run_cli("vectorize", "a" * 300 + ".png", *SHORT, code=1), "name too long")
-    one_error(run_cli("vectorize", jpeg, "-o", jpeg.parent / ("a" * 300 + ".svg"), *SHORT, code=1), "name too long")
+    for arguments in (["a" * 300 + ".png"], [jpeg, "-o", jpeg.parent / ("a" * 300 + ".svg")]):
+        run_cli("vectorize", *arguments, *SHORT, code=1, error="name too long")
     done = run_cli("vectorize", jpeg, jpeg.with_name("b" * 300), "-o", jpeg.parent / ("a" * 300), *SHORT, code=1)
     assert b"Traceback" not in done.stderr
     assert list(jpeg.parent.iterdir()) == [jpeg]
@@ -138,7 +138,7 @@ def test_read_only_folder(jpeg, tmp_path):
     folder.chmod(0o555)
     try:
         for output in (folder / "x.svg", folder / "x.pdf", f"{folder}/new/"):
-            one_error(run_warm("vectorize", jpeg, "-o", output, *SHORT, before=as_ordinary_user), "locked")
+            warm_error("locked", jpeg, "-o", output, before=as_ordinary_user)
     finally:
         folder.chmod(0o755)
     assert list(folder.iterdir()) == []
@@ -150,7 +150,7 @@ def full_disk() -> None:
 
 
 def test_full_disk(jpeg):
-    one_error(run_warm("vectorize", jpeg, *SHORT, before=full_disk), "free some space")
+    warm_error("free some space", jpeg, before=full_disk)
     assert list(jpeg.parent.iterdir()) == [jpeg], "no partial output, no temporary file"
 
 

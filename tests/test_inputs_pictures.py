@@ -183,18 +183,15 @@ def test_max_size_fits_small_and_keeps_the_size_of_the_original(photo, run_cli):
 
 def test_a_truncated_stream_on_standard_input(run_cli):
     data = encode(Image.fromarray(smooth_pixels(40, 28)))
-    done = run_cli("vectorize", "-", *SHORT, data=data[: len(data) // 2], code=1)
-    assert done.stdout == b""
-    assert done.stderr.decode().startswith("cubicsplat: error: stdin: is damaged or truncated")
-    done = run_cli("vectorize", "-", *SHORT, data=b"", code=1)
-    assert done.stderr.decode().count("\n") == 1
+    said = "cubicsplat: error: stdin: is damaged or truncated"
+    run_cli("vectorize", "-", *SHORT, data=data[: len(data) // 2], code=1, error=said)
+    run_cli("vectorize", "-", *SHORT, data=b"", code=1, error="cubicsplat: error: ")
 
 
 def test_a_bomb_is_refused_and_the_limit_can_be_raised(tmp_path, run_cli):
     bomb = tmp_path / "bomb.png"
     bomb.write_bytes(png_of(60_000, 60_000, 8, 2, b"\0" * 1000, png_chunk(b"tEXt", b"Software\0x")))
-    done = run_cli("vectorize", bomb, *SHORT, code=1)
-    assert b"3,600,000,000 pixels" in done.stderr
+    done = run_cli("vectorize", bomb, *SHORT, code=1, error="3,600,000,000 pixels")
     assert b"--max-pixels" in done.stderr
     small = tmp_path / "small.png"
     Image.fromarray(smooth_pixels(30, 20)).save(small)

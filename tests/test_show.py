@@ -325,8 +325,7 @@ def test_a_folder_has_an_index_in_the_order_of_its_names(run_cli, tmp_path):
 def test_a_file_of_somebody_else_is_kept(run_cli, photo):
     page_path = photo.with_suffix(".html")
     page_path.write_text("<p>mine</p>")
-    done = run_cli("vectorize", photo, "--report", code=2)
-    assert b"was not written by cubicsplat" in done.stderr
+    run_cli("vectorize", photo, "--report", code=2, error="was not written by cubicsplat")
     run_cli("vectorize", photo, "-o", "-", "--report", code=2)
     run_cli("eval", photo, photo, "--report", page_path, code=2)
     run_cli("eval", photo, photo, "--report", photo.with_suffix(".pdf"), code=2)
