@@ -13,22 +13,16 @@ import pytest
 from cli_runs import strict_json
 from conftest import ctrl_c, smooth_pixels
 from PIL import Image
-from typer.testing import CliRunner
 
 from cubicsplat_cli.bench.quality import means, quality_jobs
 from cubicsplat_cli.bench.runs import CacheEntry, run_all
-from cubicsplat_cli.cli.bench import bench
-from cubicsplat_cli.errors import EngineError, InputError, UsageError
+from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.evaluate.metrics import compare
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 
 SHORT = ("--steps", 12, "--threads", 1)
-
-
-def run(command: str, *arguments: object):
-    return CliRunner().invoke(bench, [command, *(str(argument) for argument in arguments)])
 
 
 def quiet(_name: str):
@@ -43,10 +37,10 @@ def jobs_of(two_pictures: Path, **overrides):
 # --- quality -----------------------------------------------------------------------------------------------
 
 
-def test_quality_reports_what_the_files_are_worth(two_pictures, tmp_path):
+def test_quality_reports_what_the_files_are_worth(two_pictures, tmp_path, run_cli):
     cache = tmp_path / "cache"
-    done = run("quality", two_pictures, "--curves", "5,8", "--mode", "closed,open", *SHORT, "--cache", cache, "--json")
-    assert done.exit_code == 0, done.exception
+    kinds = ("--curves", "5,8", "--mode", "closed,open")
+    done = run_cli("bench", "quality", two_pictures, *kinds, *SHORT, "--cache", cache, "--json")
     found = strict_json(done.stdout)
     assert list(found["means"]) == ["closed 5", "closed 8", "open 5", "open 8"]
     assert len(found["runs"]) == 8
@@ -68,40 +62,39 @@ def test_quality_reports_what_the_files_are_worth(two_pictures, tmp_path):
     assert (mean["pictures"], found["failed"]) == (2, [])
 
 
-def test_tables_have_a_mean_row_per_configuration_and_a_table_of_means(two_pictures):
-    done = run("quality", two_pictures, "--curves", "4,6", *SHORT)
-    assert done.exit_code == 0
-    lines = done.stdout.splitlines()
+def test_tables_have_a_mean_row_per_configuration_and_a_table_of_means(two_pictures, run_cli):
+    done = run_cli("bench", "quality", two_pictures, "--curves", "4,6", *SHORT)
+    lines = done.stdout.decode().splitlines()
     assert [line for line in lines if re.fullmatch(r"closed \d|means", line)] == ["closed 4", "closed 6", "means"]
     assert sum(line.startswith("mean of 2") for line in lines) == 2
     assert [line.split()[:2] for line in lines[-2:]] == [["closed", "4"], ["closed", "6"]]
-    assert [line.split(":")[0] for line in done.stderr.splitlines()][:2] == ["a.png, closed 4", "b.png, closed 4"]
-    done = run("quality", two_pictures, "--curves", 4, "--limit", 1, "--markdown", "-q", *SHORT)
-    assert done.stderr == ""
-    assert done.stdout.startswith("### closed 4\n\n| picture ")
-    assert "| a.png " in done.stdout
-    assert "b.png" not in done.stdout
+    said = [line.split(b":")[0] for line in done.stderr.splitlines()[:2]]
+    assert said == [b"a.png, closed 4", b"b.png, closed 4"]
+    done = run_cli("bench", "quality", two_pictures, "--curves", 4, "--limit", 1, "--markdown", "-q", *SHORT)
+    assert done.stderr == b""
+    assert done.stdout.startswith(b"### closed 4\n\n| picture ")
+    assert b"| a.png " in done.stdout
+    assert b"b.png" not in done.stdout
 
 
-def test_csv_has_a_row_per_fit(two_pictures, tmp_path):
+def test_csv_has_a_row_per_fit(two_pictures, tmp_path, run_cli):
     table = tmp_path / "table.csv"
-    assert run("quality", two_pictures, "--curves", "4", *SHORT, "--csv", table).exit_code == 0
+    run_cli("bench", "quality", two_pictures, "--curves", "4", *SHORT, "--csv", table)
     rows = list(csv.DictReader(table.open()))
     assert [row["picture"] for row in rows] == ["a.png", "b.png"]
     assert float(rows[0]["psnr_db"]) > 5
 
 
-def test_a_bad_picture_is_reported_once_and_the_others_go_on(two_pictures):
+def test_a_bad_picture_is_reported_once_and_the_others_go_on(two_pictures, run_cli):
     (two_pictures / "aa.png").write_text("no picture")
-    done = run("quality", two_pictures, "--curves", "4,5", *SHORT, "--json")
-    assert done.exit_code == 1
+    done = run_cli("bench", "quality", two_pictures, "--curves", "4,5", *SHORT, "--json", code=1)
     found = strict_json(done.stdout)
     assert len(found["runs"]) == 4
     assert [failure["picture"] for failure in found["failed"]] == ["aa.png"]
-    assert done.stderr.splitlines()[-1].startswith("cubicsplat: failed: aa.png: ")
+    assert done.stderr.splitlines()[-1].startswith(b"cubicsplat: failed: aa.png: ")
     for path in two_pictures.iterdir():
         path.write_text("no picture")
-    assert isinstance(run("quality", two_pictures, *SHORT).exception, InputError)
+    assert b"no picture could be fitted" in run_cli("bench", "quality", two_pictures, *SHORT, code=1).stderr
 
 
 def test_a_fit_that_breaks_down_is_reported_with_its_configuration(two_pictures):
@@ -178,11 +171,10 @@ def test_an_interrupted_fit_ends_the_run_and_is_not_kept(two_pictures, tmp_path)
 # --- the sheet ---------------------------------------------------------------------------------------------
 
 
-def test_the_sheet_shows_original_svg_and_error(two_pictures, tmp_path):
+def test_the_sheet_shows_original_svg_and_error(two_pictures, tmp_path, run_cli):
     sheet = tmp_path / "sheet.png"
     cache = tmp_path / "c"
-    done = run("quality", two_pictures, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache)
-    assert done.exit_code == 0, done.exception
+    run_cli("bench", "quality", two_pictures, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache)
     pixels = np.asarray(Image.open(sheet).convert("RGB")).astype(int)
     original = smooth_pixels(32, 20)
     column, top = 6 + 240 + 6, 18
@@ -194,22 +186,22 @@ def test_the_sheet_shows_original_svg_and_error(two_pictures, tmp_path):
     shown = pixels[top : top + 20, 2 * column - 6 : 2 * column + 26]
     assert np.abs(shown - error).max() <= 4
     assert error.max() > 20
-    assert run("quality", two_pictures, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache).exit_code == 0
+    run_cli("bench", "quality", two_pictures, "--curves", "6", *SHORT, "--sheet", sheet, "--cache", cache)
 
 
-def test_only_the_first_four_pictures_are_shown_and_large_ones_are_made_smaller(two_pictures, tmp_path):
+def test_only_the_first_four_pictures_are_shown_and_large_ones_are_made_smaller(two_pictures, tmp_path, run_cli):
     for name in "cdefg":
         Image.fromarray(smooth_pixels(8, 8)).save(two_pictures / f"{name}.png")
     Image.fromarray(smooth_pixels(1000, 10)).save(two_pictures / "a.png")
     sheet = tmp_path / "sheet.png"
-    assert run("quality", two_pictures, "--curves", "2", "--steps", 3, "--threads", 1, "--sheet", sheet).exit_code == 0
+    run_cli("bench", "quality", two_pictures, "--curves", "2", "--steps", 3, "--threads", 1, "--sheet", sheet)
     with Image.open(sheet) as image:
         assert image.size == (3 * 768 + 4 * 6, 4 * (18 + 6) + 8 + 24 + 8 + 8)
 
 
-def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(two_pictures):
+def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(two_pictures, run_cli):
     before = (two_pictures / "a.png").read_bytes()
-    assert isinstance(run("quality", two_pictures, *SHORT, "--sheet", two_pictures / "a.png").exception, UsageError)
+    run_cli("bench", "quality", two_pictures, *SHORT, "--sheet", two_pictures / "a.png", code=2, error="not written by")
     assert (two_pictures / "a.png").read_bytes() == before
 
 
@@ -223,12 +215,12 @@ def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(two_pictures):
         ("--mode", ","), ("--csv", "t.txt"), ("--sheet", "s.jpg"),
     ],
 )  # fmt: skip
-def test_wrong_values_are_refused_before_any_work(two_pictures, arguments):
+def test_wrong_values_are_refused_before_any_work(two_pictures, arguments, run_cli):
     for path in two_pictures.iterdir():
         path.write_text("a picture that would be refused")
-    assert isinstance(run("quality", two_pictures, *arguments).exception, UsageError)
+    run_cli("bench", "quality", two_pictures, *arguments, code=2, error=arguments[0])
 
 
-def test_missing_and_empty_folders_are_one_clear_error(tmp_path):
+def test_missing_and_empty_folders_are_one_clear_error(tmp_path, run_cli):
     for path in (tmp_path / "none", tmp_path):
-        assert isinstance(run("quality", path).exception, InputError)
+        run_cli("bench", "quality", path, code=1, error=str(path))

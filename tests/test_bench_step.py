@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from cubicsplat_cli.bench.step import (
     Memory,
@@ -19,7 +18,6 @@ from cubicsplat_cli.bench.step import (
     synthetic_picture,
     total_steps,
 )
-from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.settings import FitSettings
 
@@ -140,31 +138,26 @@ def test_the_lines_say_what_is_known_of_the_memory(peak, said):
 # --- the command -------------------------------------------------------------------------------------------
 
 
-def run(*arguments: object):
-    return CliRunner().invoke(bench, ["step", *(str(argument) for argument in arguments)])
-
-
 QUICK = ("--curves", 6, "--threads", 1, "--warmup-steps", 2, "--steps", 3, "--preset", "draft")
 
 
-def test_step_prints_lines_or_json():
-    done = run("--size", "40x24", *QUICK)
-    assert done.exit_code == 0, done.exception
-    first, relaxed = done.stdout.splitlines()[:2]
+def test_step_prints_lines_or_json(run_cli):
+    done = run_cli("bench", "step", "--size", "40x24", *QUICK)
+    first, relaxed = done.stdout.decode().splitlines()[:2]
     assert first.startswith("synthetic, 40 x 24 px, 6 closed curves of 4 segments")
     assert relaxed.startswith("relaxed")
-    assert done.stdout.splitlines()[-1].startswith("memory")
-    done = run("--size", "40x24", *QUICK, "--json", "--mode", "open")
+    assert done.stdout.splitlines()[-1].startswith(b"memory")
+    done = run_cli("bench", "step", "--size", "40x24", *QUICK, "--json", "--mode", "open")
     found = json.loads(done.stdout, parse_constant=pytest.fail)
     assert (found["bench"], found["settings"]["mode"], found["timed_steps"]) == ("step", "open", 3)
     assert found["memory"]["before_mb"] is None or found["memory"]["before_mb"] > 50
 
 
-def test_step_of_a_picture_file(logo):
-    found = json.loads(run(logo, *QUICK, "--json").stdout)
+def test_step_of_a_picture_file(logo, run_cli):
+    found = json.loads(run_cli("bench", "step", logo, *QUICK, "--json").stdout)
     assert found["picture"] == {"name": str(logo), "width": 32, "height": 32, "channels": 4}
 
 
 @pytest.mark.parametrize("size", ["40", "0x5", "40x", "axb", "99999x5", "-4x4"])
-def test_senseless_sizes_are_refused(size):
-    assert isinstance(run(f"--size={size}").exception, UsageError)
+def test_senseless_sizes_are_refused(size, run_cli):
+    run_cli("bench", "step", f"--size={size}", code=2, error="--size must be")

@@ -6,24 +6,13 @@ import csv
 from pathlib import Path
 
 import pytest
-import typer
 from cli_runs import strict_json
 from conftest import smooth_pixels
 from PIL import Image
 from scenes import PAPER, random_scene
-from typer.testing import CliRunner, Result
 
-from cubicsplat_cli.cli import eval as command
-from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.settings import SCALE, Mode
 from cubicsplat_cli.svg.scene_writer import write_svg
-
-app = typer.Typer()
-app.command()(command.evaluate)
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture
@@ -41,24 +30,23 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     return references, candidates
 
 
-def test_folders_are_judged_pair_by_pair_and_failures_come_last(folders):
-    done = run(*folders)
-    assert done.exit_code == 1
-    first, second, mean = done.stdout.splitlines()
+def test_folders_are_judged_pair_by_pair_and_failures_come_last(folders, run_cli):
+    done = run_cli("eval", *folders, code=1)
+    first, second, mean = done.stdout.decode().splitlines()
     assert first.startswith(str(folders[1] / "a.svg"))
     assert " dB  SSIM 0." in first
     assert second == f"{folders[1] / 'b.png'}  identical  SSIM 1.0000"
     assert mean.startswith("mean of 2  ")
-    assert "without a reference: stray.svg" in done.stderr
-    assert done.stderr.splitlines()[-1].startswith(f"cubicsplat: error: {folders[0] / 'c.png'}: ")
+    assert b"without a reference: stray.svg" in done.stderr
+    assert done.stderr.decode().splitlines()[-1].startswith(f"cubicsplat: error: {folders[0] / 'c.png'}: ")
 
 
-def test_json_and_csv_of_folders_hold_every_pair_and_the_means(folders, tmp_path):
+def test_json_and_csv_of_folders_hold_every_pair_and_the_means(folders, tmp_path, run_cli):
     (folders[0] / "c.png").unlink()
     Image.fromarray(smooth_pixels(40, 28) // 2).save(folders[1] / "b.png")
     table = tmp_path / "table.csv"
-    done = run(*folders, "--json", "--csv", table, "-q")
-    assert (done.exit_code, done.stderr) == (0, "")
+    done = run_cli("eval", *folders, "--json", "--csv", table, "-q")
+    assert done.stderr == b""
     found = strict_json(done.stdout)
     levels = [pair["quality"]["psnr_db"] for pair in found["pairs"]]
     assert len(levels) == 2
@@ -71,24 +59,21 @@ def test_json_and_csv_of_folders_hold_every_pair_and_the_means(folders, tmp_path
     assert rows[0]["scale"] == ""
 
 
-def test_one_pair_that_cannot_be_judged_does_not_stop_the_others(folders):
+def test_one_pair_that_cannot_be_judged_does_not_stop_the_others(folders, run_cli):
     (folders[1] / "c.svg").write_text("no svg")
-    done = run(*folders, "--json")
-    assert done.exit_code == 1
+    done = run_cli("eval", *folders, "--json", code=1)
     found = strict_json(done.stdout)
     assert [Path(pair["candidate"]["path"]).name for pair in found["pairs"]] == ["a.svg", "b.png"]
     assert "is no SVG" in found["failed"][0]["error"]
     for path in folders[1].iterdir():
         path.write_text("broken")
-    done = run(*folders)
-    assert isinstance(done.exception, InputError)
+    assert b"is no SVG; give an SVG file; " in run_cli("eval", *folders, code=1).stderr
 
 
-def test_scale_shows_file_and_engine(folders, tmp_path):
+def test_scale_shows_file_and_engine(folders, tmp_path, run_cli):
     table = tmp_path / "t.csv"
-    done = run(folders[0] / "a.png", folders[1] / "a.svg", "--scale", 2, "--threads", 1, "--csv", table)
-    assert done.exit_code == 0, done.stderr
-    native, file, engine = done.stdout.splitlines()
+    done = run_cli("eval", folders[0] / "a.png", folders[1] / "a.svg", "--scale", 2, "--threads", 1, "--csv", table)
+    native, file, engine = done.stdout.decode().splitlines()
     assert native.startswith(str(folders[1] / "a.svg"))
     for line, name in ((file, "cairosvg"), (engine, "engine")):
         assert line.startswith("  2x, 80 x 56 px  " + name)
@@ -99,21 +84,17 @@ def test_scale_shows_file_and_engine(folders, tmp_path):
     assert abs(float(row["scaled_psnr_db"]) - float(row["psnr_db"])) < 0.1
 
 
-def test_scale_over_folders_reports_the_mean_change(folders):
+def test_scale_over_folders_reports_the_mean_change(folders, run_cli):
     (folders[0] / "b.png").unlink()
     (folders[0] / "c.png").unlink()
-    done = run(*folders, "--scale", 3, "--threads", 1)
-    assert done.exit_code == 0, done.stderr
-    assert "  svg " in done.stdout.splitlines()[-1]
-    assert "  engine " in done.stdout.splitlines()[-1]
+    done = run_cli("eval", *folders, "--scale", 3, "--threads", 1)
+    assert b"  svg " in done.stdout.splitlines()[-1]
+    assert b"  engine " in done.stdout.splitlines()[-1]
 
 
-def test_wrong_usage(folders, tmp_path):
-    done = run(folders[0], folders[1] / "a.svg")
-    assert isinstance(done.exception, UsageError)
-    done = run(folders[0] / "a.png", folders[1] / "a.svg", "--csv", tmp_path / "figures.txt")
-    assert isinstance(done.exception, UsageError)
-    done = run(folders[0] / "b.png", folders[1] / "b.png", "--scale", 2)
-    assert isinstance(done.exception, UsageError)
-    done = run(folders[0] / "a.png", folders[1] / "a.svg", "--scale", SCALE.most + 1)
-    assert isinstance(done.exception, UsageError)
+def test_wrong_usage(folders, tmp_path, run_cli):
+    picture, svg = folders[0] / "a.png", folders[1] / "a.svg"
+    run_cli("eval", folders[0], svg, code=2, error="is a folder")
+    run_cli("eval", picture, svg, "--csv", tmp_path / "figures.txt", code=2, error="--csv")
+    run_cli("eval", picture, folders[1] / "b.png", "--scale", 2, code=2, error="--scale")
+    run_cli("eval", picture, svg, "--scale", SCALE.most + 1, code=2, error="--scale")
