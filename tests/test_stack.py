@@ -21,15 +21,15 @@ OUTLINES = (Rectangle(-3.0, 4.2, 40.3, 30.6, 6.2), Circle(33.3, 20.7, 11.4), Cir
 FILLS = np.array([[1.0, 0.0, 0.0, 1.0], [0.0, 0.2, 0.6, 0.6], [0.1, 0.3, 0.0, 0.5]])
 
 
+def layers_of(rings, fills):
+    """A layer of each ring and fill."""
+    ends = np.cumsum([ring.pieces for ring in rings]).astype(np.int32)
+    cubics, lines = (np.concatenate([getattr(ring, name) for ring in rings]) for name in ("cubics", "lines"))
+    return StackPieces(ends, cubics, lines, np.ones(len(lines)), fills)
+
+
 def stack_of(outlines=OUTLINES):
-    rings = [outline.ring(FINE) for outline in outlines]
-    return StackPieces(
-        np.cumsum([ring.pieces for ring in rings]).astype(np.int32),
-        np.concatenate([ring.cubics for ring in rings]),
-        np.concatenate([ring.lines for ring in rings]),
-        np.ones(sum(ring.pieces for ring in rings)),
-        FILLS[: len(rings)],
-    )
+    return layers_of([outline.ring(FINE) for outline in outlines], FILLS[: len(outlines)])
 
 
 def goal_of(target=None):
@@ -158,6 +158,13 @@ def rows_of(matrix, first, last):
     return SparseRows(starts, matrix.columns[own], matrix.values[own], matrix.count)
 
 
+def unknowns_of(stack, points, keep):
+    """What a step takes of a stack whose control points move so."""
+    first = [0, *stack.ends[:-1]]
+    parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
+    return first, np.diff([0, *stack.ends]), [0] * len(first), parts, np.zeros(points.count), keep
+
+
 @pytest.mark.slow
 def test_the_step_of_a_crowd_is_found_to_a_hundredth():
     """Of squares that all lie over each other: their factor fills up, and is not computed."""
@@ -193,12 +200,9 @@ def test_steps_match_finite_differences(taps, gram_error, keep, aliased):
     target = image_of(stack_of((Rectangle(-3.0, 4.0, 40.0, 31.0, 6.0), *OUTLINES[1:])), goal_of())
     goal = replace(goal_of(target), bound=10.0, taps=np.array(taps))
     goal = with_steps(goal) if aliased else goal
-    first = [0, *stack.ends[:-1]]
-    parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
-    unknowns = first, np.diff([0, *stack.ends]), [0, 0, 0], parts, np.zeros(points.count), keep
-    found = DrawnStack(stack, goal).step(*unknowns)
+    found = DrawnStack(stack, goal).step(*unknowns_of(stack, points, keep))
     step = points.times(found.values).reshape(stack.cubics.shape)
-    assert found.moves == pytest.approx([np.abs(step[a:b]).max() for a, b in zip(first, stack.ends, strict=True)])
+    assert found.moves == pytest.approx([np.abs(part).max() for part in np.split(step, stack.ends[:-1])])
     # The coverage of a polyline is smooth but where a vertex crosses a border between pixels.
     scale = 1e-4 / np.abs(step).max()
     ahead, behind = (
@@ -219,9 +223,7 @@ def test_what_winds_the_other_way_round_is_covered_and_moves_alike():
     box, circle = Rectangle(9.3, 8.2, 20.0, 17.0), Circle(30.0, 20.0, 9.0)
     stack, aim = stack_of((box, circle)), stack_of((Rectangle(9.0, 8.5, 20.4, 16.5), circle))
     other, goal = replace(stack, signs=-stack.signs), goal_of(image_of(aim, goal_of()))
-    points, first = control_points(stack), [0, *stack.ends[:-1]]
-    parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
-    unknowns = first, np.diff([0, *stack.ends]), [0, 0], parts, np.zeros(points.count), 0.01
+    unknowns = unknowns_of(stack, control_points(stack), 0.01)
     drawn, turned = DrawnStack(stack, goal), DrawnStack(other, goal)
     assert np.abs(drawn.picture[0]).max() == 1.0 and (turned.picture[0] == drawn.picture[0]).all()
     assert np.abs(drawn.step(*unknowns).values).max() > 0.1
@@ -277,11 +279,9 @@ def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only()
     count, side = 80, 800
     sizes = ((1.3, side - 2.6), (2.0, side - 4.0))
     frame = [Rectangle(start, start, size, size).ring(FINE) for start, size in sizes]
-    cubics, lines = (np.concatenate([part] * count) for part in _joined(frame))
-    stack = StackPieces(
-        (np.arange(1, count + 1) * 8).astype(np.int32), cubics, lines, np.tile(np.repeat([1.0, -1.0], 4), count),
-        np.tile(FILLS[:1], (count, 1)),
-    )  # fmt: skip
+    signs, fills = np.tile(np.repeat([1.0, -1.0], 4), count), np.tile(FILLS[:1], (count, 1))
+    rings = layers_of(frame * count, fills)
+    stack = replace(rings, ends=rings.ends[1::2].copy(), signs=signs)
     goal = Goal(np.zeros((side, side, 4)), (1.0, 1.0, 1.0, 1.5), 0.15)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     before = resource.getrlimit(resource.RLIMIT_AS)
@@ -294,10 +294,6 @@ def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only()
     assert image[400, 1, 0] == pytest.approx(1.0) and image[400, 400, 0] == 0.0
 
 
-def _joined(rings):
-    return np.concatenate([ring.cubics for ring in rings]), np.concatenate([ring.lines for ring in rings])
-
-
 def test_arrays_of_the_wrong_kind_are_refused():
     stack = stack_of()
     with pytest.raises(EngineError, match="contiguous float64"):
@@ -307,9 +303,7 @@ def test_arrays_of_the_wrong_kind_are_refused():
 def _column(count, shift=0.0):
     """Circles along a line, of which each hides a part of the one before."""
     rings = [Circle(8.0 + 1.3 * k + shift, 9.0 + 0.9 * k, 5.0).ring() for k in range(count)]
-    cubics, lines = _joined(rings)
-    ends = np.cumsum([ring.pieces for ring in rings]).astype(np.int32)
-    return StackPieces(ends, cubics, lines, np.ones(len(lines)), FILLS[np.arange(count) % 3])
+    return layers_of(rings, FILLS[np.arange(count) % 3])
 
 
 def _chosen(pieces, layers):
@@ -345,10 +339,8 @@ def test_a_stack_is_the_same_for_any_number_of_threads():
     count, rng = 400, np.random.default_rng(3)
     places, sizes = rng.uniform(20.0, 380.0, (count, 2)), rng.uniform(3.0, 30.0, count)
     rings = [Circle(x, y, r).ring() for (x, y), r in zip(places, sizes, strict=True)]
-    cubics, lines = _joined(rings)
-    ends = 4 * np.arange(1, count + 1, dtype=np.int32)
-    pieces = StackPieces(ends, cubics, lines, np.ones(4 * count), rng.uniform(0.0, 1.0, (count, 4)))
-    moved = replace(pieces, cubics=cubics + np.repeat(rng.normal(0.0, 0.2, (count, 1, 2)), 4, axis=0))
+    pieces = layers_of(rings, rng.uniform(0.0, 1.0, (count, 4)))
+    moved = replace(pieces, cubics=pieces.cubics + np.repeat(rng.normal(0.0, 0.2, (count, 1, 2)), 4, axis=0))
     one = np.tile(np.eye(2), (16, 1))
     rows = SparseRows.of(*np.nonzero(one), one[np.nonzero(one)], one.shape)
     firsts = np.arange(0, 4 * count, 4)
