@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -163,7 +164,7 @@ def point(x: float, y: float) -> Tensor:
     return torch.tensor([[x, y]], dtype=torch.float64)
 
 
-def straight(anchors: list[tuple[float, float]], closed: bool) -> Tensor:
+def straight(anchors: Sequence[tuple[float, float]], closed: bool) -> Tensor:
     """Control points (K, 2) of a curve whose cubics are the straight lines between anchors (px)."""
     corners = torch.tensor(anchors, dtype=torch.float32)
     ends = corners.roll(-1, dims=0) if closed else corners[1:]

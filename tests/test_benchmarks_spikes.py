@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scenes import straight
 
 from benchmarks.spikes import Spikes, cusps_of, opened, spikes_of
 from cubicsplat_cli.scene import Scene, pack_rings
@@ -16,9 +17,7 @@ from cubicsplat_cli.svg.scene_writer import write_svg
 
 def polygon(*corners: tuple[float, float]) -> np.ndarray:
     """(3M, 2): its sides as cubics."""
-    here = np.array(corners, np.float32)
-    after = np.roll(here, -1, axis=0)
-    return np.stack([here, (2 * here + after) / 3, (here + 2 * after) / 3], axis=1).reshape(-1, 2)
+    return straight(corners, closed=True).numpy()
 
 
 def scene(*rings: list[np.ndarray], opacity: float = 1.0, mode: Mode = Mode.CLOSED, half_width: float = 0.0) -> Scene:

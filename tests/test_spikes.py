@@ -9,6 +9,7 @@ import pytest
 import torch
 from engines import CUDA, ENGINES, open_kind, packed
 from reference_spikes import sliver_gradient, spike_gradient
+from scenes import straight
 from test_fit import settings
 from test_fit_pieces import crossing_penalty
 
@@ -108,9 +109,7 @@ def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(engine, m
 
 def joined(*corners: tuple[float, float]) -> np.ndarray:
     """(1, 3N, 2): a ring of straight cubics."""
-    start = np.array(corners, np.float32)
-    after = np.roll(start, -1, axis=0)
-    return np.stack([start, (2 * start + after) / 3, (start + 2 * after) / 3], axis=1).reshape(1, -1, 2)
+    return straight(corners, closed=True).numpy()[None]
 
 
 def strip(thickness: float) -> np.ndarray:
