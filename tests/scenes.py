@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -152,6 +152,18 @@ def reference_render(scene: Scene, coverage: str = "relaxed", edge_width: float 
 def assert_close(found: Tensor, wanted: Tensor, rtol: float = 1e-7, atol: float = 1e-7) -> None:
     """As torch.testing.assert_close for float64, which imports torch.distributed: half a second in each process."""
     np.testing.assert_allclose(found.detach().numpy(), wanted.detach().numpy(), rtol=rtol, atol=atol, strict=True)
+
+
+def slopes(function: Callable[[Tensor], Any], values: Tensor, step: float, every: int = 1) -> dict[int, float]:
+    """Central differences of a function in every so many of its values, by their indices."""
+
+    def moved(index: int, by: float) -> float:
+        changed = values.detach().clone()
+        changed.view(-1)[index] += by
+        with torch.no_grad():
+            return float(function(changed))
+
+    return {i: (moved(i, step) - moved(i, -step)) / (2.0 * step) for i in range(0, values.numel(), every)}
 
 
 def polyline(points: Tensor, mode: Mode = Mode.CLOSED, samples: int = 3) -> Tensor:

@@ -46,6 +46,7 @@ from scenes import (
     rectangle,
     reference_render,
     scene_of,
+    slopes,
     straight,
 )  # fmt: skip
 
@@ -307,14 +308,12 @@ def test_a_learned_edge_width_has_the_gradient_of_finite_differences(engine, mod
     target = random_target(random_scene(mode, 1, 3, 33, 40, 3, background=PAPER), 3).to(engine.device)
     _, got = engine.gradients(scene, SETTINGS[0], target=target)
     assert float(got["edge_widths"].abs().max()) > 0.1
-    step = 0.02
-    for i in range(6):
-        losses = []
-        for sign in (1, -1):
-            scene.edge_widths = widths.clone()
-            scene.edge_widths[i] += sign * step
-            losses.append(engine.gradients(scene, SETTINGS[0], target=target)[0])
-        slope = (losses[0] - losses[1]) / (2 * step)
+
+    def loss(edge_widths: torch.Tensor) -> float:
+        scene.edge_widths = edge_widths
+        return engine.gradients(scene, SETTINGS[0], target=target)[0]
+
+    for i, slope in slopes(loss, widths, 0.02).items():
         assert float(got["edge_widths"][i]) == pytest.approx(slope, rel=0.05, abs=0.02)
 
 

@@ -40,6 +40,7 @@ from scenes import (
     rectangle,
     reference_render,
     scene_of,
+    slopes,
 )
 from torch import Tensor
 
@@ -202,24 +203,17 @@ def test_reference_gradients_match_finite_differences(background):
     scene = in_double_painted(painted_scene(Mode.CLOSED, 6, 13, 11, 3, background=background, opacity=(0.3, 0.8)))
     target = random_target(scene).double()
 
-    def loss(frames: Tensor, stops: Tensor) -> Tensor:
-        fills = replace(scene.gradients, frames=frames, stops=stops)
+    def loss(**changed: Tensor) -> Tensor:
+        fills = replace(scene.gradients, **changed)
         return reference.image_loss(reference_render(replace(scene, gradients=fills), edge_width=2.0), target)
 
-    leaves = [scene.gradients.frames, scene.gradients.stops]
-    found = torch.autograd.grad(loss(*leaves), leaves)
-    assert not found[1][0].any()  # flat
-    step, still = 1e-7, [leaf.detach() for leaf in leaves]
-    for which, name in enumerate(("frames", "stops")):
-        assert int((found[which].abs() > 1e-3).sum()) >= 9, name
-        for index in range(0, still[which].numel(), 3):
-            ends = []
-            for sign in (step, -step):
-                moved = [t.clone() for t in still]
-                moved[which].view(-1)[index] += sign
-                ends.append(loss(*moved).detach())
-            slope = float(ends[0] - ends[1]) / (2.0 * step)
-            assert float(found[which].view(-1)[index]) == pytest.approx(slope, rel=2e-3, abs=2e-3), (name, index)
+    leaves = {name: getattr(scene.gradients, name) for name in ("frames", "stops")}
+    found = dict(zip(leaves, torch.autograd.grad(loss(), list(leaves.values())), strict=True))
+    assert not found["stops"][0].any()  # flat
+    for name, leaf in leaves.items():
+        assert int((found[name].abs() > 1e-3).sum()) >= 9, name
+        for index, slope in slopes(lambda moved, name=name: loss(**{name: moved}), leaf, 1e-7, every=3).items():
+            assert float(found[name].view(-1)[index]) == pytest.approx(slope, rel=2e-3, abs=2e-3), (name, index)
 
 
 @cache

@@ -45,6 +45,7 @@ from scenes import (
     reference_render,
     reverse_ring,
     scene_of,
+    slopes,
     straight,
 )
 from torch import Tensor
@@ -175,13 +176,8 @@ def test_reference_gradients_match_finite_differences(mode):
     (gradient,) = torch.autograd.grad(loss(scene.points), scene.points)
     assert not gradient[padding(scene)].any()
     assert int((gradient != 0.0).sum()) > 40
-    step, points = 1e-6, scene.points.detach()
-    for index in range(0, points.numel(), 5):
-        shift = torch.zeros(points.numel(), dtype=torch.float64)
-        shift[index] = step
-        shift = shift.view_as(points)
-        slope = (loss(points + shift) - loss(points - shift)) / (2.0 * step)
-        assert float(gradient.view(-1)[index]) == pytest.approx(float(slope.detach()), rel=1e-4, abs=1e-5)
+    for index, slope in slopes(loss, scene.points, 1e-6, every=5).items():
+        assert float(gradient.view(-1)[index]) == pytest.approx(slope, rel=1e-4, abs=1e-5)
 
 
 @on_cpu_and_gpu

@@ -28,6 +28,7 @@ from scenes import (
     reference_render,
     reverse_ring,
     scene_of,
+    slopes,
     straight,
 )
 from torch import Tensor
@@ -45,17 +46,9 @@ def gradients(scene: Scene, objective: Callable[[Scene], Tensor], names: tuple[s
 def finite_differences(scene: Scene, objective: Callable[[Scene], Tensor], name: str) -> Tensor:
     """Central differences of the objective for every value of one tensor."""
     scene = in_double(scene)
-    step = 1e-6
     values = getattr(scene, name)
-    result = torch.zeros(values.numel(), dtype=torch.float64)
-    for index in range(values.numel()):
-        ends = []
-        for sign in (1.0, -1.0):
-            changed = values.clone()
-            changed.view(-1)[index] += sign * step
-            ends.append(objective(replace(scene, **{name: changed})))
-        result[index] = (ends[0] - ends[1]) / (2.0 * step)
-    return result.view_as(values)
+    found = slopes(lambda changed: objective(replace(scene, **{name: changed})), values, 1e-6)
+    return torch.tensor(list(found.values()), dtype=torch.float64).view_as(values)
 
 
 @pytest.mark.parametrize(
