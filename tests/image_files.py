@@ -1,12 +1,14 @@
-"""Picture files made in memory for the tests of loading."""
+"""Picture files made in memory, and pictures of drawings."""
 
 from __future__ import annotations
 
 import io
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
+import resvg_py
 from PIL import Image, ImageCms
 
 NOISE = np.random.default_rng(7).integers(0, 256, (13, 17, 3), dtype=np.uint8)
@@ -16,6 +18,14 @@ def encode(image: Image.Image, file_format: str = "PNG", **options) -> bytes:
     buffer = io.BytesIO()
     image.save(buffer, file_format, **options)
     return buffer.getvalue()
+
+
+def by_resvg(svg: str | Path, width: int | None = None, ground: str | None = None) -> Image.Image:
+    """What resvg makes of the text of an SVG, or of a file, in RGBA; over a colour where one is given."""
+    given = {"svg_path": str(svg)} if isinstance(svg, Path) else {"svg_string": svg}
+    with Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(**given, width=width)))) as image:
+        picture = image.convert("RGBA")
+    return picture if ground is None else Image.alpha_composite(Image.new("RGBA", picture.size, ground), picture)
 
 
 def recoded(picture: Image.Image | np.ndarray, file_format: str = "JPEG", **options) -> np.ndarray:

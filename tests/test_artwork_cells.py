@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
-import resvg_py
 from conftest import rest_slow
-from image_files import recoded
+from image_files import by_resvg, recoded
 from PIL import Image, ImageDraw
 from skimage import data
 
@@ -48,10 +46,8 @@ def found(picture: np.ndarray) -> Cells | None:
     return cells_of(as_picture(picture).target())
 
 
-def drawn(svg: str, width: int) -> np.ndarray:
-    """(H, width, 4) what resvg makes of an SVG."""
-    image = Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=svg, width=width))))
-    return np.asarray(image.convert("RGBA"))
+def drawn(svg: str | Path, width: int) -> np.ndarray:
+    return np.asarray(by_resvg(svg, width))
 
 
 @pytest.mark.parametrize("times", [1, 3, 8])
@@ -215,7 +211,7 @@ def test_cells_beneath_a_jpegs_artefacts(times, quality):
 )
 def test_a_drawing_without_smoothing_has_no_cells(name, side):
     file = SAMPLES / "artwork" / f"{name}.svg"
-    large = np.asarray(Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_path=str(file), width=8 * side)))))
+    large = drawn(file, 8 * side)
     picture = np.where(large[4::8, 4::8, 3:] > 127, large[4::8, 4::8], 0)
     picture[..., 3] = np.where(picture[..., 3] > 0, 255, 0)
     assert found(picture) is None

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
 import pytest
-import resvg_py
-from image_files import recoded
+from image_files import by_resvg, recoded
 from PIL import Image
 from skimage import data
 
@@ -18,11 +16,8 @@ from cubicsplat_cli.artwork.style import choose_style
 SAMPLES = Path(__file__).resolve().parents[1] / "samples" / "artwork"
 
 
-def drawn(name: str, size: int) -> Image.Image:
-    picture = Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_path=str(SAMPLES / f"{name}.svg"), width=size))))
-    over = Image.new("RGBA", picture.size, "white")
-    over.alpha_composite(picture.convert("RGBA"))
-    return over.convert("RGB")
+def icon(name: str, size: int) -> Image.Image:
+    return by_resvg(SAMPLES / f"{name}.svg", size, "white").convert("RGB")
 
 
 def noisy(picture: Image.Image, sigma: float) -> np.ndarray:
@@ -52,14 +47,14 @@ def test_nothing_tells_where_nothing_differs():
 @pytest.mark.parametrize("name", ["bird", "fish", "letters", "flag"])
 def test_small_icons_with_noise_are_artwork(name, size):
     for sigma in (2.0, 5.0):
-        style = choose_style(noisy(drawn(name, size), sigma) / 255)
+        style = choose_style(noisy(icon(name, size), sigma) / 255)
         assert style.name == "artwork", f"{sigma}: {style.reason}"
 
 
 @pytest.mark.parametrize("size", [32, 48, 64])
 @pytest.mark.parametrize("name", ["bird", "letters", "flag"])
 def test_small_icons_as_jpeg_are_artwork(name, size):
-    style = choose_style(recoded(drawn(name, size), quality=85).astype(np.float32) / 255)
+    style = choose_style(recoded(icon(name, size), quality=85).astype(np.float32) / 255)
     assert style.name == "artwork", style.reason
 
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pytest
-import resvg_py
 from conftest import rest_slow
-from PIL import Image
+from image_files import by_resvg
 
 from cubicsplat_cli.artwork import limits, plan, vectorize
 from cubicsplat_cli.artwork.finish import polish
@@ -141,7 +138,6 @@ def test_fills_of_lines_count_among_the_colours_asked_for(colors):
         '<path d="M5 85L115 60M5 5L115 30" stroke="#092"/><path d="M8 40L60 88" stroke="#c0c" stroke-width="1.2"/>'
     )
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 120 90">{body}</svg>'
-    image = Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=svg, width=120))))
-    picture = np.asarray(image.convert("RGB"), np.float32) / 255.0
+    picture = np.asarray(by_resvg(svg).convert("RGB"), np.float32) / 255.0
     assert len(vectorize.draw(picture, ArtworkSettings(colors=colors)).fills) == colors
     assert len(vectorize.draw(picture).fills) == 5

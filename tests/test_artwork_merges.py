@@ -1,12 +1,10 @@
 """Merges of the finish: runs of pieces that one line or cubic stands for, where they show and where they do not."""
 
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
-import resvg_py
-from PIL import Image
+from image_files import by_resvg
 
 from cubicsplat_cli.artwork.finish.merges import Merge, merged, with_merges
 from cubicsplat_cli.artwork.finish.parameters import Constraints
@@ -125,6 +123,5 @@ def test_more_detail_keeps_more_pieces():
 @pytest.mark.slow
 def test_pieces_that_the_finish_has_made_even_are_merged_at_its_end():
     """Without merges at the end the house comes back with 330 coordinates."""
-    svg = (Path(__file__).parent.parent / "samples/artwork/house.svg").read_text(encoding="utf-8")
-    picture = Image.open(BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=svg, width=200)))).convert("RGB")
-    assert draw(np.asarray(picture) / np.float32(255.0)).coordinates < 290
+    picture = by_resvg(Path(__file__).parent.parent / "samples/artwork/house.svg", 200)
+    assert draw(np.asarray(picture.convert("RGB")) / np.float32(255.0)).coordinates < 290

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pytest
-import resvg_py
-from PIL import Image
+from image_files import by_resvg
 
 from cubicsplat_cli.artwork.input.condition import condition_of
 from cubicsplat_cli.artwork.input.palette import SMALL, square_fills
@@ -24,17 +21,14 @@ FACE = (
 FILLS = {"eyes": (85, 68, 34), "mouth": (204, 34, 68), "collar": (51, 102, 170)}
 
 
-def face() -> Image.Image:
-    return Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=FACE, width=48)))).convert("RGB")
-
-
 def opaque(levels: np.ndarray) -> np.ndarray:
     return np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=2).astype(np.float32)
 
 
 @pytest.mark.parametrize("sigma", [2.0, 4.0])
 def test_parts_of_a_few_px_keep_their_fills(sigma):
-    levels = np.asarray(face(), float) + np.random.default_rng(4).normal(0.0, sigma, (48, 48, 3))
+    levels = np.asarray(by_resvg(FACE, 48).convert("RGB"), float)
+    levels += np.random.default_rng(4).normal(0.0, sigma, (48, 48, 3))
     assert not condition_of(opaque(levels)).clean
     drawing = draw((np.clip(np.rint(levels), 0, 255) / 255).astype(np.float32))
     for part, fill in FILLS.items():

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
 import pytest
-import resvg_py
-from image_files import encode, recoded
+from image_files import by_resvg, encode, recoded
 from PIL import Image
 from scipy import ndimage
 from skimage import data
@@ -110,15 +108,10 @@ def test_a_photo_on_a_white_page_is_a_photo():
 
 
 @pytest.mark.parametrize("size", [16, 24, 32, 48, 64, 128])
-@pytest.mark.parametrize("ground", ["none", "#fff", "#fc3"])
+@pytest.mark.parametrize("ground", [None, "#fff", "#fc3"])
 def test_icons_of_a_few_px_are_artwork(size, ground):
     for name in ("bird", "fish", "badge", "letters"):
-        drawn = resvg_py.svg_to_bytes(svg_path=str(SAMPLES / "artwork" / f"{name}.svg"), width=size)
-        icon = Image.open(io.BytesIO(bytes(drawn))).convert("RGBA")
-        if ground != "none":
-            over = Image.new("RGBA", icon.size, ground)
-            over.alpha_composite(icon)
-            icon = over
+        icon = by_resvg(SAMPLES / "artwork" / f"{name}.svg", size, ground)
         # In grey some of them are hardly darker than this yellow, and of 16 px the badge is greys of any depth.
         for mode in ("RGBA",) if ground == "#fc3" or size == 16 else ("RGBA", "LA"):
             levels = np.array(icon.convert(mode).convert("RGBA"), np.float32) / 255

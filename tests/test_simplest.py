@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import gzip
 from dataclasses import replace
-from io import BytesIO
 from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-import resvg_py
 from conftest import rest_slow
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
+from image_files import by_resvg
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.finish.simpler import apart
@@ -37,7 +35,7 @@ SHAPES = """<rect width="128" height="128" fill="#fff"/>
 @pytest.fixture(scope="module")
 def picture() -> np.ndarray:
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 128 128">{SHAPES}</svg>'
-    return np.asarray(Image.open(BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=svg, width=128)))).convert("RGB"))
+    return np.asarray(by_resvg(svg).convert("RGB"))
 
 
 @pytest.fixture(scope="module")
