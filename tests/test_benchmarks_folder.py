@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import smooth_pixels
+from cli_runs import save_pictures
 from PIL import Image
 
 if sys.platform == "win32":
@@ -59,8 +59,7 @@ def test_a_process_that_fails_has_a_reason_and_limits_hold():
 
 
 def test_a_real_run_has_all_figures(run_benchmark, tmp_path):
-    (tmp_path / "in").mkdir()
-    Image.fromarray(smooth_pixels(20, 14)).save(tmp_path / "in" / "a.png")
+    save_pictures(tmp_path / "in", ["a.png"])
     run_benchmark("folder", tmp_path / "in", "-o", tmp_path / "out", *QUICK)
     (row,) = rows_of(tmp_path / "out")
     assert (row["picture"], row["version"], row["style"], row["shapes"], row["error"]) == (

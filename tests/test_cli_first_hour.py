@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_runs import SHORT, strict_json
+from cli_runs import SHORT, save_pictures, strict_json
 from command import cli_command
 from conftest import smooth_pixels
 from PIL import Image
@@ -261,16 +261,14 @@ def test_what_is_left_out_of_a_folder_is_counted_and_named(tmp_path, run_cli):
 
 
 def test_links_to_folders_are_not_followed_by_patterns_either(tmp_path, run_cli):
-    (tmp_path / "real").mkdir()
-    Image.fromarray(smooth_pixels(20, 16)).save(tmp_path / "real" / "a.png")
+    save_pictures(tmp_path / "real", ["a.png"])
     (tmp_path / "link").symlink_to(tmp_path / "real", target_is_directory=True)
     done = run_cli("vectorize", str(tmp_path / "**" / "*.png"), "-o", tmp_path / "out", "--dry-run", *SHORT)
     assert done.stdout.count(b"to do") == 1
 
 
 def test_a_pattern_ends_where_links_lead_back_to_their_own_folder(tmp_path, run_cli):
-    (tmp_path / "real").mkdir()
-    Image.fromarray(smooth_pixels(20, 16)).save(tmp_path / "real" / "a.png")
+    save_pictures(tmp_path / "real", ["a.png"])
     for name in ("one", "two"):
         (tmp_path / "real" / name).symlink_to(tmp_path, target_is_directory=True)
     (tmp_path / "named").symlink_to(tmp_path / "real", target_is_directory=True)

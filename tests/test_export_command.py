@@ -7,9 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from cli_runs import SHORT
-from conftest import smooth_pixels
-from PIL import Image
+from cli_runs import SHORT, save_pictures
 from test_evaluate_untrusted import foreign
 from test_export import RECTANGLE, skip_without_ezdxf, svg_of
 
@@ -140,9 +138,7 @@ def test_svg_only_still_writes_what_was_asked_for(photo, tmp_path, run_cli):
 
 
 def test_folders_have_exports_beside_each_svg_and_svgz_counts_as_its_text(tmp_path, run_cli):
-    (tmp_path / "in").mkdir()
-    for name in ("a.png", "b.png"):
-        Image.fromarray(smooth_pixels(24, 20)).save(tmp_path / "in" / name)
+    save_pictures(tmp_path / "in", ("a.png", "b.png"))
     run = ("vectorize", tmp_path / "in", "-o", tmp_path / "out", "--svgz", "--also", "pdf", *SHORT)
     run_cli(*run)
     assert {path.name for path in (tmp_path / "out").glob("*.pdf")} == {"a.pdf", "b.pdf"}

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_runs import SHORT, contents, start, strict_json, wait_until
+from cli_runs import SHORT, contents, save_pictures, start, strict_json, wait_until
 from command import one_error
-from conftest import rest_slow, smooth_pixels
+from conftest import rest_slow
 from image_files import encode
 from PIL import Image
 from warm import WarmCommand, run_warm
@@ -64,9 +64,8 @@ def warm_error(said: str, *arguments: object, before: Callable[[], None]) -> Non
 
 @pytest.fixture
 def jpeg(tmp_path) -> Path:
-    path = tmp_path / "x.jpg"
-    Image.fromarray(smooth_pixels(24, 20)).save(path)
-    return path
+    save_pictures(tmp_path, ["x.jpg"])
+    return tmp_path / "x.jpg"
 
 
 PNG = encode(Image.fromarray(np.random.default_rng(1).integers(0, 256, (40, 50, 3), dtype=np.uint8)))
@@ -111,8 +110,7 @@ def test_what_is_no_file(kind, tmp_path, run_cli):
 @ordinary
 def test_a_folder_nobody_may_look_into(tmp_path):
     folder = tmp_path / "locked"
-    folder.mkdir()
-    Image.fromarray(smooth_pixels(24, 20)).save(folder / "x.jpg")
+    save_pictures(folder, ["x.jpg"])
     folder.chmod(0)
     try:
         for path in (folder, folder / "x.jpg", folder / "*.jpg"):
