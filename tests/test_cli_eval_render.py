@@ -155,7 +155,6 @@ def test_render_at_the_size_asked_for_whatever_the_file_says(root, arguments, si
             assert image.size == size
             shown = np.asarray(image.convert("RGBA"))
         assert shown[size[1] // 2, size[0] // 4].tolist() == [255, 0, 0, 255], renderer
-    run_cli("render", path.with_suffix(".png").with_name("none.svg"), code=1)
 
 
 def test_an_svg_without_a_size_is_told_how_to_get_one(tmp_path, run_cli):
