@@ -19,6 +19,9 @@ from conftest import smooth_pixels
 from PIL import Image
 from workers import start_what_outlives_a_pool
 
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.request import Request
+
 SHORT = ("--style", "photo", "--curves", 12, "--steps", 30, "--threads", 1)
 
 
@@ -31,6 +34,19 @@ def json_lines(data: bytes) -> dict[str, dict]:
     """What `--json` printed: name of the file -> object, one line each."""
     values = [strict_json(line) for line in data.splitlines()]
     return {Path(value["input"]["path"]).name: value for value in values}
+
+
+def asked_by(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> Request:
+    """The request that a command line makes."""
+    asked: list[Request] = []
+
+    def planned(inputs: object, output: object, request: Request, **_: object) -> None:
+        asked.append(request)
+        raise UsageError("enough")
+
+    monkeypatch.setattr("cubicsplat_cli.cli.vectorize.plan", planned)
+    run_here(*arguments, code=2, error="enough")
+    return asked[0]
 
 
 def start(*arguments: object, stderr: int | IO[bytes] = subprocess.PIPE, **keywords) -> subprocess.Popen:

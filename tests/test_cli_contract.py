@@ -9,6 +9,7 @@ import sys
 
 import pytest
 import typer
+from cli_runs import asked_by
 from command import cli_command, run_process
 from conftest import rest_slow
 from PIL import Image, ImageDraw
@@ -241,21 +242,6 @@ def test_an_unknown_command_of_a_group_is_told_its_commands(run_cli):
     run_cli("bench", "qualty", code=2, error="did you mean quality?\n")
 
 
-def asked_by(run_cli, monkeypatch, *arguments: str) -> Request:
-    """The request that a command line makes."""
-    from cubicsplat_cli.cli import vectorize as module
-
-    asked: list[Request] = []
-
-    def planned(inputs, output, request, **_):
-        asked.append(request)
-        raise UsageError("enough")
-
-    monkeypatch.setattr(module, "plan", planned)
-    run_cli("vectorize", "x.png", *arguments, code=2)
-    return asked[0]
-
-
 @pytest.mark.parametrize(
     ("present", "earlier"),
     [
@@ -270,9 +256,9 @@ def asked_by(run_cli, monkeypatch, *arguments: str) -> Request:
         (["--set", "detail=2"], ["--detail", "2"]),
     ],
 )  # fmt: skip
-def test_options_of_earlier_versions_go_on_working(present, earlier, run_cli, monkeypatch):
-    found = asked_by(run_cli, monkeypatch, *present)
-    assert found.digest() == asked_by(run_cli, monkeypatch, *earlier).digest() != Request().digest()
+def test_options_of_earlier_versions_go_on_working(present, earlier, monkeypatch):
+    now, before = (asked_by(monkeypatch, "vectorize", "x.png", *words) for words in (present, earlier))
+    assert now.digest() == before.digest() != Request().digest()
 
 
 def test_the_library_takes_the_same_names_and_those_of_earlier_versions():

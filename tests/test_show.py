@@ -7,10 +7,12 @@ import io
 import json
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cli_runs import asked_by
 from conftest import rest_slow, smooth_pixels
 from image_files import encode
 from PIL import Image, ImageDraw
@@ -66,8 +68,6 @@ def test_a_page_has_the_curves_their_worth_the_course_and_the_command(sample):
 
 
 def test_a_curve_is_worth_what_the_picture_loses_without_it(sample):
-    from dataclasses import replace
-
     from cubicsplat_cli import read_svg, render_scene
     from cubicsplat_cli.scene import Scene
 
@@ -235,27 +235,13 @@ REQUESTS = [
 
 @pytest.mark.parametrize("request_", REQUESTS)
 def test_the_command_asks_for_the_same_again(request_, monkeypatch):
-    from dataclasses import replace
-
-    from cubicsplat_cli.cli import app
-    from cubicsplat_cli.cli import vectorize as module
-
-    asked: list[Request] = []
-
-    def planned(inputs, output, request, **_):
-        asked.append(request)
-        raise SystemExit
-
-    monkeypatch.setattr(module, "plan", planned)
     picture = load_picture(encode(Image.fromarray(smooth_pixels(8, 8))))
     quick = replace(request_, settings=request_.settings.with_(steps=1), measure=False)
     report = vectorize_picture(picture, quick).report
     report = replace(report, settings=request_.deciding(), input=replace(report.input, path="a 'b.png"))
     words = shlex.split(command(report))
     assert words[:3] == ["cubicsplat", "vectorize", "a 'b.png"]
-    with pytest.raises(SystemExit):
-        app.run_command(words[1:])
-    assert asked[0].digest() == request_.digest()
+    assert asked_by(monkeypatch, *words[1:]).digest() == request_.digest()
 
 
 def test_ticks_are_round_and_within():
