@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from outline_loops import farthest
 
+from benchmarks.artwork.pixels import psnr
 from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.evaluate.rerender import rerender
@@ -65,12 +66,6 @@ def pdf_content(data: bytes) -> str:
     """The drawing operators of a PDF: of its page and its groups."""
     streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL)
     return "\n".join(zlib.decompress(stream).decode("latin-1") for stream in streams)
-
-
-def psnr(first: np.ndarray, second: np.ndarray) -> float:
-    """Of premultiplied pixels."""
-    over = [a[..., :3].astype(float) * (a[..., 3:] / 255.0) for a in (first, second)]
-    return 10.0 * np.log10(255.0**2 / max(float(((over[0] - over[1]) ** 2).mean()), 1e-9))
 
 
 @pytest.mark.parametrize("form", OF_CAIRO)

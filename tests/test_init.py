@@ -9,6 +9,7 @@ import pytest
 import torch
 from cli_runs import strict_json
 from PIL import Image
+from test_fills import final
 from test_fit import picture, settings
 
 from cubicsplat_cli import vectorize
@@ -37,13 +38,6 @@ def first(target) -> Scene:
 
 def level(found) -> float:
     return found.history[-1]["psnr_db"]
-
-
-def final(target, scene) -> float:
-    """dB of a scene's exact picture."""
-    from cubicsplat_cli.raster.engines import render_scene
-
-    return float(-10 * np.log10(np.square(render_scene(scene, threads=1) - target).mean()))
 
 
 def test_refining_is_better_than_the_start_and_quicker_than_anew(target, first):

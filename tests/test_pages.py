@@ -11,8 +11,9 @@ from conftest import ctrl_c
 from image_files import encode, png_of, recoded
 from PIL import Image
 from scans import target_of
-from test_svg_viewers import AGREEMENT_DB, agreement
+from test_svg_viewers import AGREEMENT_DB
 
+from benchmarks.artwork.pixels import psnr
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.photo_parts import PhotoPart, page_of
 from cubicsplat_cli.artwork.structure import boxes_of
@@ -276,7 +277,7 @@ def test_a_page_reads_back_and_the_engine_draws_it(fitted):
     assert write_drawing(read_drawing(fitted.svg), title="a", comment="b").count("<path") == fitted.svg.count("<path")
     assert isinstance(fitted.scene, LayeredScene)
     own = of_scene(fitted.scene, WIDTH, HEIGHT, 24, 1).rows(0, HEIGHT)
-    assert agreement(np.rint(255.0 * own).astype(np.uint8), rerender(fitted.svg.encode(), WIDTH, HEIGHT).pixels) > 40.0
+    assert psnr(np.rint(255.0 * own).astype(np.uint8), rerender(fitted.svg.encode(), WIDTH, HEIGHT).pixels) > 40.0
 
 
 def test_none_keeps_photos_from_being_parts():
@@ -299,9 +300,9 @@ def test_an_image_is_embedded_and_read_and_drawn_by_all(embedded):
         rerender_untrusted(embedded.svg.encode(), source="x.svg", renderer=name)[0].pixels
         for name in ("cairosvg", "resvg")
     ]
-    assert agreement(*pictures) > AGREEMENT_DB
+    assert psnr(*pictures) > AGREEMENT_DB
     own = of_scene(embedded.scene, WIDTH, HEIGHT, 24, 1).rows(0, HEIGHT)
-    assert agreement(np.rint(255.0 * own).astype(np.uint8), pictures[0]) > 40.0
+    assert psnr(np.rint(255.0 * own).astype(np.uint8), pictures[0]) > 40.0
     half = of_scene(embedded.scene, WIDTH // 2, HEIGHT // 2, 24, 1).rows(0, HEIGHT // 2)
     assert half[50, 40, :3] == pytest.approx(own[100:102, 80:82, :3].mean(axis=(0, 1)), abs=0.1)
 

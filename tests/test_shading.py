@@ -11,8 +11,9 @@ from conftest import ctrl_c
 from PIL import Image
 from skimage import data
 from skimage.color import deltaE_ciede2000, rgb2lab
-from test_svg_viewers import AGREEMENT_DB, agreement, in_chromium
+from test_svg_viewers import AGREEMENT_DB, in_chromium
 
+from benchmarks.artwork.pixels import psnr
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.scene import picture_of
@@ -167,7 +168,7 @@ def test_a_drawing_with_shading_is_no_scene_of_curves(svg):
 def test_cairosvg_and_resvg_draw_it_alike(svg):
     for side in (SIDE, 4 * SIDE):
         drawn = [rerender(svg.encode(), side, side, renderer=name).pixels for name in ("cairosvg", "resvg")]
-        assert agreement(*drawn) > AGREEMENT_DB
+        assert psnr(*drawn) > AGREEMENT_DB
 
 
 @pytest.mark.parametrize(("renderer", "levels"), [("resvg", 1), ("cairosvg", 23)])
@@ -183,7 +184,7 @@ def test_edges_are_those_of_the_shape(drawing, svg, renderer, levels):
 def test_chromium_draws_it_alike(svg, browser, tmp_path):
     (tmp_path / "x.svg").write_text(svg, encoding="utf-8")
     shown = in_chromium(browser, tmp_path / "x.svg", SIDE, SIDE)
-    assert agreement(shown, rerender(svg.encode(), SIDE, SIDE).pixels) > AGREEMENT_DB
+    assert psnr(shown, rerender(svg.encode(), SIDE, SIDE).pixels) > AGREEMENT_DB
 
 
 def test_the_engine_draws_the_layers_as_renderers_do(drawing, svg):
@@ -193,7 +194,7 @@ def test_the_engine_draws_the_layers_as_renderers_do(drawing, svg):
     own = of_scene(scene, SIDE, SIDE, 24, 1).rows(0, SIDE)
     straight = np.concatenate([own[..., :3] / np.maximum(own[..., 3:], 1e-6), own[..., 3:]], axis=2)
     drawn = rerender(svg.encode(), SIDE, SIDE).pixels
-    assert agreement(np.rint(255.0 * np.clip(straight, 0, 1)).astype(np.uint8), drawn) > AGREEMENT_DB
+    assert psnr(np.rint(255.0 * np.clip(straight, 0, 1)).astype(np.uint8), drawn) > AGREEMENT_DB
 
 
 def test_shading_grows_with_its_drawing(drawing):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from itertools import combinations
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 from conftest import rest_slow
 from PIL import Image
 
+from benchmarks.artwork.pixels import psnr
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
@@ -40,17 +40,6 @@ def drawing(request, tmp_path_factory, run_cli) -> Path:
     return folder / "x.svg"
 
 
-def agreement(first: np.ndarray, second: np.ndarray) -> float:
-    """The smaller PSNR, over black and over white, of two (H, W, 4) uint8 straight RGBA pictures."""
-    found = []
-    for white in (0.0, 1.0):
-        alphas = [pixels[..., 3:] / 255 for pixels in (first, second)]
-        over = [p[..., :3] / 255 * a + white * (1 - a) for p, a in zip((first, second), alphas, strict=True)]
-        error = float(np.mean((over[0] - over[1]) ** 2))
-        found.append(math.inf if error == 0 else -10 * math.log10(error))
-    return min(found)
-
-
 def in_chromium(browser, svg: Path, width: int, height: int) -> np.ndarray:
     """(H, W, 4) uint8: what Chromium shows of a file."""
     page = browser.new_page(viewport={"width": width, "height": height})
@@ -70,7 +59,7 @@ def test_cairosvg_and_resvg_agree(drawing):
     width, height = size_of(drawing)
     drawn = [rerender(drawing.read_bytes(), width, height, renderer=name).pixels for name in ("cairosvg", "resvg")]
     assert drawn[0].std() > 10, "there is something to see"
-    assert agreement(*drawn) >= AGREEMENT_DB
+    assert psnr(*drawn) >= AGREEMENT_DB
 
 
 def test_chromium_agrees_with_both(drawing, browser):
@@ -78,5 +67,5 @@ def test_chromium_agrees_with_both(drawing, browser):
     data = drawing.read_bytes()
     drawn = {name: rerender(data, width, height, renderer=name).pixels for name in ("cairosvg", "resvg")}
     drawn["chromium"] = in_chromium(browser, drawing, width, height)
-    found = {pair: agreement(drawn[pair[0]], drawn[pair[1]]) for pair in combinations(drawn, 2)}
+    found = {pair: psnr(drawn[pair[0]], drawn[pair[1]]) for pair in combinations(drawn, 2)}
     assert min(found.values()) >= AGREEMENT_DB, found
