@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, with_sharp_chroma
-from cubicsplat_cli.artwork.input.prepare import analysed
+from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed
 from cubicsplat_cli.artwork.input.recompressed import before_compression
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.vectorize import draw
@@ -38,6 +38,13 @@ def drawn(size: tuple[int, int]) -> np.ndarray:
     pen.ellipse([210, 190, right - 290, bottom - 205], fill=(250, 240, 200))
     pen.rectangle([0, bottom // 2 + 3, right, bottom // 2 + 43], fill=(60, 40, 160))
     return np.asarray(large.resize(size, Image.Resampling.BOX))
+
+
+def lossy(image, kind: str = "JPEG", **options: int) -> tuple[np.ndarray, PreparedInput]:
+    """What is drawn of an image that was stored with loss, and what its analysis tells."""
+    image = image if isinstance(image, Image.Image) else Image.fromarray(image)
+    picture = load_picture(encode(image, kind, **options))
+    return picture.target(), analysed(picture.target(), picture.compression)
 
 
 def test_a_file_says_whether_it_was_compressed_with_loss():
@@ -77,8 +84,7 @@ def test_a_file_says_nothing_of_pixels_that_were_turned_nor_of_other_channels():
 @pytest.mark.parametrize(("file_format", "options", "share"), [("JPEG", {"subsampling": 2}, 0.7), ("WEBP", {}, 0.8)])
 def test_a_drawing_is_nearer_to_what_was_compressed_than_the_file_is(file_format, options, share):
     levels = drawn((200, 160))
-    picture = load_picture(encode(Image.fromarray(levels), file_format, quality=60, **options))
-    prepared = analysed(picture.target(), picture.compression)
+    _, prepared = lossy(levels, file_format, quality=60, **options)
     even = restored(prepared.levels, prepared.condition)
     assert prepared.compression is not None
     after, seen = before_compression(
@@ -93,28 +99,25 @@ def test_a_drawing_is_nearer_to_what_was_compressed_than_the_file_is(file_format
 
 def test_level_stripes_of_a_jpeg_are_drawn_without_its_ringing():
     """They have as few colours as a GIF, and coefficients along columns alone."""
+    assert lossy(stripes(), quality=80)[1].condition.jpeg
     file = encode(Image.fromarray(stripes()), "JPEG", quality=80)
-    picture = load_picture(file)
-    assert analysed(picture.target(), picture.compression).condition.jpeg
     assert vectorize(file, measure=False).report.shapes == 3
 
 
 def test_a_file_without_a_trace_of_loss_is_clean():
     levels = np.full((64, 64, 3), 240, np.uint8)
     levels[16:48, 16:48] = (80, 80, 80)  # whole blocks
-    picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=95))
-    assert analysed(picture.target(), picture.compression).condition.clean
+    assert lossy(levels, quality=95)[1].condition.clean
 
 
 def test_a_jpeg_of_few_rows_is_known_as_one():
-    picture = load_picture(encode(Image.fromarray(drawn((64, 64))[26:38]), "JPEG"))
-    assert analysed(picture.target(), picture.compression).condition.jpeg
+    assert lossy(drawn((64, 64))[26:38])[1].condition.jpeg
 
 
 @pytest.mark.parametrize(("width", "height"), [(12, 40), (8, 8), (3, 40), (1, 1)])
 def test_a_jpeg_of_few_pixels_is_drawn(width, height):
-    picture = load_picture(encode(Image.fromarray(drawn((64, 80))[26 : 26 + height, 5 : 5 + width]), "JPEG"))
-    drawing = draw(picture.target(), prepared=analysed(picture.target(), picture.compression))
+    target, prepared = lossy(drawn((64, 80))[26 : 26 + height, 5 : 5 + width])
+    drawing = draw(target, prepared=prepared)
     assert drawing.shapes and (drawing.width, drawing.height) == (width, height)
 
 
@@ -122,8 +125,7 @@ def test_a_jpeg_of_few_pixels_is_drawn(width, height):
 def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one(red):
     levels = np.full((160, 160, 3), 255, np.uint8)
     levels[20:140, 20:140] = [[(red, 230 - y, 60) for x in range(120)] for y in range(120)]
-    picture = load_picture(encode(Image.fromarray(levels), "JPEG", quality=90))
-    assert len(draw(picture.target()).gradients) == 1
+    assert len(draw(lossy(levels, quality=90)[0]).gradients) == 1
 
 
 def test_parts_of_near_fills_have_each_its_own():
@@ -134,12 +136,10 @@ def test_parts_of_near_fills_have_each_its_own():
     pen.ellipse([100, 100, 900, 900], fill=first)
     for k in range(2):
         pen.polygon([(1000 + 220 * k, y) for y in (100, 700)] + [(1115 + 220 * k, y) for y in (900, 300)], fill=second)
-    data = encode(large.resize((200, 160), Image.Resampling.BOX), "JPEG", quality=80, subsampling=2)
-    picture = load_picture(data)
-    prepared = analysed(picture.target(), picture.compression)
+    target, prepared = lossy(large.resize((200, 160), Image.Resampling.BOX), quality=80, subsampling=2)
     even = restored(prepared.levels, prepared.condition)
     assert even.palette is not None and len(even.palette) == 2
-    drawing = draw(picture.target(), prepared=prepared)
+    drawing = draw(target, prepared=prepared)
     assert len(drawing.shapes) == 4 and not drawing.gradients
     found = np.array(drawing.fills)[1:, :3]
     assert np.abs(found[np.argsort(-found[:, 0])] - [first, second]).max() <= 1
@@ -148,10 +148,9 @@ def test_parts_of_near_fills_have_each_its_own():
 def test_a_colour_of_three_digits_comes_back_from_what_it_is_rounded_to():
     image = Image.new("RGB", (128, 128), (255, 255, 255))
     ImageDraw.Draw(image).rectangle([22, 21, 99, 97], fill=(34, 102, 153))
-    picture = load_picture(encode(image, "JPEG", quality=80))
-    assert (255.0 * picture.target()[60, 60]).round().tolist() == [34, 101, 153]
-    prepared = analysed(picture.target(), picture.compression)
-    assert (34, 102, 153, 255) in draw(picture.target(), prepared=prepared).fills
+    target, prepared = lossy(image, quality=80)
+    assert (255.0 * target[60, 60]).round().tolist() == [34, 101, 153]
+    assert (34, 102, 153, 255) in draw(target, prepared=prepared).fills
 
 
 def page(*inks: tuple[int, int, int]) -> np.ndarray:
@@ -169,8 +168,7 @@ def page(*inks: tuple[int, int, int]) -> np.ndarray:
 @pytest.mark.slow
 def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
     clean = page((0, 0, 0), (0, 0, 238))
-    picture = load_picture(encode(Image.fromarray(clean), "JPEG", quality=80, subsampling=2))
-    prepared = analysed(picture.target(), picture.compression)
+    _, prepared = lossy(clean, quality=80, subsampling=2)
     assert prepared.compression is not None and prepared.condition.halved == (0, 1)
     even = restored(prepared.levels, prepared.condition)
     after, _ = before_compression(
@@ -189,9 +187,7 @@ def test_text_of_two_inks_keeps_its_small_marks_and_its_inks():
 @pytest.mark.parametrize("sampling", rest_slow(2, 0, 1))
 def test_the_inks_of_text_come_back_whatever_size_its_chroma_was_stored_at(sampling):
     """Taken for halved, chroma that is not has a red of 239."""
-    data = encode(Image.fromarray(page((34, 34, 34), (187, 0, 0))), "JPEG", quality=92, subsampling=sampling)
-    picture = load_picture(data)
-    prepared = analysed(picture.target(), picture.compression)
+    _, prepared = lossy(page((34, 34, 34), (187, 0, 0)), quality=92, subsampling=sampling)
     assert prepared.condition.halved == ((), (1,), (0, 1))[sampling]
     palette = restored(prepared.levels, prepared.condition).palette
     assert palette is not None and len(palette) == 3
@@ -206,9 +202,7 @@ def test_thin_black_lines_on_a_strong_colour_are_black(kind, quality):
     pen.ellipse([60, 60, 2020, 1380], fill=(0, 164, 216), outline="black", width=22)
     for k in range(18):
         pen.line([300 + 70 * k, 500 + 6 * k, 360 + 72 * k, 900], fill="black", width=7 + k % 3)
-    data = encode(large.resize((260, 180), Image.Resampling.BOX), kind, quality=quality)
-    picture = load_picture(data)
-    prepared = analysed(picture.target(), picture.compression)
+    _, prepared = lossy(large.resize((260, 180), Image.Resampling.BOX), kind, quality=quality)
     palette = restored(prepared.levels, prepared.condition).palette
     dark = palette[palette[:, :3].max(axis=1) < 128.0]
     assert len(dark) == 1 and dark[0, :3].max() <= 12.0
@@ -223,8 +217,7 @@ def test_what_lies_between_a_grey_and_thin_black_marks_is_no_other_fill():
     for k in range(40):
         pen.line([150 + 45 * k, 420 + 40 * (k % 7), 165 + 47 * k, 470 + 40 * (k % 7)], fill="black", width=11)
         pen.line([150 + 45 * k, 820 + 30 * (k % 5), 190 + 45 * k, 825 + 30 * (k % 5)], fill="black", width=9)
-    picture = load_picture(encode(large.resize((260, 160), Image.Resampling.BOX), "WEBP", quality=80))
-    prepared = analysed(picture.target(), picture.compression)
+    _, prepared = lossy(large.resize((260, 160), Image.Resampling.BOX), "WEBP", quality=80)
     even = restored(prepared.levels, prepared.condition)
     orange = np.abs(even.palette[:, :3] - [180.0, 83.0, 50.0]).max(axis=1).argmin()
     assert (even.labels[46:] == orange).sum() <= 4
@@ -239,8 +232,7 @@ def test_thin_marks_keep_their_fill_though_it_lies_between_two_fills_elsewhere()
     for k in range(36):
         top = 260 + 40 * (k % 7)
         pen.line([60 + 42 * k, top, 75 + 42 * k, top + 60], fill=(102, 102, 102), width=11)
-    picture = load_picture(encode(large.resize((200, 120), Image.Resampling.BOX), "JPEG", quality=80))
-    prepared = analysed(picture.target(), picture.compression)
+    _, prepared = lossy(large.resize((200, 120), Image.Resampling.BOX), quality=80)
     palette = restored(prepared.levels, prepared.condition).palette
     assert len(palette) == 4 and np.abs(palette[3, :3] - 102.0).max() <= 16.0
 
