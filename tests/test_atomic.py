@@ -26,20 +26,13 @@ def refuse(act, path: Path, *words: str) -> None:
         assert word in message
 
 
-def test_writes_a_new_file(tmp_path):
+@pytest.mark.parametrize("old", [[], [b"old and longer"]], ids=["a new file", "an old file"])
+def test_writes_a_new_file_and_replaces_an_old_one(old, tmp_path):
     path = tmp_path / "out.svg"
+    for data in old:
+        path.write_bytes(data)
     check_writable(path)
-    assert list(tmp_path.iterdir()) == [], "checking leaves nothing behind"
-    write_atomically(path, b"abc")
-    assert path.read_bytes() == b"abc"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_replaces_an_old_file(tmp_path):
-    path = tmp_path / "out.svg"
-    path.write_bytes(b"old and longer")
-    check_writable(path)
-    assert path.read_bytes() == b"old and longer"
+    assert [each.read_bytes() for each in tmp_path.iterdir()] == old, "checking leaves nothing behind"
     write_atomically(path, b"new")
     assert path.read_bytes() == b"new"
     assert list(tmp_path.iterdir()) == [path]
