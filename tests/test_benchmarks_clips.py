@@ -36,7 +36,7 @@ def test_a_perfect_copy_of_a_moving_clip_has_no_flicker_and_a_shaking_one_has(no
     assert scores(film, Played(shaken, 1, 1), 1.0)["still"] == pytest.approx(25.5, rel=1e-3)
 
 
-def test_each_clip_has_a_row_for_each_tool(noise, tmp_path, run_benchmark):
+def test_each_clip_has_a_row_for_each_tool(tmp_path, run_benchmark):
     frames = [Image.fromarray(np.full((16, 16, 3), 40 * index, np.uint8)) for index in range(3)]
     frames[0].save(tmp_path / "grey.gif", save_all=True, append_images=frames[1:], duration=100)
     done = run_benchmark("clips", tmp_path, "--tools", "moving,each", "--curves", 2, "--json")

@@ -31,7 +31,6 @@ from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
 RENDERER = importlib.import_module("cubicsplat_cli.evaluate.rerender")
-METRICS = importlib.import_module("cubicsplat_cli.evaluate.metrics")
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
 
 

@@ -295,7 +295,7 @@ def test_the_operator_and_render_scene_draw_gradients(engine, mode):
     assert_drawn_and_differentiated(engine, scene, leaves, picture)
 
 
-def test_the_operator_needs_no_gradient_of_the_fills(engine):
+def test_the_operator_needs_no_gradient_of_the_fills():
     scene = painted_scene(Mode.CLOSED, background=PAPER)
     colours = scene.colours.clone().requires_grad_()
     render(replace(scene, colours=colours), RELAXED).sum().backward()

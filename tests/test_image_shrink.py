@@ -81,7 +81,7 @@ def test_never_smaller_than_is_needed(max_size, width):
     assert load_picture(encode(picture_of("RGB")), max_size=max_size).width == width
 
 
-def test_sides_that_are_no_multiple(monkeypatch):
+def test_sides_that_are_no_multiple():
     data = encode(Image.fromarray(smooth_pixels(97, 63)))
     small = load_picture(data, max_size=20)
     assert (small.width, small.height, small.size) == (25, 16, (97, 63))

@@ -57,7 +57,7 @@ def test_layers_of_overlapping_shapes_are_the_picture_too_and_gradients_are_laye
     assert np.abs(over - pixels(result.svg, size=(48, 48))).max() <= 2.0
 
 
-def test_only_cutouts_have_layers(layered):
+def test_only_cutouts_have_layers():
     with pytest.raises(UsageError, match="layers are of cutouts"):
         cubicsplat.vectorize(sign(), style="artwork", threads=1, measure=False).layers()
     with pytest.raises(cubicsplat.InputError, match="not written by cubicsplat"):

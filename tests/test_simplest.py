@@ -44,7 +44,7 @@ def simpler_ones(picture):
     return list(versions(target))
 
 
-def test_versions_get_simpler_down_to_one_shape_and_further_from_the_picture(simpler_ones, picture):
+def test_versions_get_simpler_down_to_one_shape_and_further_from_the_picture(simpler_ones):
     sizes = [(drawing.segments, len(drawing.shapes)) for drawing in simpler_ones]
     assert len(sizes) >= 6 and sizes[0][1] >= 6 and sizes[-1][1] == 1
     assert all(after != before and after[0] <= before[0] for before, after in pairwise(sizes))

@@ -94,7 +94,7 @@ def test_three_fills_explain_what_two_do_not(rng: np.random.Generator) -> None:
     assert (residual_of_three(values, FILLS, near[:, [0, 1, 2, 2]] * [1, 1, 0, 0] - [0, 0, 1, 1]) == np.inf).all()
 
 
-def test_a_blend_of_three_tells_the_share_of_its_fill(rng: np.random.Generator) -> None:
+def test_a_blend_of_three_tells_the_share_of_its_fill() -> None:
     shares = np.array([[0.3, 0.4, 0.3], [0.6, 0.0, 0.4], [0.0, 0.5, 0.5], [1.0, 0.0, 0.0]])
     share, residual = blend_with(shares @ FILLS[:3], FILLS[0], FILLS[1], FILLS[2])
     assert share == pytest.approx(shares[:, 0]) and residual == pytest.approx(0.0, abs=1e-9)
