@@ -79,7 +79,6 @@ def continued(points, sigma, run, most, wrong):
 def test_an_arc_goes_on_as_the_arc_that_it_was():
     points, sigma, run = half_hidden(1.2)
     found = continued(points, sigma, run, math.pi / 2.0, lambda _: 0)
-    assert found is not None
     assert np.abs(np.hypot(*(found - 60.0).T) - 40.0).max() < 0.8
     # In order, and evenly.
     assert np.ptp(np.hypot(*np.diff(found, axis=0).T)) < 0.05
@@ -91,10 +90,8 @@ def test_what_turns_too_far_or_does_not_stay_hidden_is_not_continued():
     assert continued(points, sigma, run, math.pi, lambda _: 5) is None
     # Of the cubics the first is taken that stays hidden, here below a height.
     free = continued(points, sigma, run, math.pi, lambda _: 0)
-    assert free is not None
     highest = float(free[:, 1].min()) + 2.0
     low = continued(points, sigma, run, math.pi, lambda trial: int((trial[:, 1] < highest).sum()))
-    assert low is not None
     assert low[:, 1].min() >= highest - 0.5
 
 

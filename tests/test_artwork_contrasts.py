@@ -31,7 +31,6 @@ def test_edges_and_noise_are_told_apart():
     levels += np.random.default_rng(1).normal(0.0, 4.0, levels.shape)
     found = contrasts(levels)
     # Three pairs in 37 of a row lie across the edge, and none of a column.
-    assert found is not None
     assert found.edges == pytest.approx(3 / 74, abs=0.01)
     assert found.saved > 0.5
     scale = np.random.default_rng(2).exponential(12.0, (40, 40, 1)).cumsum(axis=0) % 200.0

@@ -37,7 +37,6 @@ def drawn(name: str, width: float, **how: float | None) -> np.ndarray:
 )
 def test_ink_blur_and_width_are_told_by_profiles(name, width, blur, texture, quality):
     found = scan_of(as_levels(drawn(name, width, blur=blur, texture=texture, quality=quality)))
-    assert found is not None
     pens = pens_of(found.bare, WHITE, found.grain)
     assert pens is not None and len(pens.inks) == 1
     assert pens.blur == pytest.approx(blur, abs=0.06)
@@ -71,7 +70,6 @@ def test_areas_have_inks_of_their_own_and_more_of_them_than_lines_are_no_pens():
     paper = paper_with((60, 2.5, (30.0, 30.0, 30.0)))
     paper[150:190, 100:160] = (200.0, 40.0, 50.0)
     pens = pens_of(paper, WHITE, 2.0)
-    assert pens is not None
     assert np.abs(pens.inks[pens.owners[pens.places[:, 1] > 140]] - (200.0, 40.0, 50.0)).max() <= 3.0
     paper[120:290, 20:380] = (200.0, 40.0, 50.0)
     assert pens_of(paper, WHITE, 2.0) is None

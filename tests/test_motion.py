@@ -127,7 +127,6 @@ def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() 
     settings = FitSettings.from_preset("draft", curves=3, steps=150, threads=1, background="#e6e6cc")
     fit = ClipFit(pictures[0], settings, precision=1, bytes_per_second=math.inf, count=7)
     first = fit.group(FrameGroup(after_cut=True, pictures=pictures[:4], times=[0.0, 0.1, 0.2, 0.3], end=0.4), None)
-    assert first is not None
     last = scene_at(first, 3)
     shown = render_scene(last, threads=1)
     gone = [
@@ -135,7 +134,6 @@ def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() 
     ]
     dead = min(gone, key=lambda scene: float(np.square(render_scene(scene, threads=1) - shown).sum()))
     second = fit.group(FrameGroup(after_cut=False, pictures=pictures[4:], times=[0.4, 0.5, 0.6], end=0.7), dead)
-    assert second is not None
     assert second.scene.curves == 3
     assert place(scene_at(second, 2)) == pytest.approx((14.0, 12.0), abs=0.3)
 

@@ -87,7 +87,6 @@ def embedded():
 
 def test_a_photo_in_a_frame_is_found_to_the_pixel():
     found = page_of(target_of(page()))
-    assert found is not None
     assert photos_in(page()) == [(LEFT, TOP, RIGHT, BOTTOM)]
     assert found.parts[0].rectangular
     assert len(np.unique(found.flat[TOP:BOTTOM, LEFT:RIGHT].reshape(-1, 3), axis=0)) == 1
@@ -107,7 +106,6 @@ def test_a_photo_in_a_window_with_clear_corners_is_found_and_the_corners_stay_cl
     pixels[TOP + 40 : TOP + 44, LEFT + 40 : LEFT + 60, 3] = 254  # as palettes round opaque pixels
     premultiplied = as_picture(pixels).target()
     found = page_of(premultiplied)
-    assert found is not None
     (part,) = found.parts
     assert part.window == (slice(TOP, BOTTOM), slice(LEFT, RIGHT))
     assert np.abs(found.flat[:TOP] - premultiplied[:TOP]).max() < 2e-3
@@ -146,7 +144,6 @@ def round_photo() -> np.ndarray:
 
 def test_a_round_photo_keeps_its_form():
     found = page_of(target_of(round_photo()))
-    assert found is not None
     (part,) = found.parts
     assert not part.rectangular
     assert part.size == pytest.approx(np.pi * 54**2, rel=0.05)
@@ -269,7 +266,6 @@ def test_a_page_is_a_drawing_with_its_photo_in_it(fitted):
 def test_a_photo_in_a_page_is_as_near_as_alone(fitted):
     off = drawn(fitted.svg) - page()
     alone = vectorize(np.ascontiguousarray(page()[TOP:BOTTOM, LEFT:RIGHT]), style="photo", **QUICK)
-    assert alone.report.quality is not None
     assert level(off[TOP:BOTTOM, LEFT:RIGHT]) > alone.report.quality.svg.psnr_db - 0.5
 
 
@@ -313,7 +309,6 @@ def test_other_formats_and_the_report_take_an_embedded_image(embedded):
     _, notes = exported(data, "xml", "the SVG", tolerance=0.05)
     assert "1 shading" in " ".join(notes)
     page_shown = shown_elements(data, as_picture(page()), 1)
-    assert page_shown is not None
     assert "data:image/" in page_shown.markup
 
 
