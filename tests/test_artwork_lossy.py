@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 from image_files import encode
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
@@ -124,6 +124,18 @@ def test_a_gradient_of_a_jpeg_that_has_nearly_all_or_nothing_of_a_channel_is_one
     levels = np.full((160, 160, 3), 255, np.uint8)
     levels[20:140, 20:140] = [[(red, 230 - y, 60) for x in range(120)] for y in range(120)]
     assert len(draw(lossy(levels, quality=90)[0]).gradients) == 1
+
+
+@pytest.mark.parametrize("blur", rest_slow(1.2, 2.0))
+def test_a_blurred_jpeg_has_the_shapes_of_the_sharp_picture(blur):
+    """What a blur makes of pixels beside edges is no fill."""
+    large = Image.new("RGB", (800, 640), "white")
+    pen = ImageDraw.Draw(large)
+    pen.ellipse([80, 80, 400, 400], outline="#192b6f", width=40)
+    pen.polygon([(480, 560), (720, 480), (560, 120)], fill="#d62728", outline="#192b6f", width=36)
+    small = large.resize((400, 320), Image.Resampling.BOX)
+    made = [draw(lossy(image, quality=75)[0]) for image in (small, small.filter(ImageFilter.GaussianBlur(blur)))]
+    assert len(made[1].shapes) == len(made[0].shapes) and len(made[1].fills) == len(made[0].fills) == 3
 
 
 def test_parts_of_near_fills_have_each_its_own():

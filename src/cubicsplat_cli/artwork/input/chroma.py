@@ -9,6 +9,8 @@ Once the fill is known that a pixel has most of, its neighbours tell which other
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, summed
@@ -186,15 +188,23 @@ class Mixture:
 
 
 def mixture_of(
-    seen: np.ndarray, fills: np.ndarray, labels: np.ndarray, sigma: float, blur: float, snap: float = SNAP
+    seen: np.ndarray,
+    fills: np.ndarray,
+    labels: np.ndarray,
+    sigma: float,
+    blur: float,
+    snap: float = SNAP,
+    *,
+    sharp: bool = True,
 ) -> Mixture:
     """Return the picture (H, W, 4) as blends of two fills (P, 4) a pixel: the fill of its label and one beside it.
 
     labels: (H, W) int. sigma: levels, the error of a pixel; fills less than three times as far apart are not blended.
-    blur: standard deviation in px; blurred edges become sharp. snap: shares this near to 0 or 1 become that.
+    blur: standard deviation in px; sharp: True to make blurred edges sharp. snap: shares this near to 0 or 1 become
+    that.
     """
     mixture = Mixture(labels, labels.copy(), np.zeros(labels.shape))
-    reach = 1 if not blur else 2
+    reach = 1 if not blur else 1 + math.ceil(blur)
     y, x = np.nonzero(~ndimage.alike(labels, 2 * reach + 1))
     if not len(y):
         return mixture
@@ -211,7 +221,7 @@ def mixture_of(
         better = left < best[k]
         k, left, t = k[better], left[better], t[better]
         best[k], other[k], share[k] = left, beside[k], t
-    if blur:
+    if blur and sharp:
         from scipy.special import ndtri  # takes a while to import, and few pictures are blurred
 
         width = np.sqrt(blur**2 + 1.0 / 12.0)  # 1/12 px^2: variance of a pixel's box

@@ -40,6 +40,7 @@ SEEN = np.append(LUMA, 0.7).astype(np.float32)
 CONTRAST = 60.0  # levels of an edge whose width or place is measured
 # px: a narrower blur is the way in which programs smooth edges, or the effect of a JPEG on them.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG = 0.35, 0.6
+NEAR_EDGES = 2.0  # times a JPEG's noise, a few px from edges
 SKEWED = 2.0  # how many times as far as the upper quartile the lower one is off the median where some edges are sharp
 
 
@@ -127,7 +128,7 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
         # 1.7: root of the mean square of the largest of six normal deviates (two directions, three channels).
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * 1.7))
-    blur = edge_blur(levels, noise) or 0.0
+    blur = edge_blur(levels, noise * (NEAR_EDGES if jpeg else 1.0)) or 0.0
     condition = Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
     return replace(condition, aliased=condition.clean and aliased(levels))
 

@@ -154,7 +154,7 @@ def _with_small_parts(
 
     def fitted(palette: np.ndarray, labels: np.ndarray) -> _Labelling:
         lined = with_lines(seen, palette @ space, labels, OUTLIER * sigma, THIN)
-        mixture = mixture_of(seen, palette @ space, lined, sigma, 0.0)
+        mixture = mixture_of(seen, palette @ space, lined, sigma, condition.blur, sharp=False)
         free = ~_shows_inside(labels, len(palette))
         fills, cost, missing = explained(colours, mixture, palette @ LUMA_CHROMA, free, odd, sigma, condition.halved)
         fills, missing = fills @ RGB, missing @ RGB
