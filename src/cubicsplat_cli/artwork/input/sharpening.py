@@ -15,12 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.condition import CONTRAST, rippled
+from cubicsplat_cli.artwork.input.condition import CONTRAST, ROUGH, rippled
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import second_differences, spread
 
 REACH = 5  # px from an edge, where Lanczos' filter of three lobes rings no more
-EVEN = 3.0  # levels between two pixels of a side, and of the second differences of a fill or gradient: rounding makes 2
 FLAT = 2.0  # levels within 3 x 3 px of a fill of one colour, at most: rounding, and the third lobe
 LEAST = 0.1  # of 3 x 3 pixels, less than one: none is known
 HALO = 0.02  # of the contrast: rounding and gradients make less at CONTRAST levels
@@ -78,7 +77,7 @@ class UnsharpMask(NamedTuple):
         steps = math.ceil(6.0 / math.log(1.0 + 2.0 / self.amount))
         found = levels
         for _ in range(passes):
-            low, high = _even_range(found, size + 4, EVEN + 2.0 * self.noise)
+            low, high = _even_range(found, size + 4, ROUGH + 2.0 * self.noise)
             clipped = np.clip(levels, low, high)
             found = np.where(np.abs(clipped - levels) <= highest, clipped, levels)
             for _ in range(steps):
@@ -185,15 +184,15 @@ def _misfits(profiles: np.ndarray, mask: UnsharpMask) -> np.ndarray:
 
 def _busiest(levels: np.ndarray) -> np.ndarray:
     """Return the part of a picture, at most WINDOW px wide and high, with the most edges."""
-    busy = ndimage.uniform_filter((second_differences(levels) > EVEN).astype(np.float32), WINDOW)
+    busy = ndimage.uniform_filter((second_differences(levels) > ROUGH).astype(np.float32), WINDOW)
     y, x = (max(0, int(at) - WINDOW // 2) for at in np.unravel_index(busy.argmax(), busy.shape))
     return np.ascontiguousarray(levels[y : y + WINDOW, x : x + WINDOW])
 
 
 def _rough(levels: np.ndarray) -> float:
-    """Return the number of pixels that are not flat, where a difference of EVEN levels counts half."""
+    """Return the number of pixels that are not flat, where a difference of ROUGH levels counts half."""
     squares = np.square(spread(levels, 3, 3), dtype=np.float64)
-    return float((squares / (squares + EVEN**2)).sum())
+    return float((squares / (squares + ROUGH**2)).sum())
 
 
 def _even(levels: np.ndarray, most: float) -> np.ndarray:
@@ -228,11 +227,11 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     """
     if not _sharpened(levels) or rippled(levels):
         return levels
-    even, flat = _even(levels, EVEN), spread(levels, 3, 3) <= FLAT
+    even, flat = _even(levels, ROUGH), spread(levels, 3, 3) <= FLAT
     if flat[even].sum() <= 0.5 * even.sum():
         return levels
     flat = flat[..., None]
-    low, high = _even_range(levels, 2 * REACH + 1, EVEN)
+    low, high = _even_range(levels, 2 * REACH + 1, ROUGH)
     clipped = np.clip(levels, low, high)
     clipped = np.where(np.abs(clipped - levels) <= MOST * (high - low), clipped, levels)
     known, side = flat, np.where(flat, clipped, np.float32(0.0))
@@ -265,7 +264,7 @@ def _halos(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     lines = values[y[:, None], x[:, None] + np.arange(2 * REACH + 1)].astype(np.float64)
     falling = lines[:, 0] > lines[:, -1]
     lines[falling] = lines[falling, ::-1]
-    even = np.abs(np.diff(lines, axis=1)[:, [0, -1]]).max(axis=1) <= EVEN
+    even = np.abs(np.diff(lines, axis=1)[:, [0, -1]]).max(axis=1) <= ROUGH
     dark, light = lines[:, :2].mean(axis=1), lines[:, -2:].mean(axis=1)
     contrast, half = light - dark, 0.5 * (light + dark)
     # The pixel in the middle holds the point half of the way.
