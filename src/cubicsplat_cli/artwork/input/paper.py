@@ -10,18 +10,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, in_blocks
+from cubicsplat_cli.artwork.channels import FULL, LUMA, in_blocks
 from cubicsplat_cli.artwork.input.condition import OUTLIER
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of, unexplained
+from cubicsplat_cli.artwork.regions.fills import APART
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
 DEGREE = 4  # of the polynomial
 LEAST_GRAIN, MOST_GRAIN = 0.6, 14.0  # levels
-FAR = 24.0  # levels by which a pixel is clearly no paper
 LEAST_PEN_BLUR = 0.5  # px, standard deviation: lines on even paper that are sharper need no pens to be told
-MOST_UNEXPLAINED = 0.05  # of ink's pixels, off by FAR from what pens drew: noise and JPEGs leave up to half of that
-WHITE = np.full(3, 255.0)  # what unevenly lit paper becomes, levels
+MOST_UNEXPLAINED = 0.05  # of ink's pixels, off by APART from what pens drew: noise and JPEGs leave up to half of that
+WHITE = np.full(3, FULL)  # what unevenly lit paper becomes, levels
 NORMAL = 1.4826  # standard deviation of normal errors over the median of their sizes
 
 
@@ -91,7 +91,7 @@ def _on_light_paper(levels: np.ndarray, luma: np.ndarray, *, may_be_uneven: bool
         return None
     if light.max() < 128.0 or light.min() < 0.3 * light.max():
         return None
-    far = max(FAR, 2.0 * OUTLIER * rest)
+    far = max(APART, 2.0 * OUTLIER * rest)
     if (np.abs(off) <= OUTLIER * rest).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
         return None
     colour = np.median(colours[paper], axis=0) if even else WHITE
@@ -100,7 +100,7 @@ def _on_light_paper(levels: np.ndarray, luma: np.ndarray, *, may_be_uneven: bool
     rest *= float(colour @ LUMA) / float(np.median(light))
     ink = _ink((colour - drawn) @ LUMA, rest)
     tint = bare - colour - ((bare - colour) @ LUMA)[..., None]
-    lost = (np.abs(tint) > FAR).any(axis=-1) & ~ink
+    lost = (np.abs(tint) > APART).any(axis=-1) & ~ink
     if not ink.any() or lost.mean() > 0.004:
         return None
     out = levels.copy()
@@ -120,7 +120,7 @@ def _soft(depth: np.ndarray) -> bool:
     """True if the lines of a depth (H, W), in levels below the paper, may be blurred by LEAST_BLUR: no neighbours
     differ by the depth of ink, as they do at sharp edges. Through such a blur they differ by 0.61 of it at most.
     """
-    dark = depth > FAR
+    dark = depth > APART
     steps = (np.abs(np.diff(depth, axis=k, prepend=depth.take([0], axis=k))) for k in (0, 1))
     return bool(dark.any() and np.quantile(np.maximum(*steps)[dark], 0.99) < 0.7 * np.quantile(depth[dark], 0.99))
 
