@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import cubic_parts, derivatives, points_at
+from cubicsplat_cli.artwork.geometry.outlines import EXACT, cubic_parts, derivatives, points_at
 from cubicsplat_cli.artwork.geometry.rows import Link, pairs_of, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import line_chain
 from cubicsplat_cli.artwork.planar.faces import LEAST_WIDTH, Faces
@@ -18,7 +18,6 @@ from cubicsplat_cli.artwork.planar.snapping import GRID, Sources
 from cubicsplat_cli.raster.cubics import ROUNDS, newton_steps
 from cubicsplat_cli.record import record
 
-AT_END = 1e-6  # of the parameter
 ASTRAY = 0.25  # px that a node may lie off the vertex of the map
 
 
@@ -190,13 +189,13 @@ def _place(node: int, ends: list[tuple[int, int]], borders: Borders, faces: Face
     top = max(int(sources.shape[piece]) for piece, _ in found)
     upper = [each for each in found if sources.shape[each[0]] == top]
     for piece, t in upper:
-        if min(t, 1.0 - t) < AT_END:
+        if min(t, 1.0 - t) < EXACT:
             return _if_near(sources.cubics[piece, 0 if t < 0.5 else 3], vertex)
     piece, t = upper[0]
     for other, u in found:
         if other == piece:
             continue
-        if min(u, 1.0 - u) < AT_END:
+        if min(u, 1.0 - u) < EXACT:
             foot = _foot(sources, piece, t, sources.cubics[other, 0 if u < 0.5 else 3])
             return _if_near(sources.at(np.array([piece]), np.array([foot]))[0], vertex)
         met = _crossing(sources.cubics[[piece, other]], np.array([t, u]))
@@ -239,7 +238,7 @@ def _between(
     """The part of a piece between two nodes, and whether it is a line."""
     cubic = sources.cubics[piece]
     t0, t1 = (_foot(sources, piece, u, place) for u, place in zip(t, (a, b), strict=True))
-    if sources.lines[piece] or abs(t1 - t0) < AT_END:
+    if sources.lines[piece] or abs(t1 - t0) < EXACT:
         return line_chain(np.stack([a, b])).cubics[0], True
     low, high = sorted((t0, t1))
     part = cubic_parts(cubic_parts(cubic, high)[0], low / high)[1]
@@ -264,8 +263,8 @@ def _smooth_pairs(
 
 def _smooth(p: int, t: float, q: int, u: float, sources: Sources) -> bool:
     if p == q:
-        return min(t, 1.0 - t) > AT_END
+        return min(t, 1.0 - t) > EXACT
     for (a, at), (b, start) in (((p, t), (q, u)), ((q, u), (p, t))):
-        if sources.after[a] == b and bool(sources.smooth[a]) and at > 1.0 - AT_END and start < AT_END:
+        if sources.after[a] == b and bool(sources.smooth[a]) and at > 1.0 - EXACT and start < EXACT:
             return True
     return False

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Ring, level_box, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import EXACT, Circle, Ellipse, Outline, Ring, level_box, signed_area
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import offset_ring
 from cubicsplat_cli.artwork.planar.borders import Borders, Edges, borders_of, edges_of_borders
@@ -23,7 +23,6 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
 # themselves, whose numbers count along an edge of several, and the canvas.
 GROWN, LATER, OWN, CANVAS = range(4)
-STEPS = 1e6  # of a px: numbers that differ by less are the same
 
 
 def cut_out(drawing: Drawing, precision: int) -> Drawing:
@@ -196,6 +195,6 @@ def _across(sources: Sources, own: np.ndarray, rank: np.ndarray) -> np.ndarray:
 
     own: (P,) bool, which pieces are the cutout's: those of two shapes are the same but for their direction.
     """
-    ahead = np.rint(sources.cubics * STEPS).astype(np.int64)
+    ahead = np.rint(sources.cubics / EXACT).astype(np.int64)
     rank_of = {key.tobytes(): int(number) for key, number in zip(ahead[own], rank[own], strict=True)}
     return np.array([rank_of.get(np.ascontiguousarray(key).tobytes(), -1) for key in ahead[:, ::-1]])
