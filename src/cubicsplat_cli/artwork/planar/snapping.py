@@ -29,7 +29,6 @@ from cubicsplat_cli.record import record
 EIGHTHS = 8  # cubics of a whole turn, which are true to 5e-6 of its radius
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
-MOST_CHORDS = 4096  # of a piece
 # A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
 _NEAR = (9, 16)
 
@@ -117,7 +116,7 @@ def _chords(sources: Sources, live: np.ndarray) -> Segments:
     bend = np.abs(cubics[:, :2] - 2.0 * cubics[:, 1:3] + cubics[:, 2:]).max(axis=(1, 2))
     length = polygon_lengths(cubics)
     counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
-    counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64) * live
+    counts = np.ceil(np.maximum(counts, length / LONGEST)).clip(1).astype(np.int64) * live
     piece, local = places_within(counts)
     t = np.stack([local / counts[piece], (local + 1) / counts[piece]], axis=1)
     ends = []
