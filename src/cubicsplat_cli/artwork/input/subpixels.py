@@ -14,8 +14,9 @@ from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
 
 OFFSETS = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
-# Filters: the part that those of all programs have in common, and the widest, of five taps.
-NARROW, WIDE = np.ones(3) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
+# Filters: the part that those of all programs have in common, and the widest, of five taps, which is that twice.
+NARROW = np.ones(3) / 3.0
+WIDE = np.convolve(NARROW, NARROW)
 ROUNDING = 1.0  # levels: the largest root mean square error of 8-bit values
 DRIFT = 4.0  # levels by which the rows of a ground may differ from each other over three px, and the ends of one
 ALIKE = 0.1  # share by which the contrasts of two parts with one fill may differ
