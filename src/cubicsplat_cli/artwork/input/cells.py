@@ -29,8 +29,8 @@ from cubicsplat_cli.scene.arrays import with_channels
 FEW_COLOURS = 16
 SMALL = 32  # px a side of pictures in which hardly anybody omits anti-aliasing but on purpose
 OFF = 6.0  # levels by which a blend is off the line between two colours at most, and away from both at least
-MOST_UNBLURRED = 2**20  # px of a picture whose enlargement is undone to find cells
-MOST_CELLS = 2**20  # that are drawn; of as many different ones the file has tens of megabytes
+# Of as many different ones the file has tens of megabytes, and to find as many px in an enlarged picture takes seconds.
+MOST_CELLS = 2**20
 
 
 @record
@@ -150,7 +150,7 @@ def _enlarged_cells(target: np.ndarray) -> Cells | None:
     """Return the cells of a picture that was enlarged smoothly; None if it was not, or had none before, or is so large
     that finding out takes seconds.
     """
-    if target.shape[0] * target.shape[1] > MOST_UNBLURRED:
+    if target.shape[0] * target.shape[1] > MOST_CELLS:
         return None
     small, (across, down) = before_enlargement(with_channels(_levels(target), 4, 255.0))
     if across == down == 1.0:
