@@ -14,7 +14,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
-from cubicsplat_cli.artwork.input.condition import Condition, condition_of
+from cubicsplat_cli.artwork.input.condition import LEAST_BLUR_OF_JPEG, Condition, condition_of
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
@@ -31,8 +31,6 @@ from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.arrays import with_channels
 
-# px of the small picture: linear interpolation and its pixels blur by 0.5, which is measured to a sixth.
-MOST_SMOOTHED = 0.6
 HALOS = "drawn without the halos that sharpening left at its edges"
 
 
@@ -156,8 +154,9 @@ def _prepared(
         if max(factors) > 1:
             # The steps of a picture that was enlarged without smoothing are its pixels, and are drawn.
             before = replace(condition_of(small), aliased=False)
-            # Through a wide blur a picture looks enlarged, but may be too small then to tell the blur.
-            if before.blur or condition.blur <= MOST_SMOOTHED * math.sqrt(math.prod(factors)):
+            # Through a wide blur a picture looks enlarged, but may be too small then to tell the blur. Linear
+            # interpolation blurs by half a px of the small one, measured to a sixth: no more than a JPEG.
+            if before.blur or condition.blur <= LEAST_BLUR_OF_JPEG * math.sqrt(math.prod(factors)):
                 levels, (across, down), condition = small, factors, before
     scale = factor * across, factor * down
     prepared = PreparedInput(levels, condition, scale, math.sqrt(across * down), width, height)
