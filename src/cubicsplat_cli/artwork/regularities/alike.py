@@ -23,7 +23,6 @@ FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest poi
 SYSTEMATIC = 0.02  # px, the error of an axis or a shift besides that by chance
 SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
-NEAR = 0.4  # px by which the extents of outlines that are alike differ
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
 # px that points are off at most: at first, as what is alike and of one size lies nearly right at once; after a step; at
 # last; and in the mean.
@@ -75,8 +74,9 @@ def found_copies(
     models = np.zeros(len(names), dtype=bool)
     copies: dict[int, tuple[int, RigidTransform]] = {}
     for i in np.flatnonzero(tells).tolist():
-        # Most pairs are of other sizes.
-        sized = models & (np.abs(widths - widths[i]) <= NEAR) & (np.abs(heights - heights[i]) <= NEAR)
+        # Most pairs are of other sizes, whose ends are off by more than FARTHEST each.
+        sized = models & (np.abs(widths - widths[i]) <= 2.0 * FARTHEST)
+        sized &= np.abs(heights - heights[i]) <= 2.0 * FARTHEST
         found = lines.first_on(i, np.flatnonzero(sized), FLIPS)
         if found is None:
             models[i] = True
