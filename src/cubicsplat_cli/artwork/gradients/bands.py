@@ -10,7 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.areas import RIM
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
-from cubicsplat_cli.artwork.gradients.noisy import SHORTEST, TOLD, steepest
+from cubicsplat_cli.artwork.gradients.noisy import TOLD, WINDOW, steepest
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, OUTER, Patch, joined_pixels, patches_of
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
@@ -88,7 +88,7 @@ def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: C
         # Half of chi^2 of three channels, by the errors that the gradient leaves.
         if after <= STEP * before and 1.5 * TOLD * len(own.x) * (even / after - 1.0) > trial.price:
             span = trimmed_range(trial.at(own.x, own.y), OUTER)
-            length = SHORTEST * float(np.linalg.norm(trial.frame[:, :2], 2))  # of t, along the shorter axis
+            length = WINDOW * float(np.linalg.norm(trial.frame[:, :2], 2))  # of t, along the shorter axis
             if span >= SAME and steepest(trial.ramp, length) < 0.5 * span:
                 return trial, some
     return first, []

@@ -27,10 +27,9 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import IN_LARGE, ON_EDGE, Pixels, grown
 from cubicsplat_cli.raster.unmix import STRANGE
 
-WINDOW = 7  # px
+WINDOW = 7  # px of the means, and within which an edge between two fills does half of its change
 LEFT, LEFT_LEVELS = 1.25, 0.7  # residual of a window from its plane: times the noise, and levels besides
 STEEPEST = 6.0  # levels per px, beyond which a ramp may be two fills
-SHORTEST = 7.0  # px, within which an edge between two fills does half of its change
 # Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
 # picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
@@ -105,7 +104,7 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
     return means.astype(np.float32), plane.all(axis=-1)
 
 
-def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
+def is_step(shade: Shade, shortest: float = WINDOW) -> bool:
     """Return True if a ramp is an edge between two fills: half of its change happens within `shortest` px."""
     change = steepest(shade.ramp, shortest * float(np.hypot(*shade.frame[0, :2])))
     return change >= 0.5 * float(np.ptp(shade.ramp.colours, axis=0).max())
