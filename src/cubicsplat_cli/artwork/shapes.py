@@ -14,6 +14,7 @@ from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 AnyLine = TypeVar("AnyLine", Outline, Path)
+PRICE = 4.0  # nats that a number of a drawing costs in its description
 # The names of hues, up to these degrees.
 _HUES = {
     15: "red", 42: "orange", 68: "yellow", 160: "green", 195: "teal", 255: "blue", 290: "purple", 335: "pink",

@@ -33,7 +33,7 @@ from cubicsplat_cli.artwork.finish.added import with_added
 from cubicsplat_cli.artwork.finish.colours import ROUNDED, recoloured
 from cubicsplat_cli.artwork.finish.polish import polish, polish_closer
 from cubicsplat_cli.artwork.finish.simpler import simpler
-from cubicsplat_cli.artwork.finish.state import PRICE, goal_of
+from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
@@ -50,7 +50,7 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.artwork.shadows.slices import Shadows
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced, with_pixels
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work

@@ -18,7 +18,6 @@ from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
 from cubicsplat_cli.artwork.finish.state import (
     FILL_PARAMETERS,
-    PRICE,
     SHAPE_PARAMETERS,
     UNSEEN,
     WHITE,
@@ -32,7 +31,7 @@ from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import coverage

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS, PRICE
+from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS
 from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.palette import UNLIKE
 from cubicsplat_cli.artwork.scene import scene_of
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene.paint import painted

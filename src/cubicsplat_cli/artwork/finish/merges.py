@@ -12,9 +12,10 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, judged, settle, trimmed
-from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, WHITE, State
+from cubicsplat_cli.artwork.finish.state import UNSEEN, WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, feet_of, polygon_lengths
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
+from cubicsplat_cli.artwork.shapes import PRICE
 from cubicsplat_cli.raster.cubics import found_merges
 from cubicsplat_cli.record import record
 

@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
-from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn
+from cubicsplat_cli.artwork.finish.state import UNSEEN, State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -26,7 +26,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     divided,
     polygon_lengths,
 )
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.progress import log, nothing, work
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record

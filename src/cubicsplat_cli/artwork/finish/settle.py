@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import LEAST, SMOOTH_SPECK, CopyParameters, Parameters, RingParameters
-from cubicsplat_cli.artwork.finish.state import PRICE, State
+from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
+from cubicsplat_cli.artwork.shapes import PRICE
 from cubicsplat_cli.progress import work
 
 ROUNDS = 14

@@ -28,7 +28,6 @@ NEAR, FAINT_EDGE = 5, 0.05
 # Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
-PRICE = 4.0  # nats a parameter
 FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # of a new fill, and of a shape besides its outlines'
 UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 FAINT = 0.01  # change of a picture with a pixel's coverage: fainter edges than that count as this

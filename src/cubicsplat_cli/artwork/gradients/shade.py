@@ -10,6 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import Patch, joined
 from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN, eight_bit
+from cubicsplat_cli.artwork.shapes import PRICE
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba, Stop, parameter, radial_of_frame
@@ -18,7 +19,6 @@ CLOSE = 2.0  # levels by which a gradient may differ from a pixel that it explai
 SIGMA = 0.4  # levels, standard deviation of rounding to 8 bits and of the arithmetic of drawing programs
 SHARE = 0.2  # weight of a pixel, since the errors of neighbouring pixels depend on each other
 MOST_CHI = 36.0  # chi^2 of a pixel at most, so that outliers count little
-PRICE = 4.0  # nats a parameter
 STOP_PARAMETERS = 4  # a place and a colour, most often opaque
 
 

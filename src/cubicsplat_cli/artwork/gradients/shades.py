@@ -15,7 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.parts import TIP
-from cubicsplat_cli.artwork.gradients.shade import CLOSE, PRICE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
+from cubicsplat_cli.artwork.shapes import PRICE
 from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, reach, scatter, slopes
 
 BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5  # blocks that each show a direction, side of one in px, and pixels that it needs

@@ -27,7 +27,7 @@ from cubicsplat_cli.artwork.finish.parameters import (
     ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import PRICE, UNSEEN, State, begin, drawn, layer_of
+from cubicsplat_cli.artwork.finish.state import UNSEEN, State, begin, drawn, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import EXACT, FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
@@ -40,7 +40,7 @@ from cubicsplat_cli.artwork.regularities.mirrored import (
     mirrored_parameters,
     mirrored_rings,
 )
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 

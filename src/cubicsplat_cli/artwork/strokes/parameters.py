@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import LEAST_SIZE, Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import PRICE, Layer, State, layer_of
+from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
 from cubicsplat_cli.artwork.geometry.stroke import (
     Chain,
@@ -24,7 +24,7 @@ from cubicsplat_cli.artwork.geometry.stroke import (
     pieces_of_chain,
     plan_of,
 )
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import length_of
 from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cubics import Pieces
