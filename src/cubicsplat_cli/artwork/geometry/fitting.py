@@ -30,7 +30,7 @@ from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, fewer_points, fitted
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
-FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
+SYSTEMATIC = 0.02  # px, the error of points, an axis or a shift besides that by chance
 HIDDEN_SIGMA = 3.0  # px: a point of a larger standard error tells nothing, it is hidden or unknown
 TOLERANCE = 0.3  # px that lines are off the points where nothing else can be said of them
 WHOLE = 0.1  # px that the points around a dot may be off the edges of whole pixels
@@ -61,7 +61,7 @@ def fit_outlines(
     given = [None] * len(points) if corners is None else corners
     known = [np.zeros(len(loop), bool) if own is None else own for loop, own in zip(points, given, strict=True)]
     astray = np.array([own is None for own in given])
-    weights = np.where(errors < HIDDEN_SIGMA, 1.0 / np.maximum(errors, FINEST_SIGMA) ** 2, 0.0)
+    weights = np.where(errors < HIDDEN_SIGMA, 1.0 / np.maximum(errors, SYSTEMATIC) ** 2, 0.0)
     prices = np.array([parameter_price(loop, detail) for loop in points])
     ends = np.cumsum([len(loop) for loop in points])
     found, unfit = fitted_contours(ends, places, weights, np.concatenate(known), prices, astray)
@@ -89,7 +89,7 @@ def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
     one that is thinner than that.
     """
     closed = np.vstack([points, points[:1]])
-    while len(few := fewer_points(closed, tolerance)[:-1]) < 3 and tolerance > FINEST_SIGMA:
+    while len(few := fewer_points(closed, tolerance)[:-1]) < 3 and tolerance > SYSTEMATIC:
         tolerance *= 0.25
     return polygon(few if len(few) >= 3 else points)
 

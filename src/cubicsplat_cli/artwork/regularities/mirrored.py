@@ -9,9 +9,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters, ring_pieces
+from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, SYSTEMATIC, Track, lines_of
+from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, Track, lines_of
 from cubicsplat_cli.raster.cubics import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows, linked_groups
 from cubicsplat_cli.record import record

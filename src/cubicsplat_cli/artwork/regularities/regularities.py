@@ -28,10 +28,11 @@ from cubicsplat_cli.artwork.finish.parameters import (
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import UNSEEN, State, begin, drawn, layer_of
+from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import EXACT, FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track, found_copies
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, Track, found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import (
     Axis,
