@@ -78,7 +78,7 @@ def over_white(stroke: Stroke) -> Drawing:
 
 def test_strokes_of_too_many_pieces_stay_as_they_are_with_a_word(monkeypatch, caplog):
     drawing = over_white(Stroke(line_chain(np.array([[50.6, 130.4], [104.5, 189.2], [210.3, 69.4]])), 13.2))
-    monkeypatch.setattr(strokes, "MOST_PIECES", 1)
+    monkeypatch.setattr(strokes, "MOST_COMPLETED", 1)
     assert fitted_strokes(drawing, goal_of(np.ones((SIZE, SIZE, 4)))) is drawing
     assert "strokes of 2 pieces are many" in caplog.text
 

@@ -24,6 +24,7 @@ from cubicsplat_cli.artwork.geometry.stroke import (
     pieces_of_chain,
     plan_of,
 )
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import length_of
 from cubicsplat_cli.progress import log
@@ -33,7 +34,6 @@ from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.strokes import STEP
 
 MOST_WIDER = 0.5  # px, of a stroke in a step
-MOST_PIECES = 6000  # of centre lines
 
 
 class StrokeParameters:
@@ -147,9 +147,9 @@ def _fitted(state: State, drawing: Drawing) -> State:
     free = np.array([isinstance(outline, StrokeParameters) for outline in state.outlines])
     before = {k: own.stroke for k, own in enumerate(state.outlines) if isinstance(own, StrokeParameters)}
     pieces = sum(stroke.path.pieces for stroke in before.values())
-    if pieces > MOST_PIECES:
+    if pieces > MOST_COMPLETED:
         log.warning("strokes of %d pieces are many: they are not fitted to the pixels", pieces)
-    if not 0 < pieces <= MOST_PIECES:
+    if not 0 < pieces <= MOST_COMPLETED:
         return state
     state = settle(state, changed=free)
     fitted = [own.stroke for own in state.outlines if isinstance(own, StrokeParameters)]
