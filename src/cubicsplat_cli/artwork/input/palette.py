@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import BLOCK, OUTLIER, Condition
 from cubicsplat_cli.artwork.input.evenness import EDGE
-from cubicsplat_cli.artwork.regions.fills import FEWEST_SQUARES, MOST_PALETTE
+from cubicsplat_cli.artwork.regions.fills import MOST_PALETTE, TOGETHER
 from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
@@ -181,7 +181,7 @@ def square_fills(
         values = mean[y, x]
         # The number of squares within reach of each.
         around = cKDTree(values).query_ball_point(values, reach, p=np.inf, return_length=True)
-        if around.max() < FEWEST_SQUARES:
+        if around.max() < TOGETHER:
             break
         gap = np.abs(values - values[int(around.argmax())]).max(axis=1)
         own = gap <= reach

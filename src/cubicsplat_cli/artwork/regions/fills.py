@@ -26,7 +26,7 @@ APART = 24.0  # colours farther apart than this are surely two; the bands in whi
 # Levels of opacity up to which nothing is seen, and from which a fill hides what is beneath it.
 CLEAR, OPAQUE = 1.0, 254.0
 LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
-FEWEST_SQUARES = 3  # squares of 2 x 2 px that show a fill together
+TOGETHER = 3  # squares of 2 x 2 px, or doubtful pixel lines, that show a fill together
 MOST_SMALL = 16  # fills that only small squares, or only pixel lines, show
 MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills
 
@@ -77,7 +77,7 @@ def _small_fills(levels: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.n
     even = largest(np.ptp(corners, axis=0)) <= EVEN
     colours, counts = np.unique(np.rint(corners[0][even]), axis=0, return_counts=True)
     common = np.argsort(-counts, kind="stable")[:MOST_SMALL]
-    common = common[counts[common] >= FEWEST_SQUARES]
+    common = common[counts[common] >= TOGETHER]
     return colours[common].astype(float), counts[common].astype(float)
 
 

@@ -12,21 +12,19 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import ALIKE, MOST_SMALL, OPAQUE, PURE, SEEN, has_square
+from cubicsplat_cli.artwork.regions.fills import ALIKE, MOST_SMALL, OPAQUE, PURE, SEEN, TOGETHER, has_square
 from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import components, nearest_fills, seam_shares, steps
+from cubicsplat_cli.raster.unmix import REACH, components, nearest_fills, seam_shares, steps
 from cubicsplat_cli.record import record
 
 LONG = 24  # px of a pixel line that shows its fill; px of the corner of a frame between its sides
 SHORT = 5  # px of a pixel line whose fill longer ones show
-FRAMES = 3  # long pixel lines, in both directions, that show a fill where each may be something else
 MOST_GROUNDS = 4  # of one fill's pixel lines, and that may shine through seams besides nothing: the commonest
 # Share of a line's fill in the pixel that joins, over its shares in the two pixels that meet: a line of one px across
 # has a quarter at the corners, one half as wide a quarter of that.
 LEAST_SHARE = 0.15
 WHOLE = 0.98  # share from which a pixel is the line's alone
-REACH = 3  # px to each side of a pixel within which a thin line has fewer pixels than the fill that it cuts
 
 
 @record
@@ -126,7 +124,7 @@ def _colours(found: _LineRuns, doubtful: np.ndarray) -> list[np.ndarray]:
     index = index.reshape(-1)
     sure = np.bincount(index, alone, len(colours)) > 0
     ways = np.stack([np.bincount(index, long.upright == way, len(colours)) for way in (False, True)])
-    sure |= (ways.min(axis=0) > 0) & (ways.sum(axis=0) >= FRAMES)
+    sure |= (ways.min(axis=0) > 0) & (ways.sum(axis=0) >= TOGETHER)
     sizes = np.where(sure, np.bincount(index, long.length, len(colours)), 0.0)
     return [colours[k] for k in np.argsort(-sizes, kind="stable")[:MOST_SMALL] if sizes[k]]
 
@@ -200,7 +198,7 @@ def _touching(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _thin(fills: np.ndarray, own: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n,) bool: around the pixels y, x a fill is thin, and thinner than theirs."""
+    """(n,) bool: within REACH px of the pixels y, x a fill is thin, and thinner than theirs: the one that it cuts."""
     padded, side, theirs = np.pad(fills, REACH, constant_values=-1), 2 * REACH + 1, fills[y, x]
     mine, others = np.zeros((2, len(y)), dtype=int)
     for dy, dx in np.ndindex(side, side):  # a pass for each, since dither has as many corners as pixels
