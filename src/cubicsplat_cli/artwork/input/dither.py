@@ -22,11 +22,10 @@ PERIOD = 4  # px of the patterns of ordered dither
 # Share of dots that are like the pixels a period away to all four sides: 0.1 by error diffusion, but up to 0.48 where
 # all is of a middle grey, and 0.57 and more by ordered dither.
 REPEATED = 0.5
-# px: standard deviation of the blur whose residuals are compared, and side of the square in which they are; it holds a
-# few dots at the densities that are seen.
-RESIDUAL, AROUND = 1.5, 7
+AROUND = 7  # px of the square in which residuals are compared; it holds a few dots at the densities that are seen
 REACH = 4  # px around a dot that it may stand for
-BLUR, SIDE = 1.0, 1.5  # px: standard deviations of the guide's blur, and of the means on one side of an edge
+# px: standard deviations of the guide's blur; of the means on one side of an edge, and of the blur that takes dots off.
+BLUR, SIDE = 1.0, 1.5
 ALIKE = 20.0  # levels by which the guide differs on one side of an edge: what the blur leaves of dither in 216 colours
 LEFT = 2.0  # levels of noise that the means leave
 
@@ -75,7 +74,7 @@ def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
     Error diffusion leaves high frequencies only (Ulichney 1988), so neighbours' residuals are of opposite signs; those
     of strokes and edges are alike along these.
     """
-    residual = levels - ndimage.gaussian_filter(levels, (RESIDUAL, RESIDUAL, 0.0), mode="nearest")
+    residual = levels - ndimage.gaussian_filter(levels, (SIDE, SIDE, 0.0), mode="nearest")
     products = np.zeros(levels.shape[:2], dtype=np.float32)
     products[:, 1:] += (residual[:, 1:] * residual[:, :-1]).sum(axis=-1)
     products[1:] += (residual[1:] * residual[:-1]).sum(axis=-1)
