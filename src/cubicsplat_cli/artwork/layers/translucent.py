@@ -25,8 +25,8 @@ from cubicsplat_cli.raster.outlines import EdgePositions, Heading, heading
 from cubicsplat_cli.record import record
 
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
-MOST_TURN = 3.0  # standard errors by which an edge that goes straight on turns at most
-MOST_GAP = 2.5  # px between neighbouring points of an edge
+SIGMAS = 3.0  # standard errors by which places or directions that are one differ at most
+MOST_GAP = 2.5  # px between neighbouring points of a line, about one px apart
 
 
 @record
@@ -195,7 +195,7 @@ def goes_on(
     turn = math.pi - math.acos(float(np.clip(one.tangent @ other.tangent, -1.0, 1.0)))
     error = math.hypot(one.error, other.error, LEAST_TURN)
     normal = np.array([-one.tangent[1], one.tangent[0]])
-    return turn <= MOST_TURN * error and abs(float((other.at - one.at) @ normal)) <= SLACK
+    return turn <= SIGMAS * error and abs(float((other.at - one.at) @ normal)) <= SLACK
 
 
 def _arm(labels: np.ndarray, found: EdgePositions, at: np.ndarray, pair: tuple[int, int]) -> Heading | None:

@@ -11,6 +11,7 @@ from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples
 from cubicsplat_cli.artwork.finish.parameters import LEAST, RigidTransform
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
+from cubicsplat_cli.artwork.layers.translucent import SIGMAS
 from cubicsplat_cli.raster.point_tree import ClosedLines, PointTree
 from cubicsplat_cli.record import record
 
@@ -21,7 +22,6 @@ TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
 FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean,
 # to which middles and radii are known too
-SIGMAS = 3.0  # errors within which places are one
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
 # px that points are off at most: at first, as what is alike and of one size lies nearly right at once; after a step; at

@@ -12,7 +12,8 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, SIGMAS, Track, lines_of
+from cubicsplat_cli.artwork.layers.translucent import SIGMAS
+from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, Track, lines_of
 from cubicsplat_cli.raster.cubics import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows, linked_groups
 from cubicsplat_cli.record import record
