@@ -13,8 +13,8 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest, packed, widened
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.evenness import ALIKE, SAVED, SMALL, TILE, contrasts
-from cubicsplat_cli.artwork.regions.fills import OPAQUE
+from cubicsplat_cli.artwork.input.evenness import SAVED, SMALL, TILE, contrasts
+from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, OPAQUE, flat_pixels
 from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import bends_and_steps
@@ -117,7 +117,7 @@ def _put_placeholder(part: PhotoPart, flat: np.ndarray) -> None:
     outside, inside = _continued(crop, ~mask), _continued(crop, inner)
     # The share of the photo in a pixel at its edge, whose colour lies between both.
     apart = inside - outside
-    share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), ALIKE**2)
+    share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), FLAT_RANGE**2)
     covered = np.where(edge, np.clip(share, 0.0, 1.0), mask)[..., None]
     flat[around] = covered * part.stand_in + (1.0 - covered) * outside
 
@@ -134,7 +134,7 @@ def _even_areas(levels: np.ndarray) -> np.ndarray:
     """Return (H, W) int32 the number of a pixel's connected area in one colour or linear gradient, with at least TILE^2
     px; 0 elsewhere.
     """
-    areas, count = ndimage.large_parts(spread(levels, 3, 3) <= ALIKE, TILE**2)
+    areas, count = ndimage.large_parts(flat_pixels(levels), TILE**2)
     off = _off_planes(levels, areas, count)
     kept = np.concatenate([[False], off <= GRAIN])
     return np.asarray((np.cumsum(kept) * kept)[areas], np.int32)
@@ -225,7 +225,7 @@ def _frame(part: np.ndarray) -> int:
         off = largest(np.abs(line - np.median(line, axis=0)))
         if (off <= UNSEEN).mean() < LEAST_LINE:
             break
-        if (largest(np.abs(part[row + 1] - line)) > ALIKE).mean() > 0.5:
+        if (largest(np.abs(part[row + 1] - line)) > FLAT_RANGE).mean() > 0.5:
             rows = row + 1
     return rows
 

@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import ROWS, in_blocks, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.dither import without_dither
-from cubicsplat_cli.artwork.input.evenness import APART, SMALL, contrasts, even
+from cubicsplat_cli.artwork.input.evenness import ASIDE, SMALL, contrasts, even
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.shapes import Drawing, ground_shape
 from cubicsplat_cli.files.load import Picture
@@ -93,7 +93,7 @@ def _drawn(levels: np.ndarray) -> tuple[bool, str]:
         is_even, shares = even(levels)
         return is_even, str(shares)
     contrast = contrasts(levels)
-    return (True, f"all pixels {APART} px apart alike") if contrast is None else (contrast.drawn, str(contrast))
+    return (True, f"all pixels {ASIDE} px apart alike") if contrast is None else (contrast.drawn, str(contrast))
 
 
 def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str, *, lossy: bool) -> Style:

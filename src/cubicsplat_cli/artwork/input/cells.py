@@ -15,9 +15,9 @@ from cubicsplat_cli.artwork.channels import ROWS, blend_of, largest
 from cubicsplat_cli.artwork.input.condition import OUTLIER
 from cubicsplat_cli.artwork.input.dither import dithered
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.evenness import EDGE
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
+from cubicsplat_cli.artwork.regions.fills import APART
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import distinct, steps
@@ -276,7 +276,7 @@ def _cell_means(values: np.ndarray, grid: Grid) -> np.ndarray:
 def _soft(levels: np.ndarray) -> float:
     """Return the share of the steps between neighbouring cells (R, C, 4) of different colours that are no edges."""
     sizes = np.concatenate([plane.ravel() for plane in steps(levels)])
-    return float((sizes[sizes > 0.0] <= EDGE).mean())
+    return float((sizes[sizes > 0.0] <= APART).mean())
 
 
 def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, in_blocks, packed
-from cubicsplat_cli.artwork.input.evenness import EDGE
-from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
+from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
@@ -155,7 +154,7 @@ def _drift(levels: np.ndarray) -> float:
     """
     blocks = in_blocks(levels[..., :3], PLANE).reshape(-1, PLANE**2, 3)
     spans = np.ptp(blocks, axis=1).max(axis=1)
-    even = (spans < EDGE) & ~_cut_off(blocks).any(axis=1)
+    even = (spans < APART) & ~_cut_off(blocks).any(axis=1)
     if even.sum() < FEWEST or np.median(spans[even]) <= FLAT_RANGE:
         return 0.0
     blocks = blocks[even]
@@ -172,7 +171,7 @@ def _quiet(spans: np.ndarray) -> np.ndarray:
     grows until half of the pixels keep it, for noise: 25 normal deviates span 4.5 of their standard deviations in the
     widest of three channels.
     """
-    masks = [spans < limit for limit in (EDGE, 2.0 * EDGE, 4.0 * EDGE)]
+    masks = [spans < limit for limit in (APART, 2.0 * APART, 4.0 * APART)]
     quiet = next((mask for mask in masks if 2 * mask.sum() > mask.size), masks[0])
     return quiet if quiet.sum() > 2 * masks[0].sum() else masks[0]
 

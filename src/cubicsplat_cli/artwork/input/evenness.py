@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import in_blocks, largest
+from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE
 from cubicsplat_cli.raster.unmix import steps
 from cubicsplat_cli.record import record
 
-ALIKE, EDGE = 3.0, 24.0  # levels between neighbours that are alike, at most, and of those with an edge between them
 SMALL = 64  # px of the longer side of a small picture; a larger one's blocks reduce it to about that
 TILE = 16  # px of a tile's side; tiles of one even colour are ground, which does not count
-APART = 3  # px between the pixels of a pair, past an edge's blends
+ASIDE = 3  # px between the pixels of a pair, past an edge's blends
 SAVED = 0.75  # nats a pair that noise and edges save in a drawing, at least
 
 
@@ -49,7 +49,7 @@ def even(levels: np.ndarray) -> tuple[bool, Evenness]:
     # in photos with such noise. Blocks that are alike but for noise differ by up to 2.5 times as much.
     noise = _usual_step(levels) / side
     white = _usual_step(blocks) <= 1.2 * noise
-    shares = evenness(blocks, 4, max(ALIKE, 2.5 * noise) if white else ALIKE)
+    shares = evenness(blocks, 4, max(FLAT_RANGE, 2.5 * noise) if white else FLAT_RANGE)
     return _drawn(shares, 0.2, 0.35), shares
 
 
@@ -63,7 +63,7 @@ def _usual_step(levels: np.ndarray) -> float:
     return float(np.median(np.concatenate([step.ravel() for step in steps(levels)])))
 
 
-def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
+def evenness(levels: np.ndarray, tile: int, even: float = FLAT_RANGE) -> Evenness:
     """Return the evenness of a picture (H, W, C) in 0..255 in those tiles of tile x tile px that are not all alike.
 
     even: levels by which neighbours differ at most that are alike.
@@ -73,7 +73,7 @@ def evenness(levels: np.ndarray, tile: int, even: float = ALIKE) -> Evenness:
         at = tuple(slice(side) for side in step.shape)
         pairs[at] += 1
         alike[at] += step <= even
-        little[at] += (step > even) & (step <= EDGE)
+        little[at] += (step > even) & (step <= APART)
     # The tiles at the right and at the bottom may be narrower.
     rows, columns = (np.arange(0, length, tile) for length in levels.shape[:2])
     pairs, alike, little = (
@@ -104,16 +104,16 @@ class Contrasts:
         return self.saved > -0.03 and self.saved + 1.5 * self.edges > SAVED and self.edges <= 0.9
 
     def __str__(self) -> str:
-        return f"edges between {100 * self.edges:.0f} % of pixels {APART} px apart, {self.saved:.2f} nats saved by them"
+        return f"edges between {100 * self.edges:.0f} % of pixels {ASIDE} px apart, {self.saved:.2f} nats saved by them"
 
 
 def contrasts(levels: np.ndarray) -> Contrasts | None:
-    """Return the contrasts of a picture (H, W, C) in 0..255; None if all pixels APART px apart are alike.
+    """Return the contrasts of a picture (H, W, C) in 0..255; None if all pixels ASIDE px apart are alike.
 
     Differences in the widest channel are either a mixture of normal noise, of at least a level, and edges of any size,
     fitted by expectation and maximisation (Dempster, Laird and Rubin 1977); or exponential.
     """
-    across, down = levels[:, APART:] - levels[:, :-APART], levels[APART:] - levels[:-APART]
+    across, down = levels[:, ASIDE:] - levels[:, :-ASIDE], levels[ASIDE:] - levels[:-ASIDE]
     sizes = np.concatenate([largest(np.abs(steps)).ravel() for steps in (across, down)]).astype(np.float64)
     if not len(sizes) or not sizes.any():
         return None

@@ -11,8 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import BLOCK, OUTLIER, Condition
-from cubicsplat_cli.artwork.input.evenness import EDGE
-from cubicsplat_cli.artwork.regions.fills import MOST_PALETTE, TOGETHER
+from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, TOGETHER
 from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
@@ -51,7 +50,7 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> n
     """
     noise, reach = condition.noise, reach_of(condition)
     calm, mean = calm_pixels(seen, noise)
-    edge = spread(seen, 3, 3) > max(EDGE, 8.0 * noise)
+    edge = spread(seen, 3, 3) > max(APART, 8.0 * noise)
     away = calm & ~ndimage.maximum_filter(edge, 2 * 8 + 1)
     least = max(16, 1e-4 * levels[..., 0].size)
     fills: list[np.ndarray] = []
