@@ -10,20 +10,19 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import packed
+from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
+from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import dither_dots, guided_means, spread
 
-CONTRAST = 3.0  # levels of a dot: closer colours are hardly told apart
-MOST_COLOURS = 256  # of a GIF or a PNG with a palette
 # There is no dither without more than MOST_STRAY dots that have DENSE or more within a square of WINDOW px, of which a
 # dotted line has 8, and text hardly any.
 WINDOW, DENSE, MOST_STRAY = 15, 9, 24
-PERIOD = 4  # px of the patterns of ordered dither
+PERIOD = 4  # px of the patterns of ordered dither, and around a dot that it may stand for
 # Share of dots that are like the pixels a period away to all four sides: 0.1 by error diffusion, but up to 0.48 where
 # all is of a middle grey, and 0.57 and more by ordered dither.
 REPEATED = 0.5
 AROUND = 7  # px of the square in which residuals are compared; it holds a few dots at the densities that are seen
-REACH = 4  # px around a dot that it may stand for
 # px: standard deviations of the guide's blur; of the means on one side of an edge, and of the blur that takes dots off.
 BLUR, SIDE = 1.0, 1.5
 ALIKE = 20.0  # levels by which the guide differs on one side of an edge: what the blur leaves of dither in 216 colours
@@ -51,7 +50,7 @@ def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Return (H, W) bool, twice: all dots of a picture (H, W, C) in levels with few colours, and the dense ones, which
     may be dither by error diffusion; None if there are hardly any of these.
     """
-    dots = dither_dots(levels, CONTRAST)
+    dots = dither_dots(levels, FLAT_RANGE)
     if dots.sum() <= MOST_STRAY:
         return None
     density = ndimage.uniform_filter(dots.astype(np.float32), WINDOW, mode="constant")
@@ -59,13 +58,13 @@ def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     if dense.sum() <= MOST_STRAY:
         return None
     colours = packed(np.rint(levels))
-    few = len(np.unique(colours)) <= MOST_COLOURS
+    few = len(np.unique(colours)) <= MOST_COLORS
     return (dots, dense) if few and _repeated(colours, dense) < REPEATED else None
 
 
 def _around(dots: np.ndarray) -> np.ndarray:
     """Return (H, W) bool: the pixels that dots (H, W) may stand for."""
-    return ndimage.binary_dilation(dots, ndimage.SQUARE, REACH)
+    return ndimage.binary_dilation(dots, ndimage.SQUARE, PERIOD)
 
 
 def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
