@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
-from cubicsplat_cli.artwork.input.palette import SAME, UNLIKE, modes, ringing
+from cubicsplat_cli.artwork.input.palette import UNLIKE, modes, ringing
 from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.fills import BLEND, OPAQUE, SEEN, eight_bit
@@ -239,7 +239,7 @@ def _colours(
     strongest = off >= np.quantile(off, 0.75)
     farthest = np.median(value[strongest], axis=0)
     # A thin translucent colour is that of a seam between two shapes.
-    new = not pure or (np.abs(value - farthest).max(axis=1) <= SAME).sum() >= SOLID
+    new = not pure or (np.abs(value - farthest).max(axis=1) <= SEEN).sum() >= SOLID
     found = [blend_with(value, fill, beside, beside) for fill in palette]
     if not pure and inner.sum() < SOLID:
         # What damage has widened may be a narrower line in a fill that there is.
@@ -254,7 +254,7 @@ def _colours(
         several = np.unique(np.where(shares >= LESS, rests, np.inf).argmin(axis=0))
         if len(several) > 1:
             yield palette[several]
-    places = modes(values[inner], SAME, SOLID, np.zeros((0, 4)))
+    places = modes(values[inner], SEEN, SOLID, np.zeros((0, 4)))
     if len(places):
-        own = [np.abs(values[inner] - each).max(axis=1) <= SAME for each in places]
+        own = [np.abs(values[inner] - each).max(axis=1) <= SEEN for each in places]
         yield np.array([np.median(values[inner][each], axis=0) for each in own])

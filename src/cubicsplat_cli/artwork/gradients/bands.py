@@ -15,8 +15,8 @@ from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, OUTER, Patch, joi
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.palette import SAME
 from cubicsplat_cli.artwork.input.restore import seen_as
+from cubicsplat_cli.artwork.regions.fills import SEEN
 from cubicsplat_cli.artwork.regions.regions import CONTACT, FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, misfits, trimmed_range
@@ -89,7 +89,7 @@ def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: C
         if after <= STEP * before and 1.5 * TOLD * len(own.x) * (even / after - 1.0) > trial.price:
             span = trimmed_range(trial.at(own.x, own.y), OUTER)
             length = WINDOW * float(np.linalg.norm(trial.frame[:, :2], 2))  # of t, along the shorter axis
-            if span >= SAME and steepest(trial.ramp, length) < 0.5 * span:
+            if span >= SEEN and steepest(trial.ramp, length) < 0.5 * span:
                 return trial, some
     return first, []
 

@@ -11,12 +11,11 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import BLOCK, OUTLIER, Condition
-from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, TOGETHER
+from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, SEEN, TOGETHER
 from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
 
-SAME = 8.0  # levels; colours that differ by no more are one fill
 CALM = 1.5  # standard deviations by which calm pixels may deviate
 FAR = 2.5  # times as much as elsewhere, by which a fill near edges differs from others, as edges hold blends
 UNLIKE = 6.0  # levels of luma or chroma, about 3 to 4 in CIEDE2000; areas whose mean is farther off have another fill
@@ -39,7 +38,7 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
 def reach_of(condition: Condition) -> float:
     """Return the levels within which means of 3 x 3 px are of one fill."""
     # The means have a third of the noise, unless that of neighbours is alike.
-    return max(SAME, OUTLIER * condition.noise / (1.0 if condition.jpeg or condition.coarse else 3.0))
+    return max(SEEN, OUTLIER * condition.noise / (1.0 if condition.jpeg or condition.coarse else 3.0))
 
 
 def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> np.ndarray:
