@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
-from cubicsplat_cli.artwork.regions.fills import APART, picture_fills
+from cubicsplat_cli.artwork.regions.fills import APART, LONG, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import MOST_SEEN, FlatPicture
@@ -112,7 +112,7 @@ def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray
     its fills (P, 4) by more than six times the misfit sigma.
     """
     _, gap = nearest_fills(seen, fills, straight=True)
-    return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, 24)
+    return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, LONG)
 
 
 def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, sigma: float) -> np.ndarray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import ALIKE, OPAQUE, SEEN
+from cubicsplat_cli.artwork.regions.fills import ALIKE, LONG, OPAQUE, SEEN
 from cubicsplat_cli.artwork.regions.hidden_fills import MOST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
@@ -19,7 +19,6 @@ WINDOW = 7  # px around a pixel in which a line keeps its fill
 # A pixel belongs to a line that covers half of it, or a share of LESS if its neighbours on either side have less.
 # Where two shapes share a pixel, up to a quarter of their ground shows through, which is no line.
 LESS = 0.3
-LEAST_PIXELS = 24  # that show a fill without any flat pixel
 MOST_RESIDUAL = 40.0  # levels of a pixel's residual that count against a fill at most; of a pixel that no fill explains
 LATER = 0.1  # levels by which each fill must explain a line better than commoner ones
 LENGTH = 8  # px along which the labels must leave connected pixels unexplained, for a line to be there
@@ -40,11 +39,11 @@ def missing_fills(
     step: levels within which values are of one colour; close: levels by which blends are off."""
     found: list[np.ndarray] = []
     left, steps = np.ones(len(values), dtype=bool), np.rint(values / step)
-    while len(found) < MOST and left.sum() >= LEAST_PIXELS:
+    while len(found) < MOST and left.sum() >= LONG:
         colours, index, counts = np.unique(steps[left], axis=0, return_inverse=True, return_counts=True)
         far = np.zeros(len(colours))
         np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))
-        common = (counts >= LEAST_PIXELS) & (step * (colours[:, 3] + 0.5) > OPAQUE)
+        common = (counts >= LONG) & (step * (colours[:, 3] + 0.5) > OPAQUE)
         if not common.any():
             break
         own = (steps == colours[int(np.where(common, far, -1.0).argmax())]).all(axis=1)

@@ -12,13 +12,12 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import ALIKE, MOST_SMALL, OPAQUE, PURE, SEEN, TOGETHER, has_square
+from cubicsplat_cli.artwork.regions.fills import ALIKE, LONG, MOST_SMALL, OPAQUE, PURE, SEEN, TOGETHER, has_square
 from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, components, nearest_fills, seam_shares, steps
 from cubicsplat_cli.record import record
 
-LONG = 24  # px of a pixel line that shows its fill; px of the corner of a frame between its sides
 SHORT = 5  # px of a pixel line whose fill longer ones show
 MOST_GROUNDS = 4  # of one fill's pixel lines, and that may shine through seams besides nothing: the commonest
 # Share of a line's fill in the pixel that joins, over its shares in the two pixels that meet: a line of one px across
