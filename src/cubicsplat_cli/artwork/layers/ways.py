@@ -33,7 +33,6 @@ CURVE_SIGMA = 0.3  # px, standard error of the points of a cubic
 # Radians by which a cubic turns at most: a hidden edge hardly turns by more than a right angle.
 SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
 BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # turns of an outline where its sides meet
-LEAST_REACH = 1.0  # px that a side goes on until it meets another
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
 DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an outline, at which this is tried
 # Px beneath the run at which corners are tried, and places along it. The second try, at more places near the run,
@@ -41,7 +40,7 @@ DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an o
 WIDE, NARROW = ((0.0, *DEPTHS), 28), ((0.0, -1.5, 1.5), 64)
 # Px from an end of the run within which lines may come nearer, and within which they may cross visible pixels.
 NEAR_END, AT_END = 6.0, 3.0
-SLACK = 1.0  # px by which lines along an edge may differ from it
+SLACK = 1.0  # px by which lines along an edge may differ from it, and that a side goes on until it meets another
 
 
 @record
@@ -184,7 +183,7 @@ def _meeting(first: End, last: End) -> np.ndarray | None:
         return None
     gap = last.at - first.at
     onward, back = (gap[0] * v[1] - gap[1] * v[0]) / cross, (gap[0] * u[1] - gap[1] * u[0]) / cross
-    return (first.at + onward * u)[None] if min(onward, back) >= LEAST_REACH else None
+    return (first.at + onward * u)[None] if min(onward, back) >= SLACK else None
 
 
 def min_link_path(run: np.ndarray, first: End, last: End, room: Window) -> Iterator[np.ndarray]:
