@@ -289,7 +289,7 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
     for number in numbers[(sizes >= CONTACT) & (numbers > 0)]:
         part = part_of(levels, parts, number, boxes, claimed)
         touching = group.near.at(part.rows, part.columns)
-        if len(part) < LEAST_AREA or touching.sum() < CONTACT:
+        if len(part) < LEAST_AREA:
             continue
         # The part begins about as the group ends. A stop where the ramp bends sharply looks like an edge.
         if np.median(group.shade.extended().off(part.pixels.some(touching))) <= APART:
