@@ -215,8 +215,8 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     out, near = pure.copy(), near_fills(pure, y, x, REACH)
     winner, residual = best_blend(levels[y, x], palette, near)
     nearest, gap = nearest_fills(levels[y, x], without(palette, standing))
-    # Far from every fill, or not explained by those near: the nearest fill of all if that is closer.
-    lost = (winner < 0) | ((residual > MOST_RESIDUAL) & (gap < residual))
+    # Far from every fill, infinitely off, or not explained by those near: the nearest fill of all if that is closer.
+    lost = (residual > MOST_RESIDUAL) & (gap < residual)
     out[y, x] = np.where(lost, nearest, winner)
     strange = _strange(levels, palette, y, x, near, residual)
     if not strange.any():
