@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.layers.extents import Contour, Extent, Window, enclo
 from cubicsplat_cli.artwork.layers.ways import (
     ALLOWED,
     DEPTHS,
+    HIDDEN_SIGMA,
     SLACK,
     Completion,
     HiddenLoop,
@@ -28,7 +29,6 @@ from cubicsplat_cli.artwork.layers.ways import (
 from cubicsplat_cli.progress import work
 
 SEVERAL = 8  # hidden runs of a contour, beyond which only straight lines are tried, lest the trials are too many
-HIDDEN_SIGMA = 0.5  # px, standard error of points along the edge of a shape that hides an outline
 SIDE_SEEN = 1.5  # px within which points show a side of a rounded rectangle, and of points that show one of a box
 ON_SIDE = 0.25  # px by which a point may differ from the side of a box
 DOT = 4  # px of a region, up to which it is a dot; visible points of a contour, below which it becomes a polygon

@@ -29,7 +29,7 @@ HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, over 
 MOST_TRIED = 8  # cubics, those that bend least
 SAMPLES = 33  # places along a cubic where its curvature is measured
 ALLOWED = 1  # px that an outline may cover or leave wrongly
-CURVE_SIGMA = 0.3  # px, standard error of the points of a cubic
+HIDDEN_SIGMA = 0.5  # px, standard error of the points of a cubic, and of those along the edge of what hides an outline
 # Radians by which a cubic turns at most: a hidden edge hardly turns by more than a right angle.
 SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
 BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # turns of an outline where its sides meet
@@ -143,7 +143,7 @@ def by_cubic(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], most: flo
         trial, fine = loop.points.copy(), points_at(cubics[k], np.linspace(0.0, 1.0, 4 * len(run) + 8))
         trial[run] = polyline_places(fine, (np.arange(len(run)) + 1.0) / (len(run) + 1.0) * arc_lengths(fine)[-1])
         if loop.wrong(trial) <= ALLOWED:
-            yield Completion(trial[run], CURVE_SIGMA, np.zeros(0, dtype=int))
+            yield Completion(trial[run], HIDDEN_SIGMA, np.zeros(0, dtype=int))
             return
 
 
