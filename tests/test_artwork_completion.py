@@ -68,30 +68,30 @@ def window_in(shown: np.ndarray, hidden: np.ndarray) -> Window:
     return replace(Window.of(extent, shown.shape), must=~hidden)
 
 
-def continued(points, sigma, run, most, wrong):
+def continued(points, sigma, run, wrong):
     """The points of the cubic that goes on along a hidden run; None without one."""
     nothing = np.zeros((1, 1), dtype=bool)
     loop = HiddenLoop(points, sigma, wrong, window_in(nothing, nothing))
-    found = next(by_cubic(loop, run, ends_of(points, sigma, run), most), None)
+    found = next(by_cubic(loop, run, ends_of(points, sigma, run)), None)
     return None if found is None else found.points
 
 
 def test_an_arc_goes_on_as_the_arc_that_it_was():
     points, sigma, run = half_hidden(1.2)
-    found = continued(points, sigma, run, math.pi / 2.0, lambda _: 0)
+    found = continued(points, sigma, run, lambda _: 0)
     assert np.abs(np.hypot(*(found - 60.0).T) - 40.0).max() < 0.8
     # In order, and evenly.
     assert np.ptp(np.hypot(*np.diff(found, axis=0).T)) < 0.05
 
 
 def test_what_turns_too_far_or_does_not_stay_hidden_is_not_continued():
+    assert continued(*half_hidden(4.2), lambda _: 0) is None
     points, sigma, run = half_hidden(2.6)
-    assert continued(points, sigma, run, math.pi / 2.0, lambda _: 0) is None
-    assert continued(points, sigma, run, math.pi, lambda _: 5) is None
+    assert continued(points, sigma, run, lambda _: 5) is None
     # Of the cubics the first is taken that stays hidden, here below a height.
-    free = continued(points, sigma, run, math.pi, lambda _: 0)
+    free = continued(points, sigma, run, lambda _: 0)
     highest = float(free[:, 1].min()) + 2.0
-    low = continued(points, sigma, run, math.pi, lambda trial: int((trial[:, 1] < highest).sum()))
+    low = continued(points, sigma, run, lambda trial: int((trial[:, 1] < highest).sum()))
     assert low[:, 1].min() >= highest - 0.5
 
 
@@ -100,7 +100,7 @@ def test_nothing_is_continued_from_too_few_points():
     sigma[40:215] = np.inf
     sigma[[38, 39, 216]] = np.inf
     runs = hidden_runs(sigma)
-    assert continued(points, np.where(np.arange(250) < 36, np.inf, sigma), runs[0], math.pi, lambda _: 0) is None
+    assert continued(points, np.where(np.arange(250) < 36, np.inf, sigma), runs[0], lambda _: 0) is None
 
 
 def corners_of(found, fill):

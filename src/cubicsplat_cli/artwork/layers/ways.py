@@ -30,8 +30,7 @@ MOST_TRIED = 8  # cubics, those that bend least
 SAMPLES = 33  # places along a cubic where its curvature is measured
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 HIDDEN_SIGMA = 0.5  # px, standard error of the points of a cubic, and of those along the edge of what hides an outline
-# Radians by which a cubic turns at most: a hidden edge hardly turns by more than a right angle.
-SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
+ROUND = 1.25 * math.pi  # radians by which a cubic turns at most
 BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # turns of an outline where its sides meet
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
 DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an outline, at which this is tried
@@ -101,10 +100,9 @@ def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     yield Completion(points[run], np.inf, np.zeros(0, dtype=int))
     if meet is not None and straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    yield from by_cubic(loop, run, (first, last), SLIGHT)
+    yield from by_cubic(loop, run, (first, last))
     if meet is not None and not straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    yield from by_cubic(loop, run, (first, last), ROUND)
     yield from simply(loop, run, (first, last))
 
 
@@ -124,17 +122,15 @@ def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = Non
     yield from _by_lines(loop, run, (first, last), fewer_points(points, SLACK))
 
 
-def by_cubic(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], most: float) -> Iterator[Completion]:
-    """Yield the cubic that continues the outline smoothly from one end to the other; none without one. most: radians
-    that it may turn.
-    """
+def by_cubic(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End]) -> Iterator[Completion]:
+    """Yield the cubic that continues the outline smoothly from one end to the other; none without one."""
     first, leaving, last, arriving = ends[0].at, ends[0].tangent, ends[1].at, ends[1].tangent
     span = float(np.hypot(*(last - first)))
     if leaving is None or arriving is None or span < 1.0:
         return
     # Angles between the tangents and the line from one end to the other.
     turns = np.arccos(np.clip(np.array([leaving, -arriving]) @ (last - first) / span, -1.0, 1.0))
-    if turns.sum() > most:
+    if turns.sum() > ROUND:
         return
     cubics = np.array(
         [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
