@@ -15,9 +15,9 @@ from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mix
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import APART, LONG, picture_fills
-from cubicsplat_cli.artwork.regions.hairlines import NONE, missing_fills, solid_labels, with_lines
+from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
-from cubicsplat_cli.artwork.regions.regions import MOST_SEEN, FlatPicture
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, near_fills, nearest_fills, relabelled
 from cubicsplat_cli.record import record

@@ -14,7 +14,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
 
 CLOSE = 10.0  # levels, the residual of a blend with the fill of a line
-MOST_FILLS = 32  # the commonest, of which lines are sought
+MOST_SEEN = 32  # fills, the commonest, of which lines are sought; with more, those that no pixel shows pure are not
 WINDOW = 7  # px around a pixel in which a line keeps its fill
 # A pixel belongs to a line that covers half of it, or a share of LESS if its neighbours on either side have less.
 # Where two shapes share a pixel, up to a quarter of their ground shows through, which is no line.
@@ -80,7 +80,7 @@ def nearest_line_fills(
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
     costs = (MOST_RESIDUAL, faint, LATER)
     fill, share, gap = fills_of_lines(
-        values, place, without(palette, standing)[:MOST_FILLS], (first, second), window, costs
+        values, place, without(palette, standing)[:MOST_SEEN], (first, second), window, costs
     )
     fill = np.where(gap <= close, fill, -1)
     shares = np.zeros(size)

@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.regions.fills import APART, BLEND, CLEAR, MOST_PALET
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
     MOST_RESIDUAL,
+    MOST_SEEN,
     NONE,
     missing_fills,
     nearest_line_fills,
@@ -34,7 +35,6 @@ from cubicsplat_cli.raster.unmix import (
 )
 from cubicsplat_cli.record import record
 
-MOST_SEEN = 24  # fills, beyond which those that no pixel shows pure are not sought
 # Pixels that show a fill in blends only, and their least share of all pixels that no blend explains.
 FEWEST, LEAST_STRANGE = 4, 0.002
 # A region below SPECK px must have a pixel of which its fill has the share MOSTLY. A region below CRUMB px, or without
