@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH, JPEG_TIMES, MISFIT, seen_as
-from cubicsplat_cli.artwork.regions.fills import GRADIENT_RANGE
+from cubicsplat_cli.artwork.regions.fills import BLEND
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import IN_LARGE, ON_EDGE, Pixels, grown
@@ -76,7 +76,7 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
         area
         for area in areas
         if area.patch.size >= LARGE_AREA
-        and np.ptp(area.shade.ramp.colours, axis=0).max() >= GRADIENT_RANGE
+        and np.ptp(area.shade.ramp.colours, axis=0).max() >= BLEND
         and not is_step(area.shade)
     ]
 

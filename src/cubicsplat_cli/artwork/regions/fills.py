@@ -20,8 +20,7 @@ PURE = 2.5  # a pixel this near to a fill is that fill
 FLAT_RANGE = 3.0  # a pixel whose 3x3 neighbourhood spans no more is flat
 SAME = 3.5  # fills nearer than this are one
 SEEN = 8.0  # half of one of 4 x 4 samples a pixel at full contrast; a smaller difference may be a blend of the others
-BLEND = 12.0  # levels by which a blend may be off the line between two fills
-GRADIENT_RANGE = 14.0  # flat pixels that hang together and span more are a gradient
+BLEND = 12.0  # levels by which a blend may be off the line between two fills; flat parts that span more are gradients
 APART = 24.0  # colours farther apart than this are surely two; the bands in which gradients are drawn
 # Levels of opacity up to which nothing is seen, and from which a fill hides what is beneath it.
 CLEAR, OPAQUE = 1.0, 254.0
@@ -58,7 +57,7 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
     if flat.mean() < LEAST_FLAT:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
         return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, APART))
-    fills, weights = part_fills(levels, ndimage.label(flat)[0], GRADIENT_RANGE, APART)
+    fills, weights = part_fills(levels, ndimage.label(flat)[0], BLEND, APART)
     near = ndimage.binary_dilation(flat, ndimage.SQUARE)
     colours, sizes = _small_fills(levels, near)
     fills, weights = np.concatenate([fills, colours]), np.concatenate([weights, sizes])
