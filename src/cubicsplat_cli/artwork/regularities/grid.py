@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     following,
     with_thirds,
 )
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, MEAN
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, FARTHEST, MEAN
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into: once or thrice by 3, 5 or 7, and often by 2.
@@ -34,7 +34,6 @@ CELLS = [n for n in range(2, MOST_CELLS + 1) if any(MOST_CELLS * odd % n == 0 fo
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
 EDGE = 0.03  # px, the error of coordinates where edges show their true areas
-CORNER = 0.25  # px, that of the radius of a rectangle's corners
 FEWEST_SEEN = 3  # pixels that SHOWN of a change with their coverage, from which an edge is seen
 
 Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y, 2 for a length; value; error, px
@@ -127,7 +126,7 @@ class _Snap:
     def _box(self, box: Rectangle) -> Rectangle:
         x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
         (left, right), (top, bottom) = ([self._side(axis, v) for v in ends] for axis, ends in enumerate((x, y)))
-        radius = self._on(2, box.radius, CORNER) if box.radius > 0.0 else 0.0
+        radius = self._on(2, box.radius, FARTHEST) if box.radius > 0.0 else 0.0
         return Rectangle(left, top, right - left, bottom - top, min(radius, 0.5 * min(right - left, bottom - top)))
 
     def _side(self, axis: int, value: float) -> float:
