@@ -24,9 +24,7 @@ FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest poi
 # to which middles and radii are known too
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
-# px that points are off at most: at first, as what is alike and of one size lies nearly right at once; after a step; at
-# last; and in the mean.
-LIMITS = 3.0 * FARTHEST, LARGEST, FARTHEST, MEAN
+LIMITS = LARGEST, LARGEST, FARTHEST, MEAN  # px that points are off at most: at first; after a step; at last; in mean
 # As it is, mirrored either way, turned by half a circle.
 FLIPS = np.array([[x, y] for y in (1.0, -1.0) for x in (1.0, -1.0)])
 
