@@ -20,7 +20,6 @@ BEND = 2.6  # levels of a second difference that rounding makes
 TIP = 6.0  # px from the middle of a radial gradient; farther away its circles bend it by a small share of its slope
 LEAST_AREA = 64  # px of a gradient
 LARGE_AREA = 400  # px of a part that shows a gradient in spite of noise, or a shadow
-MOST_PIECES = 8  # that a part is divided into
 LEAST_PLATEAU = 0.04  # share of an area that has its commonest colour
 OUTER = 0.02  # share of a part's values at either end that does not count for its range
 RING = 4  # px around a part in which its surroundings are examined
@@ -138,9 +137,9 @@ class Part:
         return Patch(self.patch.top, self.patch.left, mask)
 
     def pieces(self, chosen: np.ndarray) -> list[Part]:
-        """Return the largest connected parts of the chosen pixels (n,) bool, without what is thinner than 3 px."""
+        """Return the connected parts of the chosen pixels (n,) bool, largest first, without what is under 3 px."""
         labels, _ = ndimage.label(ndimage.binary_opening(self.within(chosen).mask, ndimage.SQUARE))
-        pieces = sorted(patches_of(labels), key=lambda piece: -piece.size)[:MOST_PIECES]
+        pieces = sorted(patches_of(labels), key=lambda piece: -piece.size)
         top, left = self.patch.top, self.patch.left
         return [
             Part(self.levels, Patch(top + piece.top, left + piece.left, piece.mask))
