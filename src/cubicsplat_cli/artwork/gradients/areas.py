@@ -35,7 +35,6 @@ MOST_TRIES = 800  # gradients sought in a picture, some hundredths of a second e
 DEEPEST = 2  # divisions of a part into pieces
 SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and the share of the part it must explain
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
-MOST_UNIONS = 6  # gradients with which a common one is sought for an area, the likeliest first
 MOST_TIPS = 0.25  # of an area's pixels: more is no tip, but something whose colours are near by chance
 RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that a tip goes on
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
@@ -209,7 +208,7 @@ def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
     """Add an area to the group with which it shares a gradient, or as a group of its own."""
     part = Part(levels, area.patch)
     alone = _Group(area.shade, [part], area.patch.grown(RING, levels.shape))
-    for k in _promising(groups, alone)[:MOST_UNIONS]:
+    for k in _promising(groups, alone):
         members = [*groups[k].members, part]
         shade = _common(members, [groups[k].shade, area.shade])
         if shade is not None:
