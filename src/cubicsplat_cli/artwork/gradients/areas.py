@@ -35,7 +35,6 @@ MOST_TRIES = 800  # gradients sought in a picture, some hundredths of a second e
 DEEPEST = 2  # divisions of a part into pieces
 SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and the share of the part it must explain
 LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
-MOST_TIPS = 0.25  # of an area's pixels: more is no tip, but something whose colours are near by chance
 RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that a tip goes on
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 
@@ -250,10 +249,8 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
             # Along an edge of little contrast the rim is explained as well, which tells where the edge lies.
             beyond = explained & ~ndimage.binary_dilation(patch.mask, ndimage.SQUARE, iterations=RIM)
             tips = explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM)
-            wider = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
-            if wider.size <= (1.0 + MOST_TIPS) * patch.size:
-                patch = wider
-                free[patch.window] &= ~patch.mask
+            patch = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
+            free[patch.window] &= ~patch.mask
         out.append(ShadedArea(reaching(area.shade, patch.pixels(levels)), patch))
     return out
 
