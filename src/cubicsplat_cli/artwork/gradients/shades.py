@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.shapes import PRICE
 from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, reach, scatter, slopes
 
 BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5  # blocks that each show a direction, side of one in px, and pixels that it needs
-LONGEST, FARTHEST = 12.0, 8.0  # ratio of an ellipse's axes, and distance of its middle in lengths of the area
+FARTHEST = 12.0  # ratio of an ellipse's axes, and distance of its middle in lengths of the area, at most
 FEW_PIXELS, MOST_PIXELS = 1000, 4000  # pixels with which a geometry is chosen, and with which it is fitted
 MOST_STOPS = 8
 STEADY = 0.1  # share of the steepest slope, below which a block lies beyond the end of the ramp
@@ -175,7 +175,7 @@ def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
     form = solution[[[0, 1], [1, 2]]]
     form = form if np.trace(form) > 0 else -form
     values, axes = np.linalg.eigh(form)
-    if values[0] > values[1] / LONGEST**2:
+    if values[0] > values[1] / FARTHEST**2:
         centre = np.linalg.solve(solution[[[0, 1], [1, 2]]], solution[3:])
         if np.abs(centre).max() < FARTHEST:
             frames.append((_frame((axes * np.sqrt(values / values[1])).T, centre, middle, reach), True, 5))
@@ -210,7 +210,7 @@ def _focal_frame(
     rows = np.stack([2.0 * s * vx, 2.0 * s * vy, vx * vx, 2.0 * vx * vy, vy * vy], axis=1) * weights[:, None]
     a, b, xx, xy, yy = np.linalg.lstsq(rows, weights * s * s, rcond=None)[0]
     lengths, axes = np.linalg.eigh(np.array([[xx + a * a, xy + a * b], [xy + a * b, yy + b * b]]))
-    if lengths[0] <= lengths[1] / LONGEST**2:
+    if lengths[0] <= lengths[1] / FARTHEST**2:
         return None
     turn = (axes * np.sqrt(lengths)).T
     lean = np.linalg.solve(turn.T, np.array([a, b]))
