@@ -13,16 +13,15 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest, summed
+from cubicsplat_cli.artwork.channels import LUMA, blend_of, largest, summed
 from cubicsplat_cli.artwork.regions.fills import APART
 from cubicsplat_cli.artwork.regions.hidden_fills import lies_beyond
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 
 # (4, 4) matrix that takes rows of RGBA to luma, chroma (as in JFIF) and opacity; and back.
-LUMA_CHROMA = np.array(
-    [[0.299, -0.168736, 0.5, 0], [0.587, -0.331264, -0.418688, 0], [0.114, 0.5, -0.081312, 0], [0, 0, 0, 1]]
-)
+LUMA_CHROMA = np.eye(4)
+LUMA_CHROMA[:3, :3] = np.stack([LUMA, *(0.5 * (np.eye(3)[k] - LUMA) / (1.0 - LUMA[k]) for k in (2, 0))], axis=1)
 RGB = np.linalg.inv(LUMA_CHROMA)
 BESIDE = 0.25  # share of the value beside a pixel's own one when libjpeg enlarges chroma, along each axis
 SNAP = 0.08  # shares this near to 0 or 1 are; one of 4 x 4 samples is 0.0625
