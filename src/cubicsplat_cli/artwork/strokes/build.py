@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork.geometry.fitting import PRECISION, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.rows import Link, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
-from cubicsplat_cli.artwork.strokes.centre_line import end_of, open_line, with_corners
+from cubicsplat_cli.artwork.strokes.centre_line import FLANK, end_of, open_line, with_corners
 from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
 from cubicsplat_cli.record import record
 
@@ -29,7 +29,6 @@ REACH = 3.0  # widths along a branch from which its direction at a junction is t
 BESIDE, ROUND_DROP = 0.35, 0.07
 SLIT = 1.6  # steps of the outline: half of how wide a look ahead is
 AHEAD = 0.6  # cosine
-RUN = 10  # points that tell the direction of an end
 ROUND_MEAN = (0.5 + 2.0 * (0.25 - BESIDE**2) ** 0.5) / 3.0  # widths: the three reaches of a half disc
 
 
@@ -249,7 +248,7 @@ class _Tip:
     @classmethod
     def of(cls, line: np.ndarray) -> _Tip:
         """The last of some points."""
-        return cls(line[-1], *end_of(line[-RUN:]))
+        return cls(line[-1], *end_of(line[-FLANK:]))
 
     def on(self, reach: float) -> _Tip:
         """The end if the line went on by so many px, bending as it does."""

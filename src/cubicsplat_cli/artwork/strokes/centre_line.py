@@ -15,7 +15,7 @@ from cubicsplat_cli.raster.cubics import Division, Joints, Pieces, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
-FLANK = 8  # points on either side of a gap that tell its direction
+FLANK = 8  # points that tell the direction of an end, as on either side of a gap
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
 FEWEST = 6  # points
 HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
