@@ -25,11 +25,9 @@ THROUGH = math.radians(35.0)  # of bend up to which a stroke goes on through a j
 ALIKE = 0.15  # of the width, that two branches of one stroke may differ by
 REACH = 3.0  # widths along a branch from which its direction at a junction is taken
 
-# A round end is shorter by 0.143 widths at 0.35 widths to the side.
-BESIDE, ROUND_DROP = 0.35, 0.07
+BESIDE = 0.35  # widths to the side, where an end is looked at besides its middle
 SLIT = 1.6  # steps of the outline: half of how wide a look ahead is
 AHEAD = 0.6  # cosine
-ROUND_MEAN = (0.5 + 2.0 * (0.25 - BESIDE**2) ** 0.5) / 3.0  # widths: the three reaches of a half disc
 
 
 def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> list[Stroke]:
@@ -224,14 +222,16 @@ def with_ends(
     tips = [_Tip.of(line[::-1]), _Tip.of(line)]
     reaches = [None if inside else _reaches(tip, width, sides) for tip, inside in zip(tips, hidden, strict=True)]
     drops = [r[0] - 0.5 * (r[1] + r[2]) for r in reaches if r is not None]
-    cap = ROUND if drops and float(np.mean(drops)) > ROUND_DROP * width else BUTT
+    round_reach = math.sqrt(0.25 - BESIDE**2)  # widths, of a half disc beside its middle, where it is 0.5
+    cap = ROUND if drops and float(np.mean(drops)) > 0.5 * (0.5 - round_reach) * width else BUTT
     places = []
     for tip, inside in zip(tips, hidden, strict=True):
         if inside:
             places.append(tip.on(_to_middle(tip, width, inside, sides)).place)
             continue
         for _ in range(2):
-            tip = tip.on(float(_reaches(tip, width, sides).mean()) - (ROUND_MEAN * width if cap == ROUND else 0.0))
+            beyond = (0.5 + 2.0 * round_reach) / 3.0 * width if cap == ROUND else 0.0
+            tip = tip.on(float(_reaches(tip, width, sides).mean()) - beyond)
         places.append(tip.place)
     line = np.concatenate([places[0][None], line, places[1][None]])
     return line, np.concatenate([[False], gaps[:-1], [False, False]]), cap
