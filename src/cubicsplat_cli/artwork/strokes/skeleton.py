@@ -18,7 +18,7 @@ from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
 FINEST = 8  # pixels of the skeleton per px at most, and across a stroke at least
-SPUR, BRIDGE = 0.75, 0.9  # of the width: shorter branches to an end, and between junctions, are none
+SHORT = 0.8  # of the width: shorter branches to an end, and between junctions, are none
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
 
 
@@ -113,9 +113,9 @@ def _tidied(graph: Graph, width: float) -> Graph:
     for length, branch in sorted(zip(lengths, branches, strict=True), key=itemgetter(0)):
         a, b = branch.nodes
         free = [degree(a) == 1, degree(b) == 1]
-        if a >= 0 and sum(free) == 1 and degree(b if free[0] else a) >= 3 and length < SPUR * width:
+        if a >= 0 and sum(free) == 1 and degree(b if free[0] else a) >= 3 and length < SHORT * width:
             branches.remove(branch)
-        elif a >= 0 and a != b and not any(free) and length < BRIDGE * width and degree(a) > 2 < degree(b):
+        elif a >= 0 and a != b and not any(free) and length < SHORT * width and degree(a) > 2 < degree(b):
             branches.remove(branch)
             places[a] = 0.5 * (places[a] + places[b])
             for other in branches:
