@@ -18,7 +18,7 @@ CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a 
 FLANK = 8  # points that tell the direction of an end, as on either side of a gap
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
 FEWEST = 6  # points
-HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
+HALF_WINDOWS = 2 ** np.arange(1, 5)  # points, of local fits
 
 
 def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: float = 0.0) -> Chain:
@@ -59,7 +59,7 @@ def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np
     explains them: straight stretches average many points and tight bends few (Lepski's choice of a bandwidth).
     """
     # Mean squared residuals, in sigmas, up to which fits of so many degrees of freedom are believed.
-    kinds = [(half, 1.0 + 2.0 * math.sqrt(2.0 / (2 * half - 2))) for half in HALF_WINDOWS]
+    kinds = [(half, 1.0 + 2.0 * math.sqrt(2.0 / (2 * half - 2))) for half in HALF_WINDOWS.tolist()]
     terms, errors, _ = parabolas(points, weights, arc_lengths(points), kinds)
     positions, first, second = terms[:, 0], terms[:, 1], 2.0 * terms[:, 2]
     speed = np.maximum(np.hypot(*first.T), 1e-9)
