@@ -19,13 +19,13 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import LUMA, largest
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
 from cubicsplat_cli.artwork.input.grids import exact_grid
+from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.raster import ndimage
 
 if TYPE_CHECKING:
     from scipy import sparse
 
 EDGE, OFF = 16.0, 2.5  # levels between neighbours at an edge, and by which repeating the enlargement may be off
-ROUNDED = 1.0  # level by which it is off where values are only rounded, twice and to the worst of the channels
 SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
 FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
@@ -98,7 +98,7 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     if stands_out(length) >= WORSE:
         return min(product(range(length - ASIDE, length + ASIDE + 1), KERNELS), key=error)
     half = len(seen) // 2, best(len(seen) // 2)
-    return half if error(half) <= ROUNDED else None
+    return half if error(half) <= EVEN else None
 
 
 def _peaks(seen: np.ndarray) -> Iterator[int]:

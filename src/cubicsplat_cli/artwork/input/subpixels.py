@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
@@ -17,7 +18,6 @@ OFFSETS = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixe
 # Filters: the part that those of all programs have in common, and the widest, of five taps, which is that twice.
 NARROW = np.ones(3) / 3.0
 WIDE = np.convolve(NARROW, NARROW)
-ROUNDING = 1.0  # levels: the largest root mean square error of 8-bit values
 DRIFT = 4.0  # levels by which the rows of a ground may differ from each other over three px, and the ends of one
 ALIKE = 0.1  # share by which the contrasts of two parts with one fill may differ
 
@@ -127,7 +127,7 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[n
     moved = lean[parts.own] * slope[:, None]
     both = parts.sums((fringe * moved).sum(axis=1))
     of_moved, of_fringe = (np.maximum(parts.sums((part**2).sum(axis=1)), 1e-9) for part in (moved, fringe))
-    coloured = of_fringe > 3.0 * ROUNDING**2 * parts.sums(np.ones(len(parts.at)))
+    coloured = of_fringe > 3.0 * EVEN**2 * parts.sums(np.ones(len(parts.at)))
     return np.where(coloured, both / of_moved, 0.0), both**2 / (of_moved * of_fringe)
 
 
@@ -186,7 +186,7 @@ def _shares(text: _Parts, fills: np.ndarray, order: float, size: tuple[int, int]
     samples, strength = canvas[near][:, ::step].ravel(), weight[near][:, ::step].ravel()
     coverage = _coverage(samples, strength, WIDE)
     left = strength * (samples - np.convolve(coverage, WIDE, "same"))
-    if (left**2).mean() > ROUNDING**2:
+    if (left**2).mean() > EVEN**2:
         coverage = _coverage(samples, strength, NARROW)
     share = np.zeros(size)
     share[near] = coverage.reshape(-1, 3).mean(axis=1)
