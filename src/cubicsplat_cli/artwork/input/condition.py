@@ -12,7 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, in_blocks, packed
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE
-from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
 
@@ -36,7 +36,6 @@ WAVES = (
 ).astype(np.float32)
 # Edges in opacity count too: black on nothing has edges.
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
-CONTRAST = 60.0  # levels of an edge whose width or place is measured
 # px: a narrower blur is the way in which programs smooth edges, or the effect of a JPEG on them.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG = 0.35, 0.6
 NEAR_EDGES = 2.0  # times a JPEG's noise, a few px from edges

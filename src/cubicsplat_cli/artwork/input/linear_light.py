@@ -11,9 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb
-from cubicsplat_cli.artwork.input.condition import CONTRAST
 from cubicsplat_cli.artwork.regions.fills import BLEND, EVEN, SAME, in_squares
-from cubicsplat_cli.artwork.regions.sampling import FEWEST, MOST
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEWEST, MOST
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.condition import CONTRAST, ROUGH, rippled
-from cubicsplat_cli.artwork.regions.sampling import FEWEST
+from cubicsplat_cli.artwork.input.condition import ROUGH, rippled
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEWEST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import second_differences, spread
 

@@ -22,14 +22,15 @@ from cubicsplat_cli.raster.outlines import EdgePositions
 # are hardly better than where other shapes are near; and from one, all or nothing of it.
 FEW_SAMPLES, ONE_SAMPLE = 0.04, 12.0**-0.5
 SAMPLES = 16
+CONTRAST = 60.0  # levels of an edge whose width, place or steps are measured
 LEAST_CONTRAST = 100.0  # levels between two fills, whose blends tell sixteenths apart
 NEAR = 0.12  # of a sample
 FEWEST, MOST = 40, 20_000  # blends, steps, or sides of edges, that tell, and that are examined
 SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
-# An edge of EDGE levels between two colours has blends, pixels that are between them by a share of BETWEEN, or steps,
-# by which it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
-# as blends, and FEWEST steps at least, in rows and columns of LOOKED_AT px.
-EDGE, BETWEEN, MORE_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 262_144
+# An edge of CONTRAST levels has blends, pixels that are between its colours by a share of BETWEEN, or steps, by which
+# it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
+# as blends, and FEWEST steps at least.
+BETWEEN, MORE_STEPS = 0.1, 4.0
 STRAIGHT = 4  # px: a smooth edge that runs level for longer, between steps of a pixel, is rare
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
@@ -50,9 +51,8 @@ def aliased(levels: np.ndarray) -> bool:
 
 def _steps_and_blends(levels: np.ndarray) -> tuple[int, int]:
     """Count the steps and blends that nearly level edges of a picture (H, W, 4) have."""
-    every = 1 + levels[..., 0].size // LOOKED_AT
-    upper, here, lower = (levels[k : len(levels) - 2 + k : every] for k in range(3))
-    y, x = np.nonzero(largest(np.abs(lower - upper))[:, :-1] > EDGE)
+    upper, here, lower = (levels[k : len(levels) - 2 + k] for k in range(3))
+    y, x = np.nonzero(largest(np.abs(lower - upper))[:, :-1] > CONTRAST)
     above, below = here[y, x] - upper[y, x], lower[y, x] - here[y, x]
     between = np.minimum(np.abs(above), np.abs(below)) > BETWEEN * np.abs(above + below)
     blends = (between & (above * below > 0.0)).any(axis=1)
