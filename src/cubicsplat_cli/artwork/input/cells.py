@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.dither import dithered
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
-from cubicsplat_cli.artwork.regions.fills import APART
+from cubicsplat_cli.artwork.regions.fills import APART, SEEN
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import distinct, steps
@@ -28,7 +28,6 @@ from cubicsplat_cli.scene.arrays import with_channels
 # have up to 0.6 times that, aliased flags and emoji 1.1 times and more.
 FEW_COLOURS = 16
 SMALL = 32  # px a side of pictures in which hardly anybody omits anti-aliasing but on purpose
-OFF = 6.0  # levels by which a blend is off the line between two colours at most, and away from both at least
 # Of as many different ones the file has tens of megabytes, and to find as many px in an enlarged picture takes seconds.
 MOST_CELLS = 2**20
 
@@ -297,7 +296,7 @@ def _between(levels: np.ndarray) -> np.ndarray:
     t, rest = blend_of(here, before, after)
     away = np.minimum(t, 1.0 - t) * np.linalg.norm(after - before, axis=1)
     out = np.zeros(levels.shape[:2], dtype=bool)
-    out[y, x + 1] = (largest(np.abs(rest)) <= OFF) & (away > OFF)
+    out[y, x + 1] = (largest(np.abs(rest)) <= SEEN) & (away > SEEN)
     return out
 
 
