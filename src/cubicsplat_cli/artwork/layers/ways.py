@@ -37,8 +37,7 @@ DEPTHS = (16.0, 8.0, 4.0, 2.0)  # px beneath the edge of a shape that hides an o
 # Px beneath the run at which corners are tried, and places along it. The second try, at more places near the run,
 # serves runs that something narrow hides.
 WIDE, NARROW = ((0.0, *DEPTHS), 28), ((0.0, -1.5, 1.5), 64)
-# Px from an end of the run within which lines may come nearer, and within which they may cross visible pixels.
-NEAR_END, AT_END = 6.0, 3.0
+AT_END = 3.0  # px from an end of the run within which lines may cross visible pixels, and twice that come nearer
 SLACK = 1.0  # px by which lines along an edge may differ from it, and that a side goes on until it meets another
 
 
@@ -197,7 +196,7 @@ def min_link_path(run: np.ndarray, first: End, last: End, room: Window) -> Itera
         box = room.extent.top, room.extent.left, *room.canvas
         ends = np.stack([first.at, last.at])
         masks = mask, room.hidden, room.extent.allowed
-        path = fewest_links(nodes, order, RAY[: len(start)], RAY[: len(stop)], box, masks, ends, NEAR_END, AT_END)
+        path = fewest_links(nodes, order, RAY[: len(start)], RAY[: len(stop)], box, masks, ends, 2.0 * AT_END, AT_END)
         if len(path):
             yield nodes[path]
 
