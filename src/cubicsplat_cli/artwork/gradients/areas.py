@@ -33,8 +33,9 @@ from cubicsplat_cli.raster.shades import Pixels, part_spreads
 EXPLAINED = 0.95  # share of an area's pixels that one gradient must explain
 MOST_TRIES = 800  # gradients sought in a picture, some hundredths of a second each
 DEEPEST = 2  # divisions of a part into pieces
-SEEDS, LEAST_SHARE = 3, 0.3  # places in a part where a gradient is sought, and the share of the part it must explain
-LIKELY = 0.4  # share of an area's pixels that another area's gradient must explain, for a common one to be sought
+SEEDS = 3  # places in a part where a gradient is sought
+# Share of a part that one of these must explain, and of an area that another's gradient must, for a common one.
+LEAST_SHARE = 0.3
 RIM, LONGEST_TIP = 2, 40  # px beyond an even part that its edge blurs, and that a tip goes on
 LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 
@@ -225,13 +226,13 @@ def _promising(groups: list[_Group], alone: _Group) -> list[int]:
     low, high = np.array([g.low for g in groups]) - CLOSE, np.array([g.high for g in groups]) + CLOSE
     within = (some.values >= low[:, None]) & (some.values <= high[:, None])
     shares = np.zeros(len(groups))
-    for k in np.flatnonzero(within.all(axis=2).mean(axis=1) >= LIKELY):
+    for k in np.flatnonzero(within.all(axis=2).mean(axis=1) >= LEAST_SHARE):
         shares[k] = groups[k].extended.explains(some).mean()
     overlapping = ((low <= alone.high + CLOSE) & (high >= alone.low - CLOSE)).all(axis=1)
     return [
         k
         for k in np.argsort(-shares, kind="stable").tolist()
-        if shares[k] >= LIKELY or (overlapping[k] and alike(alone.shade.ramp, groups[k].shade.ramp) <= CLOSE)
+        if shares[k] >= LEAST_SHARE or (overlapping[k] and alike(alone.shade.ramp, groups[k].shade.ramp) <= CLOSE)
     ]
 
 
