@@ -24,8 +24,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
 )
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import common_shade, reaching, shade_of
-from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, FLAT_RANGE, SEEN
-from cubicsplat_cli.artwork.regions.regions import CONTACT
+from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, CONTACT, FLAT_RANGE, SEEN
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, part_spreads

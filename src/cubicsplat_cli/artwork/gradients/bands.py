@@ -16,8 +16,8 @@ from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import refitted, shade_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import seen_as
-from cubicsplat_cli.artwork.regions.fills import SEEN
-from cubicsplat_cli.artwork.regions.regions import CONTACT, FlatPicture
+from cubicsplat_cli.artwork.regions.fills import CONTACT, SEEN
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, misfits, trimmed_range
 from cubicsplat_cli.raster.sparse import linked_groups

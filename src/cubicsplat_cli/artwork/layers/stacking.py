@@ -20,8 +20,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.layers.ways import REACH
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
-from cubicsplat_cli.artwork.regions.fills import CLEAR
-from cubicsplat_cli.artwork.regions.regions import CONTACT, Regions, ShadowSides
+from cubicsplat_cli.artwork.regions.fills import CLEAR, CONTACT
+from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import passings
 from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import ALIKE, LONG, OPAQUE, SEEN
+from cubicsplat_cli.artwork.regions.fills import ALIKE, CONTACT, LONG, OPAQUE, SEEN
 from cubicsplat_cli.artwork.regions.hidden_fills import MOST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
@@ -21,7 +21,6 @@ WINDOW = 7  # px around a pixel in which a line keeps its fill
 LESS = 0.3
 MOST_RESIDUAL = 40.0  # levels of a pixel's residual that count against a fill at most; of a pixel that no fill explains
 LATER = 0.1  # levels by which each fill must explain a line better than commoner ones
-LENGTH = 8  # px along which the labels must leave connected pixels unexplained, for a line to be there
 NONE, NOWHERE = np.zeros((0, 4)), -1e4  # no fill, and a level that no colour has
 
 
@@ -111,9 +110,9 @@ def with_lines(
 ) -> np.ndarray:
     """Return (H, W) int32 the labels of a picture (H, W, 4) with the thin lines that they lack.
 
-    A line is a run of LENGTH px or more that the labels do not explain, with the pixels that are thin already. palette:
-    (P, 4) the colours of the labels. off: levels beyond which the labels within a px do not explain a pixel. less:
-    share from which a pixel on the middle of a line belongs to it. standing: (G, 4) colours that no line has.
+    A line is a run of CONTACT px or more that the labels do not explain, with the pixels that are thin already.
+    palette: (P, 4) the colours of the labels. off: levels beyond which the labels within a px do not explain a pixel.
+    less: share from which a pixel on the middle of a line belongs to it. standing: (G, 4) colours that no line has.
     """
     solid = solid_labels(labels)
     away = np.zeros(labels.shape, dtype=bool)
@@ -129,7 +128,7 @@ def with_lines(
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
-    search = standing, max(CLOSE, off), less, 3 * LENGTH, SEEN
+    search = standing, max(CLOSE, off), less, 3 * CONTACT, SEEN
     fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, *search)
     # Pixels beside an area of the line's colour are its edge.
     own &= away[y, x] | (solid[y, x] < 0)
@@ -141,10 +140,10 @@ def with_lines(
 
 
 def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: the connected parts of `where` with a pixel of `some` that are LENGTH px long."""
+    """Return (H, W) bool: the connected parts of `where` with a pixel of `some` that are CONTACT px long."""
     parts, count = ndimage.label(where, ndimage.SQUARE)
     long = np.zeros(count + 1, dtype=bool)
-    long[1:] = [max(s.stop - s.start for s in box) >= LENGTH for box in ndimage.find_objects(parts)]
+    long[1:] = [max(s.stop - s.start for s in box) >= CONTACT for box in ndimage.find_objects(parts)]
     return (long & (np.bincount(parts[some & where], minlength=count + 1) > 0))[parts]
 
 

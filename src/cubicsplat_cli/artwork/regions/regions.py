@@ -41,7 +41,6 @@ FEWEST, LEAST_STRANGE = 4, 0.002
 # such a pixel, must have that share in all, and lie amid another region, so that it is no blend of two. It must also be
 # purely of another colour, unless there are MANY_DOTS, too many to be tried one by one in the finished drawing.
 SPECK, MOSTLY, CRUMB, MANY_DOTS = 9, 0.9, 3, 400
-CONTACT = 8  # px in which two areas must touch, for their relation to count
 
 # (H, W) bool: what a shadow shades, and what it would shade if that did not lie above it.
 ShadowSides = tuple[np.ndarray, np.ndarray]

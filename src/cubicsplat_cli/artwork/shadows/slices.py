@@ -21,8 +21,8 @@ from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import extents_of
-from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN
-from cubicsplat_cli.artwork.regions.regions import CONTACT, ShadowSides
+from cubicsplat_cli.artwork.regions.fills import CONTACT, EVEN, SEEN
+from cubicsplat_cli.artwork.regions.regions import ShadowSides
 from cubicsplat_cli.artwork.regions.sampling import share_positions
 from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides_of

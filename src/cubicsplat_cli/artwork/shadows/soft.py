@@ -16,8 +16,7 @@ from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.parts import Part, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
-from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, OPAQUE, ROUNDED, SAME
-from cubicsplat_cli.artwork.regions.regions import CONTACT
+from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, CONTACT, OPAQUE, ROUNDED, SAME
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, ON_LINE, Ground, direction_from, end_of, even_grounds
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
