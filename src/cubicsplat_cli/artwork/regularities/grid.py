@@ -33,7 +33,6 @@ MOST_CELLS, DIVISIONS = 512, (225, 7)
 CELLS = [n for n in range(2, MOST_CELLS + 1) if any(MOST_CELLS * odd % n == 0 for odd in DIVISIONS)]
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
-EDGE = 0.03  # px, the error of coordinates where edges show their true areas
 FEWEST_SEEN = 3  # pixels that SHOWN of a change with their coverage, from which an edge is seen
 
 Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y, 2 for a length; value; error, px
@@ -46,7 +45,8 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
     state: the drawing against its picture. cell: px between the places of level edges that the picture can tell apart,
     0 if it tells them exactly.
     """
-    edge, size = 0.5 * cell + EDGE, (float(drawing.width), float(drawing.height))
+    # True areas show an edge to half of what an outline is off in the mean.
+    edge, size = 0.5 * (cell + MEAN), (float(drawing.width), float(drawing.height))
     marks = _seen_edges(state, edge)
     marks = [(axis, v, error) for axis, v, error in marks if min(abs(v), abs(v - size[axis])) > error]
     for outline in (outline for shape in drawing.shapes for outline in shape.outlines):
