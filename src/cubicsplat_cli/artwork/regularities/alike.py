@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples_along
+from cubicsplat_cli.artwork.finish.merges import FEW, SEEN_SIGMA, Visibility, samples_along
 from cubicsplat_cli.artwork.finish.parameters import LEAST, RigidTransform
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
@@ -17,7 +17,6 @@ from cubicsplat_cli.record import record
 
 FEWEST = 8  # points that show
 STEP = 0.5  # px between the points of an outline
-MOST = 400  # points of a piece
 TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
 FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean,
@@ -41,7 +40,7 @@ class Track:
     @classmethod
     def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
-        samples, weights, _, _ = samples_along(ring, visibility, MOST)
+        samples, weights, _, _ = samples_along(ring, visibility, FEW)
         return cls(points, PointTree(points), samples[visibility.shows(weights)])
 
     @cached_property
