@@ -74,7 +74,7 @@ def test_regularities_are_sought_in_a_page_of_very_many_shapes(monkeypatch, capl
     constraints = Constraints(300, 300)
     copies = regularities.with_copies(begin(drawing, goal), constraints, 1.0)
     assert len(copies) == letters - 1 and not caplog.text
-    monkeypatch.setattr(limits, "MOST_COMPLETED", letters - 1)
+    monkeypatch.setattr(limits, "MOST_POLISHED", letters - 1)
     assert not limits.few_enough(drawing) and "symmetries and copies are not sought" in caplog.text
 
 
@@ -96,7 +96,7 @@ def test_outlines_of_too_many_pieces_are_said_to_be_left_as_they_are(monkeypatch
 
 @pytest.mark.slow
 def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, caplog):
-    monkeypatch.setattr(limits, "MOST_COMPLETED", 20)
+    monkeypatch.setattr(limits, "MOST_POLISHED", 20)
     fits = []
     fit = completion.fit_outlines
     monkeypatch.setattr(completion, "fit_outlines", lambda points, *given: fits.extend(points) or fit(points, *given))

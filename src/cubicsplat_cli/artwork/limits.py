@@ -16,10 +16,11 @@ from cubicsplat_cli.progress import log
 MOST_PIXELS = 3_000_000
 # A map, a page of text or a halftone has very many regions. MOST_REGIONS are drawn, in about a minute: the larger below
 # the smaller, each ending a little beneath its neighbours. Further ones join their neighbours, the smallest first.
-# The order of regions, hidden parts, translucency and regularities take some milliseconds a region or shape, so at most
-# MOST_COMPLETED have them. A picture that must be blurred to have regions at all gets no more than these.
+# The order of regions, hidden parts and translucency take some milliseconds a region, so at most MOST_COMPLETED have
+# them. A picture that must be blurred to have regions at all gets no more than these.
 MOST_COMPLETED = 6000
 MOST_REGIONS = 20_000
+MOST_POLISHED = 8000  # shapes with regularities, at some 6 ms each
 
 
 def reduction(height: int, width: int) -> int:
@@ -66,10 +67,10 @@ def bounded_regions(
 def few_enough(drawing: Drawing) -> bool:
     """True if a drawing has few enough shapes for regularities; else log a warning."""
     count = len(drawing.shapes)
-    if count > MOST_COMPLETED:
+    if count > MOST_POLISHED:
         text = "%d shapes are many: symmetries and copies are not sought; --min-area and --colors leave fewer shapes"
         log.warning(text, count)
-    return count <= MOST_COMPLETED
+    return count <= MOST_POLISHED
 
 
 def enlarged(drawing: Drawing, factors: tuple[float, float], width: int, height: int) -> Drawing:
