@@ -20,7 +20,6 @@ from cubicsplat_cli.artwork.channels import LUMA, largest
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
 from cubicsplat_cli.artwork.input.grids import exact_grid
 from cubicsplat_cli.artwork.regions.fills import EVEN
-from cubicsplat_cli.artwork.regions.sampling import FEWEST
 from cubicsplat_cli.raster import ndimage
 
 if TYPE_CHECKING:
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 
 EDGE, OFF = 16.0, 2.5  # levels between neighbours at an edge, and by which repeating the enlargement may be off
 SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
+FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
 LINES, PEAKS = 32, 3  # columns and peaks that are tried
 LEAST, MOST = 1.2, 16.0  # factors that are undone: less gains little, and more leaves few edges steep enough

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cubicsplat_cli.artwork.input.condition import ROUGH, rippled
-from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEWEST
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import second_differences, spread
 
@@ -26,6 +26,7 @@ LEAST = 0.1  # of 3 x 3 pixels, less than one: none is known
 HALO = 0.02  # of the contrast: rounding and gradients make less at CONTRAST levels
 MOST = 0.15  # of the contrast: what differs more from both sides of an edge is a shape between them
 RIPPLE = 0.05  # of the contrast: the second lobes of Lanczos' filter, within the range of both sides, make 0.02 each
+FEWEST = 32  # sides of edges that tell a filter
 WINDOW = 128  # px of the part of a picture in which an unsharp mask is estimated
 STARTS = tuple(itertools.product((0.4, 1.2), (1.0, 2.0, 3.2)))  # amounts and px of radius that are tried first
 # Amounts, and px of radius. A narrower mask is like the filters that reduce pictures; a stronger or wider one flattens
