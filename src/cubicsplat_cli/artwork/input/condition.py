@@ -30,6 +30,10 @@ RIPPLE, RIPPLED, FEWEST_TELL, MOST_EVEN, FEWEST_EVEN = 8.0, 0.01, 200, 16, 25
 # px of a place; the share of rough pixels that shows compression there; the largest share of the pixels near edges of a
 # compressed picture in places that do not show it.
 PLACE, ROUGH_PLACE, MOST_SMOOTH = 32, 0.01, 0.25
+# The 2D waves of a block's discrete cosine transform are products of two of these, which leaves out the level ones.
+WAVES = (
+    np.cos(math.pi / (2 * BLOCK) * np.arange(1, BLOCK)[:, None] * (2 * np.arange(BLOCK) + 1)) * (2.0 / BLOCK) ** 0.5
+).astype(np.float32)
 # Edges in opacity count too: black on nothing has edges.
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
 # px: a narrower blur is the way in which programs smooth edges, or the effect of a JPEG on them.
@@ -265,10 +269,7 @@ def _coefficients(luma: np.ndarray, start: int) -> np.ndarray:
     """Return (n, 7, 7) the sizes of the DCT's coefficients, but for those along rows or columns alone, which level
     edges have in any block: of the blocks from a row and column on.
     """
-    from scipy.fft import dctn  # takes a while to import, and few pictures are rough near edges
-
-    blocks = in_blocks(luma[start:, start:], BLOCK).reshape(-1, BLOCK, BLOCK)
-    return np.abs(dctn(blocks, axes=(1, 2), norm="ortho")[:, 1:, 1:])
+    return np.abs(WAVES @ in_blocks(luma[start:, start:], BLOCK).reshape(-1, BLOCK, BLOCK) @ WAVES.T)
 
 
 def _busy(coefficients: np.ndarray) -> np.ndarray:
