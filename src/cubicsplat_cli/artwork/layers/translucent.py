@@ -26,7 +26,7 @@ from cubicsplat_cli.record import record
 
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
 SIGMAS = 3.0  # standard errors by which places or directions that are one differ at most
-MOST_GAP = 2.5  # px between neighbouring points of a line, about one px apart
+MOST_GAP = 2.5  # px between neighbouring points of an edge
 
 
 @record

@@ -29,8 +29,8 @@ FEWEST, MOST = 40, 20_000  # blends, or steps, that tell, and that are examined
 SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
 # An edge of CONTRAST levels has blends, pixels that are between its colours by a share of BETWEEN, or steps, by which
 # it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
-# as blends, and FEWEST steps at least.
-BETWEEN, MORE_STEPS = 0.1, 4.0
+# as blends, and FEWEST steps at least, in rows and columns of LOOKED_AT px.
+BETWEEN, MORE_STEPS, LOOKED_AT = 0.1, 4.0, 262_144
 STRAIGHT = 4  # px: a smooth edge that runs level for longer, between steps of a pixel, is rare
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 RIM = 1.0  # px; the first row of a picture that is not clean is one fill or the other
@@ -51,7 +51,8 @@ def aliased(levels: np.ndarray) -> bool:
 
 def _steps_and_blends(levels: np.ndarray) -> tuple[int, int]:
     """Count the steps and blends that nearly level edges of a picture (H, W, 4) have."""
-    upper, here, lower = (levels[k : len(levels) - 2 + k] for k in range(3))
+    every = 1 + levels[..., 0].size // LOOKED_AT
+    upper, here, lower = (levels[k : len(levels) - 2 + k : every] for k in range(3))
     y, x = np.nonzero(largest(np.abs(lower - upper))[:, :-1] > CONTRAST)
     above, below = here[y, x] - upper[y, x], lower[y, x] - here[y, x]
     between = np.minimum(np.abs(above), np.abs(below)) > BETWEEN * np.abs(above + below)
