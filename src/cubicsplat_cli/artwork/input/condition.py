@@ -233,14 +233,14 @@ def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.
     """
     far = near & ~ndimage.maximum_filter(~quiet, 5)
     rough = rough & far
-    if rough.sum() <= RIPPLED * FEWEST_TELL:
+    swinging = _swinging(levels, rough)[far]
+    if swinging.sum() <= RIPPLED * FEWEST_TELL:
         return False
     low, high = (extreme(levels, (3, 3, 1))[far] for extreme in (ndimage.minimum_filter, ndimage.maximum_filter))
     of_fill = np.zeros(len(low), dtype=bool)
     for fill in _even_fills(levels[spans == 0.0]):
         of_fill |= (np.maximum(high - fill, fill - low) <= RIPPLE).all(axis=1)
-    ripples = of_fill & (rough & _swinging(levels))[far]
-    return bool(ripples.sum() > RIPPLED * max(of_fill.sum(), FEWEST_TELL))
+    return bool((of_fill & swinging).sum() > RIPPLED * max(of_fill.sum(), FEWEST_TELL))
 
 
 def _even_fills(even: np.ndarray) -> np.ndarray:
@@ -301,20 +301,22 @@ def _rings(levels: np.ndarray, rough: np.ndarray, near: np.ndarray) -> bool:
     WebPs and small JPEGs may ring without showing blocks: 0.1 and more of the pixels in eight of ten WebPs, and in nine
     of ten reduced JPEGs, but in one of a hundred clip arts with soft shading.
     """
-    if (rough & _swinging(levels)).sum() < 0.1 * near.sum():
+    if _swinging(levels, rough).sum() < 0.1 * near.sum():
         return False
     return (edge_blur(levels) or 0.0) < LEAST_BLUR_OF_JPEG
 
 
-def _swinging(levels: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: pixels with a rough second difference whose sign differs from that of its neighbours' sum,
-    since soft shading goes on bending the same way.
+def _swinging(levels: np.ndarray, rough: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool: the rough pixels (H, W) bool with a second difference whose sign differs from that of its
+    neighbours' sum, since soft shading goes on bending the same way.
     """
-    out = np.zeros(levels.shape[:2], dtype=bool)
-    for part, lines in ((out, levels[..., :3]), (out.T, levels[..., :3].swapaxes(0, 1))):
-        bends = lines[2:] - 2.0 * lines[1:-1] + lines[:-2]
-        here, beside = bends[1:-1], bends[2:] + bends[:-2]
-        part[2:-2] |= ((np.abs(here) >= ROUGH) & (here * beside <= 0.0)).any(axis=-1)
+    out = np.zeros(rough.shape, dtype=bool)
+    for part, some, lines in ((out, rough, levels[..., :3]), (out.T, rough.T, levels[..., :3].swapaxes(0, 1))):
+        y, x = np.nonzero(some[2:-2])
+        near = lines[y[:, None] + np.arange(5), x[:, None]]
+        bends = near[:, 2:] - 2.0 * near[:, 1:-1] + near[:, :-2]
+        here, beside = bends[:, 1], bends[:, 0] + bends[:, 2]
+        part[2:-2][y, x] |= ((np.abs(here) >= ROUGH) & (here * beside <= 0.0)).any(axis=-1)
     return out
 
 
