@@ -97,12 +97,14 @@ def unsharp_mask(levels: np.ndarray, *, lossy: bool = False) -> UnsharpMask | No
     """
     if levels[..., 3].min() < 255.0:
         return None
-    if not lossy and not rippled(levels):
+    if lossy or rippled(levels):
+        mask, gain = _likeliest(_profiles(levels, levels))
+        if mask:
+            # Halos of near edges overlap. Without them more profiles are even at their ends.
+            mask, gain = _likeliest(_profiles(levels, mask.undone(levels, passes=1)))
+    else:
         window = _busiest(levels)
         mask, gain = _best(lambda mask: _rough(mask.undone(window, passes=1)), _rough(window))
-    elif mask := _likeliest(_profiles(levels, levels))[0]:
-        # Halos of near edges overlap. Without them more profiles are even at their ends.
-        mask, gain = _likeliest(_profiles(levels, mask.undone(levels, passes=1)))
     return mask if mask and mask.likely and gain >= LEAST_GAIN else None
 
 
@@ -112,12 +114,14 @@ def _best(cost: Callable[[UnsharpMask], float], unmasked: float) -> tuple[Unshar
     def of(logarithms: np.ndarray) -> float:
         return cost(UnsharpMask(*np.exp(logarithms).tolist()))
 
-    start = min(np.log(STARTS), key=of)
-    if of(start) >= unmasked:
+    starts = np.log(STARTS)
+    costs = [of(start) for start in starts]
+    if min(costs) >= unmasked:
         return None, 0.0
     from scipy.optimize import minimize
 
     bounds = np.log([(0.5 * WEAKEST, 1.5 * STRONGEST), (0.7 * NARROWEST, 1.5 * WIDEST)])
+    start = starts[np.argmin(costs)]
     around = np.add(start, [[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]])
     options = {"initial_simplex": around, "xatol": 0.03, "fatol": 1e-3 * unmasked}
     found = minimize(of, start, method="Nelder-Mead", bounds=bounds, options=options)
@@ -129,25 +133,25 @@ def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
     at most MOST_PROFILES, rising; by a picture with fewer halos (H, W, 4), in which they are even at their ends.
     """
     reach, found = np.arange(-SIDE, SIDE + 1), [np.empty((0, 2 * SIDE + 1), dtype=np.float32)]
-    for channel in range(3):
-        for values, even in zip(_both_ways(levels[..., channel]), _both_ways(plain[..., channel]), strict=True):
-            slopes = np.abs(even[:, 2:] - even[:, :-2])
-            y, x = np.nonzero(slopes[1:-1, SIDE - 1 : 1 - SIDE] >= 0.5 * CONTRAST)
-            few = slice(None, None, 1 + len(y) // MOST_TRIED)
-            y, x = y[few, None] + 1, x[few, None] + SIDE
-            lines, steep = even[y, x + reach], slopes[y, x + np.arange(-2, 1)]
-            contrast = np.abs(lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1))
-            told = (contrast >= CONTRAST) & (steep[:, 1] > steep[:, 0]) & (steep[:, 1] >= steep[:, 2])
-            told &= np.abs(even[y - 1, x + reach] - even[y + 1, x + reach]).max(axis=1) <= TILTED * contrast
-            told &= np.abs(np.diff(lines, axis=1)[:, [0, 1, -2, -1]]).max(axis=1) <= UNEVEN * contrast
-            lines = values[y, x + reach][told]
-            found.append(np.where(lines[:, :1] > lines[:, -1:], lines[:, ::-1], lines))
+    for values, even in zip(_lines_of(levels[..., :3]), _lines_of(plain[..., :3]), strict=True):
+        slopes = np.abs(even[:, 2:] - even[:, :-2])
+        y, x = np.nonzero(slopes[1:-1, SIDE - 1 : 1 - SIDE] >= 0.5 * CONTRAST)
+        few = slice(None, None, 1 + len(y) // MOST_TRIED)
+        y, x = y[few, None] + 1, x[few, None] + SIDE
+        lines, steep = even[y, x + reach], slopes[y, x + np.arange(-2, 1)]
+        contrast = np.abs(lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1))
+        told = (contrast >= CONTRAST) & (steep[:, 1] > steep[:, 0]) & (steep[:, 1] >= steep[:, 2])
+        told &= np.abs(even[y - 1, x + reach] - even[y + 1, x + reach]).max(axis=1) <= TILTED * contrast
+        told &= np.abs(np.diff(lines, axis=1)[:, [0, 1, -2, -1]]).max(axis=1) <= UNEVEN * contrast
+        lines = values[y, x + reach][told]
+        found.append(np.where(lines[:, :1] > lines[:, -1:], lines[:, ::-1], lines))
     profiles = np.concatenate(found)
     return profiles[:: 1 + len(profiles) // MOST_PROFILES].astype(np.float64)
 
 
-def _both_ways(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return values, values.T
+def _lines_of(levels: np.ndarray) -> list[np.ndarray]:
+    """Return the channels of a picture (H, W, C), each by its rows and by its columns."""
+    return [lines for channel in np.moveaxis(levels, 2, 0) for lines in (channel, channel.T)]
 
 
 def _likeliest(profiles: np.ndarray) -> tuple[UnsharpMask | None, float]:
@@ -248,8 +252,7 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
 
 def _sharpened(levels: np.ndarray) -> bool:
     """Return True if at least half of a picture's edges have halos, on their light sides and on their dark ones."""
-    lines = [line for channel in np.moveaxis(levels, 2, 0) for line in (channel, channel.T)]
-    sides = [np.concatenate(found) for found in zip(*map(_halos, lines), strict=True)]
+    sides = [np.concatenate(found) for found in zip(*map(_halos, _lines_of(levels)), strict=True)]
     told = [halos for halos in sides if len(halos) >= FEWEST]
     return bool(told) and all((halos > HALO).mean() >= 0.5 for halos in told)
 
