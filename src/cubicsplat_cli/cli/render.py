@@ -11,15 +11,7 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Quiet, Renderer, option
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, files_in, names_a_folder
-from cubicsplat_cli.files.paths import (
-    EXPORTS,
-    check_ownership,
-    format_of,
-    is_folder,
-    is_there,
-    make_folder_of,
-    same_file,
-)
+from cubicsplat_cli.files.paths import EXPORTS, check_ownership, format_of, is_folder, is_there, make_folder_of
 from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
 from cubicsplat_cli.files.write import encode_png, write_atomically, write_stdout
 from cubicsplat_cli.formatting import did_you_mean, file_size, one_line, printable
@@ -139,9 +131,7 @@ def _draw(
         if path.suffix.lower() not in _ENDINGS:
             near = did_you_mean(path.suffix.lower(), _ENDINGS) or "; choose another with -o"
             raise UsageError(f"the output must end in {listed(_ENDINGS)}, but is {path}{near}")
-        if source is not None and same_file(path, source):
-            raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
-        check_ownership([path], force=force)
+        check_ownership([path], force=force, source=source)
 
     from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 

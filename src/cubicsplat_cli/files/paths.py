@@ -57,8 +57,11 @@ def check_outputs(paths: list[Path], *, force: bool) -> None:
     check_ownership(paths, force=force)
 
 
-def check_ownership(paths: list[Path], *, force: bool) -> None:
-    """Raise UsageError where a file exists that cubicsplat did not write and `force` is not given."""
+def check_ownership(paths: list[Path], *, force: bool, source: Path | None = None) -> None:
+    """Raise UsageError where a file is the source, or exists, cubicsplat did not write it and `force` is not given."""
+    for path in paths:
+        if source is not None and same_file(path, source):
+            raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
     for path in paths:
         if not force and not is_replaceable(path):
             tiny = (_head_or_nothing(path) or b"").startswith(_TINY)

@@ -9,15 +9,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import is_edited, sha256_of
 from cubicsplat_cli.files.names import SVG_SUFFIXES, outputs_beside
-from cubicsplat_cli.files.paths import (
-    check_outputs,
-    check_ownership,
-    is_file,
-    is_replaceable,
-    is_there,
-    read_ends,
-    same_file,
-)
+from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, is_replaceable, is_there, read_ends
 from cubicsplat_cli.files.read import unpacked
 from cubicsplat_cli.files.write import folder_locked, write_atomically, write_stdout
 from cubicsplat_cli.jobs.plan import Job, make_folders
@@ -38,11 +30,8 @@ def prepare_files(job: Job, *, force: bool) -> None:
 
 def check_may_write(job: Job, *, force: bool) -> None:
     """Raise UsageError if a file of the job is the input or, without `force`, edited or not written by cubicsplat."""
-    for path in job.outputs.files():
-        if job.path is not None and same_file(path, job.path):
-            raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
     layers = job.outputs.existing_layers()
-    check_ownership([*job.outputs.files(), *layers], force=force)
+    check_ownership([*job.outputs.files(), *layers], force=force, source=job.path)
     if force:
         return
     for path in [*edited(job), *filter(holds_edited, layers)]:
