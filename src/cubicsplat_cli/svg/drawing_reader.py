@@ -11,17 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, extent_of, signed_area
-from cubicsplat_cli.artwork.geometry.stroke import (
-    BEVEL,
-    BUTT,
-    MITER,
-    ROUND,
-    SQUARE,
-    Chain,
-    Path,
-    Stroke,
-    outlines_of_stroke,
-)
+from cubicsplat_cli.artwork.geometry.stroke import BUTT, CAPS, JOINS, MITER, Chain, Path, Stroke, outlines_of_stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
@@ -38,7 +28,6 @@ _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
 # px^2: a hole of less area may run the wrong way round after its points are rounded, and an outer ring is not visible.
 _INVISIBLE = 0.1
-_CAPS, _JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
 ShadingCurve = tuple[np.ndarray, tuple[float, ...]]  # control points (K, 2) px; sRGB levels and opacity
 AnyPath = TypeVar("AnyPath", bound=Path)
 
@@ -207,7 +196,7 @@ def _strokes(element: OwnElement) -> list[Shape]:
     if width <= 0.0:
         raise ValueError("has a stroke without a width")
     cap, join = given.get("stroke-linecap", BUTT), given.get("stroke-linejoin", MITER)
-    if cap not in _CAPS or join not in _JOINS:
+    if cap not in CAPS or join not in JOINS:
         raise ValueError(f"has the stroke-linecap {cap!r} and the stroke-linejoin {join!r}")
     if element.name != "path":
         paths: list[Path] = [_primitive(element)]

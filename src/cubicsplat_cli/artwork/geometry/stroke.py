@@ -24,6 +24,7 @@ from cubicsplat_cli.record import record
 
 BUTT, ROUND, SQUARE = "butt", "round", "square"
 MITER, BEVEL = "miter", "bevel"
+CAPS, JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
 # A width is even where it is off the usual one by no more than a share of it and so many px.
 EVEN_SHARE, EVEN_PX = 0.05, 0.2
 
