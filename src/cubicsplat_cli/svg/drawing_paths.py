@@ -12,15 +12,17 @@ from its end, which is 0.036 of the radius off.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, thirds
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, thirds, turned_to
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
+from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.svg.markup import format_number
 from cubicsplat_cli.svg.paths import PathSegment, Point
 
@@ -33,7 +35,7 @@ _TOGETHER = 20_000  # pieces of rings that are rounded at once, which limits the
 Step = tuple[int, int]
 
 
-def form_of(ring: Ring) -> bytes:
+def _form_of(ring: Ring) -> bytes:
     """Return a key that is equal for rings in whole steps that differ by a translation only."""
     anchors, controls = ring.anchors - ring.anchors[:1], ring.controls - ring.anchors[:1, None]
     return b"".join(part.tobytes() for part in (anchors, controls, ring.lines))
@@ -53,6 +55,37 @@ def grid_rings(rings: Sequence[Ring], precision: int, exact: bool = False) -> li
             grid += _on_grid(rings[first:number], precision, exact)
             first, pieces = number, 0
     return grid
+
+
+class GridRings:
+    """The rings of a drawing in whole steps of the file's grid.
+
+    exact: every point of a path stands at its own step, as in the paths that share it.
+    """
+
+    def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
+        self._precision, self._exact = precision, exact
+        placed = [
+            (outline, index == 0)
+            for shape in shapes
+            if shape.stroke is None
+            for index, outline in enumerate(shape.outlines)
+            if isinstance(outline, Ring)
+        ]
+        turned = {(id(ring), clockwise): turned_to(ring, clockwise) for ring, clockwise in placed}
+        self._grid = dict(zip(turned, grid_rings([*turned.values()], precision, exact), strict=True))
+        forms = Counter(_form_of(self._of(*place)) for place in placed)
+        self._repeated = {form for form, count in forms.items() if count > 1}
+
+    def _of(self, ring: Ring, clockwise: bool) -> Ring:
+        """Return a ring on the grid, as seen clockwise or not."""
+        grid = self._grid.get((id(ring), clockwise))
+        return grid or grid_rings([turned_to(ring, clockwise)], self._precision, self._exact)[0]
+
+    def add(self, path: PathText, ring: Ring, clockwise: bool) -> None:
+        """Append a ring, as seen clockwise or not; equal forms have equal texts."""
+        grid = self._of(ring, clockwise)
+        add_ring(path, grid, self._exact, relative=_form_of(grid) in self._repeated)
 
 
 def _on_grid(rings: Sequence[Ring], precision: int, exact: bool) -> list[Ring]:

@@ -8,36 +8,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import (
-    Circle,
-    Ellipse,
-    Outline,
-    Rectangle,
-    Ring,
-    reversed_ring,
-    signed_area,
-)
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, colour_name
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
-from cubicsplat_cli.svg.drawing_paths import (
-    MOST_ON_RECT,
-    PathText,
-    add_ring,
-    add_rounded,
-    add_stroke,
-    form_of,
-    grid_rings,
-)
+from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT, GridRings, PathText, add_rounded, add_stroke
 from cubicsplat_cli.svg.markup import GradientElements, Identifiers, document, empty_document, format_number, paint
 from cubicsplat_cli.svg.shading import clipped
 
@@ -62,7 +45,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     names = Identifiers()
     gradients = GradientElements(lambda: names.unique("gradient"), precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
-    rings = _GridRings(drawing.shapes, precision, drawing.abutting)
+    rings = GridRings(drawing.shapes, precision, drawing.abutting)
     parent, latest = root, ""
     for group in groups:
         element = _element(group, precision, rings)
@@ -119,40 +102,7 @@ def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
     return attributes
 
 
-class _GridRings:
-    """The rings of a drawing in whole steps of the file's grid.
-
-    exact: every point of a path stands at its own step, as in the paths that share it. repeated: the forms that more
-    than one ring has.
-    """
-
-    def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
-        self.exact = exact
-        self._precision = precision
-        placed = [
-            (outline, index == 0)
-            for shape in shapes
-            if shape.stroke is None
-            for index, outline in enumerate(shape.outlines)
-            if isinstance(outline, Ring)
-        ]
-        turned = {(id(ring), clockwise): _turned_to(ring, clockwise) for ring, clockwise in placed}
-        self._grid = dict(zip(turned, grid_rings([*turned.values()], precision, exact), strict=True))
-        forms = Counter(form_of(self.of(*place)) for place in placed)
-        self.repeated = {form for form, count in forms.items() if count > 1}
-
-    def of(self, ring: Ring, clockwise: bool) -> Ring:
-        """Return a ring on the grid, as seen clockwise or not."""
-        grid = self._grid.get((id(ring), clockwise))
-        return grid or grid_rings([_turned_to(ring, clockwise)], self._precision, self.exact)[0]
-
-
-def _turned_to(ring: Ring, clockwise: bool) -> Ring:
-    """Return a ring that runs clockwise as seen or not."""
-    return ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
-
-
-def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:
+def _element(group: Sequence[Shape], precision: int, rings: GridRings) -> ElementTree.Element | None:
     """Return the element of one shape, or of several of one colour as a compound path; None if nothing is left."""
     stroke = group[0].stroke
     if stroke is not None and not isinstance(stroke.path, (Chain, Ring)):
@@ -222,7 +172,7 @@ def _degrees(angle: float) -> str:
     return format_number(round(math.degrees(angle) * 10**_ANGLE_DECIMALS), _ANGLE_DECIMALS)
 
 
-def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bool, rings: _GridRings) -> None:
+def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bool, rings: GridRings) -> None:
     """Append one ring of a compound path, clockwise as seen or not, if it has an extent."""
     if not isinstance(outline, Ring) and _primitive(outline, precision) is None:
         return
@@ -234,8 +184,7 @@ def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bo
     if isinstance(outline, Rectangle) and to_steps(outline.radius, precision) > 0 and outline.angle == 0.0:
         add_rounded(path, outline, precision, clockwise=clockwise)
         return
-    ring = rings.of(outline.ring(), clockwise)
-    add_ring(path, ring, rings.exact, relative=form_of(ring) in rings.repeated)
+    rings.add(path, outline.ring(), clockwise)
 
 
 def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:

@@ -93,8 +93,7 @@ def level_box(ring: Ring, off: float = 0.0) -> Rectangle | None:
 
 def oriented(rings: Sequence[Ring]) -> tuple[Ring, ...]:
     """Rings with the first one clockwise as seen, and the others the other way: the nonzero rule leaves holes empty."""
-    wrong = [(signed_area(ring) > 0.0) == (index > 0) for index, ring in enumerate(rings)]
-    return tuple(reversed_ring(ring) if turn else ring for ring, turn in zip(rings, wrong, strict=True))
+    return tuple(turned_to(ring, index == 0) for index, ring in enumerate(rings))
 
 
 def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
@@ -284,6 +283,11 @@ def reversed_ring(ring: Ring) -> Ring:
     order = (-np.arange(ring.pieces)) % ring.pieces
     pieces = (order - 1) % ring.pieces
     return Ring(ring.anchors[order], ring.controls[pieces][:, ::-1], ring.lines[pieces], ring.smooth[order])
+
+
+def turned_to(ring: Ring, clockwise: bool) -> Ring:
+    """Return a ring that runs clockwise as seen or not."""
+    return ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
 
 
 def divided(ring: Ring, piece: int, t: float) -> Ring:
