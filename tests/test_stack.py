@@ -296,7 +296,7 @@ def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only()
 
 def test_arrays_of_the_wrong_kind_are_refused():
     stack = stack_of()
-    with pytest.raises(EngineError, match="contiguous float64"):
+    with pytest.raises(EngineError, match="cubics must be contiguous on the CPU, float64"):
         DrawnStack(replace(stack, cubics=stack.cubics.astype(np.float32)), goal_of())
 
 

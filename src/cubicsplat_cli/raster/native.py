@@ -110,7 +110,7 @@ def members(kind: Any, names: str) -> list[tuple[str, Any]]:
     return [(name, kind) for name in names.split()]
 
 
-def address_on(device: Any, array: Array, name: str, shape: tuple[int, ...], dtype: str) -> int | None:
+def address_on(device: Any, array: Array, name: str, shape: tuple[int, ...], dtype: str = "float64") -> int | None:
     """Return the address of an array for an engine on a device, torch's or "cpu"; None for None.
 
     Raises EngineError, with the name, if the array is not contiguous, elsewhere, or of another shape or type.

@@ -14,13 +14,12 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.native import Out, address_of, floats, int32s, int64s, members, native
+from cubicsplat_cli.raster.native import Out, address_of, address_on, floats, int32s, int64s, members, native
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
-_native = partial(native, "finish")
+_native, _at = partial(native, "finish"), partial(address_on, "cpu")
 _OPAQUE = 254.5 / 255.0
 FEWEST = 3  # vertices of a polygon
 STEPS = 5  # that may be proposed for a polygon at once
@@ -89,9 +88,9 @@ class Goal:
     def _pointers(self) -> _Goal:
         height, width, _ = self.target.shape
         return _Goal(
-            width, height, self.grid, self.reach, work().threads, _at(self.target, np.float64, self.target.shape),
-            _at(self.taps, np.float64, self.taps.shape), None if self.reach else address_of(self.inside),
-            None if self.half is None else _at(self.half, np.float64, (height, width)),
+            width, height, self.grid, self.reach, work().threads, _at(self.target, "target", self.target.shape),
+            _at(self.taps, "taps", self.taps.shape), None if self.reach else address_of(self.inside),
+            _at(self.half, "half", (height, width)),
             (c_double * 4)(*self.channels), self.bound, self.leak_weight, self.steep,
         )  # fmt: skip
 
@@ -153,10 +152,10 @@ class DrawnStack:
         self.goal, self._over = goal, over  # a base lives as long as what is drawn over it
         layers, count = len(pieces.ends), len(pieces.cubics)
         stack = _Stack(
-            layers, _at(pieces.ends, np.int32, (layers,)), _at(pieces.cubics, np.float64, (count, 4, 2)),
-            _at(pieces.lines, np.bool_, (count,)), _at(pieces.signs, np.float64, (count,)),
-            _at(pieces.fills, np.float64, (layers, 4)),
-            None if over is None else over[0]._handle, None if over is None else _at(over[1], np.int32, (layers,)),
+            layers, _at(pieces.ends, "ends", (layers,), "int32"), _at(pieces.cubics, "cubics", (count, 4, 2)),
+            _at(pieces.lines, "lines", (count,), "bool"), _at(pieces.signs, "signs", (count,)),
+            _at(pieces.fills, "fills", (layers, 4)),
+            over and over[0]._handle, over and _at(over[1], "layers of the base", (layers,), "int32"),
         )  # fmt: skip
         old = previous._handle if previous is not None and previous.goal is goal else None
         self._handle: int = _native("cs_stack_draw", byref(goal._pointers()), byref(stack), old, result=c_void_p)
@@ -228,8 +227,8 @@ class DrawnStack:
         variables, outlines = len(damping), len(first)
         numbers = *map(int32s, (first, count, start)), int64s(rows), int32s(columns)
         given = _Unknowns(
-            outlines, variables, *map(address_of, numbers), _at(values, np.float64, values.shape),
-            _at(damping, np.float64, (variables,)), keep,
+            outlines, variables, *map(address_of, numbers), _at(values, "values", values.shape),
+            _at(damping, "damping", (variables,)), keep,
         )  # fmt: skip
         out = Out(variables), Out(variables), Out(outlines), Out(outlines)
         return Step(*_native("cs_stack_step", self._handle, byref(given), float(chance), *out))
@@ -267,10 +266,3 @@ class PolygonSteps:
         """Return by how much the loss rises without each of a polygon's vertices, and last without all of it."""
         rises = Out(corners + 1 if corners > FEWEST else 1)
         return native("search", "cs_polygon_removals", *self.picture, *self._polygons, index, rises)
-
-
-def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:
-    """Return the address of an array. Raises EngineError unless it is contiguous, of this type and shape."""
-    if array.dtype != kind or array.shape != shape or not array.flags.c_contiguous:
-        raise EngineError(f"expected a contiguous {np.dtype(kind)} array {shape}, not {array.dtype} {array.shape}")
-    return address_of(array)
