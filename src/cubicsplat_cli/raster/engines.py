@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
 from contextlib import closing
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.libcuda import gpus
 from cubicsplat_cli.raster.engine import Engine, EngineScene
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from cubicsplat_cli.raster.cuda.compile import Program
     from cubicsplat_cli.raster.cuda.engine import CudaEngine
 
-_log = logging.getLogger("cubicsplat")
 _of_thread = threading.local()
 _of_gpu: dict[int, CudaEngine] = {}
 _lock = threading.Lock()
@@ -66,7 +65,7 @@ def open_engine(
         try:
             return cuda()
         except EngineError as error:
-            _log.warning("using the CPU: %s", error)
+            log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
 
 

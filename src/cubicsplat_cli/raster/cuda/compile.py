@@ -8,7 +8,6 @@ cache afterwards.
 from __future__ import annotations
 
 import hashlib
-import logging
 from collections.abc import Callable
 from ctypes import sizeof
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.files.write import read_cache, write_cache
+from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cuda import nvrtc
 from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, SIDE_BYTES, StepFrame, StepValues
 from cubicsplat_cli.raster.engine import EngineScene
@@ -25,7 +25,6 @@ KERNELS = Path(__file__).parents[1] / "kernels"
 MAIN = "raster.cu"
 OLDEST = 75  # compute capability 7.5: the oldest that NVRTC 13 compiles for
 CACHE = "cuda"  # kind of what is kept on disk
-_log = logging.getLogger("cubicsplat")
 
 
 @dataclass(frozen=True)
@@ -104,10 +103,10 @@ def compile_text(
     main = text.pop(MAIN)
     chosen = [*options(program, architecture), *extra]
     intermediate = architecture.startswith("compute_")
-    code, log = nvrtc.compile_program(MAIN, main, text, chosen, intermediate=intermediate)
+    code, said = nvrtc.compile_program(MAIN, main, text, chosen, intermediate=intermediate)
     if code is None:
-        raise EngineError(f"the CUDA kernels do not compile for {architecture}:\n{log}")
-    return code, log
+        raise EngineError(f"the CUDA kernels do not compile for {architecture}:\n{said}")
+    return code, said
 
 
 def cache_key(program: Program, architecture: str, version: tuple[int, int], text: dict[str, bytes]) -> str:
@@ -130,7 +129,7 @@ def machine_code(
     key = cache_key(program, architecture, nvrtc.version(), sources())
     code = read_cache(CACHE, key)
     if code is None:
-        _log.info("compiling the CUDA kernels (%s) for %s, once on this machine", program.name, architecture)
+        log.info("compiling the CUDA kernels (%s) for %s, once on this machine", program.name, architecture)
         code, _ = compiled(program, architecture)
         write_cache(CACHE, key, code)
     return code, architecture
