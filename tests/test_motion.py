@@ -21,6 +21,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.stepper import FINISH_TOLERANCE
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import Pass
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
@@ -328,7 +329,8 @@ def test_the_gradient_of_knots_is_that_of_all_frames_together(name: str) -> None
 
     def loss() -> float:
         lines = tracks.lines()
-        return sum(engine.loss(tracks.at(frame, lines)[0], raster, frames[frame]) for frame in range(tracks.frames))
+        scenes = (tracks.at(frame, lines)[0] for frame in range(tracks.frames))
+        return sum(engine.loss(scene, raster, Pass(wanted)) for scene, wanted in zip(scenes, frames, strict=True))
 
     track = tracks.by_name[name]
     sums, touched = np.zeros_like(track.values), np.zeros(track.knots.shape, bool)

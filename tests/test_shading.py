@@ -28,7 +28,7 @@ from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.pipeline.shaded import shaded_drawing, shaded_objects
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.engine import EngineScene
+from cubicsplat_cli.raster.engine import EngineScene, Pass
 from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import LayeredScene, Scene
@@ -236,11 +236,11 @@ def test_the_engine_charges_errors_by_the_metric_of_their_pixels():
     loss, found = engine.gradients(scene(colours, everything), exact, target=target, importance="loo")
     assert loss == pytest.approx(np.einsum("hwi,hwij,hwj->", error, seen, error), rel=1e-5)
     for curve in range(count):
-        without = engine.loss(scene(colours, np.delete(everything, curve)), exact, target)
+        without = engine.loss(scene(colours, np.delete(everything, curve)), exact, Pass(target))
         assert without - loss == pytest.approx(float(found["importance"][curve]), rel=1e-3, abs=1e-3)
         step = np.zeros_like(colours)
         step[curve, 2] = 0.01
-        ends = [engine.loss(scene(colours + sign * step, everything), exact, target) for sign in (1, -1)]
+        ends = [engine.loss(scene(colours + sign * step, everything), exact, Pass(target)) for sign in (1, -1)]
         assert (ends[0] - ends[1]) / 0.02 == pytest.approx(float(found["colours"][curve, 2]), rel=1e-2, abs=1e-2)
 
 

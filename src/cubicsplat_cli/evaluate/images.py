@@ -21,7 +21,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import RGBA, Rendered, choose_renderer, draw_by_cairo, draw_by_resvg, drawing_with
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene import EmbeddedImage, LayeredScene, Scene
+from cubicsplat_cli.scene import AnyScene, EmbeddedImage, LayeredScene, Scene
 from cubicsplat_cli.scene.arrays import padded
 from cubicsplat_cli.settings import SCALE
 
@@ -245,9 +245,7 @@ def of_values(values: np.ndarray) -> ImageSource:
     return ImageSource(width, height, channels == 4, rows)
 
 
-def of_scene(
-    scene: Scene | LayeredScene | None, width: int, height: int, samples: int, threads: int | None = None
-) -> ImageSource:
+def of_scene(scene: AnyScene | None, width: int, height: int, samples: int, threads: int | None = None) -> ImageSource:
     """Return the source of the engine's exact picture of a scene at width x height px; without a scene it is clear.
 
     samples: edges per cubic at most. Each call of `rows` draws them.

@@ -20,6 +20,7 @@ from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Stopped, work
 from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import Pass
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, points_from_segments
@@ -172,9 +173,8 @@ class ClipFit:
 
     def _thinned(self, tracks: Tracks, pictures: list[np.ndarray]) -> Tracks:
         lines = tracks.lines()
-        loss = sum(
-            self.engine.loss(tracks.at(frame, lines)[0], self.raster, picture) for frame, picture in enumerate(pictures)
-        )
+        scenes = (tracks.at(frame, lines)[0] for frame in range(len(pictures)))
+        loss = sum(self.engine.loss(scene, self.raster, Pass(p)) for scene, p in zip(scenes, pictures, strict=True))
         weights = sensitivity(tracks, self.engine, self.raster, self.generator)
         split_offsets(tracks, weights)
         there = tracks.by_name["opacities"].values[..., 0] > SEEN

@@ -11,7 +11,7 @@ import numpy as np
 
 from cubicsplat_cli.options import parse_loss
 from cubicsplat_cli.photo.state import FitCurves
-from cubicsplat_cli.raster.engine import Engine
+from cubicsplat_cli.raster.engine import Engine, Pass
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings, image_loss
 from cubicsplat_cli.scene.arrays import Array, as_numpy, as_torch, like
 
@@ -47,7 +47,7 @@ class Evaluator:
         o = self.objective
         if not o.pixelwise:
             return float(o.of(self.picture(curves)))
-        return self.engine.loss(curves.for_engine(), self.exact, o.goal, o.weights, o.penalty)
+        return self.engine.loss(curves.for_engine(), self.exact, Pass(o.goal, weights=o.weights, penalty=o.penalty))
 
     def importance(self, curves: FitCurves) -> tuple[float, Array]:
         """Return the loss of the pixels of the exact picture, and its rise (N,) without each curve."""

@@ -12,7 +12,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.scene import LayeredScene, Scene
+from cubicsplat_cli.scene import AnyScene
 
 LIKENESS_SIDE = 1024  # px of the longer side of the copy that is compared; fine lines count at this size
 # dB by which the PSNR by tones must be higher for a drawing to be near enough. Edges a little off hardly change
@@ -28,7 +28,7 @@ def file_db(task: Task, svg: str) -> float:
     return _level_db(task, reference, of_pixels(drawn.pixels))
 
 
-def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float:
+def level_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0) -> float:
     """Return the PSNR of a scene against the target, both at most LIKENESS_SIDE px wide and high; infinite without a
     scene. samples: edges per cubic. blur: px of the target by which its picture is blurred; the scene counts sharp or
     blurred alike, and its text with an LCD's colour fringes or without, whichever is nearer.
@@ -39,9 +39,7 @@ def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur:
     return max(_level_db(task, picture, each) for picture in pictures for each in drawn)
 
 
-def seen_db(
-    task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0, enough_db: float = math.inf
-) -> float:
+def seen_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0, enough_db: float = math.inf) -> float:
     """Return the mean of a scene's PSNR by pixels and its PSNR by tones, which are means over squares of COARSE px.
 
     This is nearer to what people see: slightly misplaced edges do not hide missing shading or drifting tones. Infinite
@@ -54,9 +52,7 @@ def seen_db(
     return max(_seen_db(task, picture, each, enough_db) for picture in pictures for each in drawn)
 
 
-def _drawn(
-    task: Task, scene: Scene | LayeredScene, samples: int, blur: float
-) -> tuple[list[Picture], list[ImageSource]]:
+def _drawn(task: Task, scene: AnyScene, samples: int, blur: float) -> tuple[list[Picture], list[ImageSource]]:
     """Return copies of the target, with and without colour fringes if its text has these, and the engine's pictures of
     a scene at their size: sharp, and blurred if there is a blur.
 

@@ -15,7 +15,7 @@ from cubicsplat_cli.photo.remote import begin_fit
 from cubicsplat_cli.pipeline.budget import LOOKS, SHARED_OPACITY, Photo, guessed_curves, within_bytes, within_level
 from cubicsplat_cli.pipeline.likeness import level_db, seen_db
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.scene import LayeredScene, Scene
+from cubicsplat_cli.scene import AnyScene, Scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
 # Most of a fit uses a copy of so many pixels for each curve; the exact finish uses one whose sides are this many times
@@ -90,7 +90,7 @@ class PhotoFit:
             raise KeyboardInterrupt
         return self._seen(self.finished.scene)
 
-    def _seen(self, scene: Scene | LayeredScene | None) -> float:
+    def _seen(self, scene: AnyScene | None) -> float:
         task = self._photo.task
         return seen_db(task, scene, task.request.settings.finish_samples)
 

@@ -30,7 +30,7 @@ from cubicsplat_cli.options import listed
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, log, warnings_to
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
-from cubicsplat_cli.scene import LayeredScene, Scene
+from cubicsplat_cli.scene import AnyScene, Scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.markup import data_uri, with_lengths
 
@@ -54,7 +54,7 @@ class Result:
     """
 
     svg: str
-    scene: Scene | LayeredScene | None
+    scene: AnyScene | None
     report: Report
     pixels: np.ndarray | None = None
 
@@ -115,7 +115,7 @@ class Made:
     target's blur, which the drawing does not have. unavoidable_error: as of `PreparedInput`.
     """
 
-    scene: Scene | LayeredScene | None
+    scene: AnyScene | None
     write: Callable[[str, str], str]
     samples: int
     paths: int

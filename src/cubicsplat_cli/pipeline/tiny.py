@@ -28,6 +28,7 @@ from cubicsplat_cli.photo.remote import begin_fit
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import Pass
 from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.raster.stack import FEWEST, SLACK, PolygonSteps
@@ -132,7 +133,7 @@ def _loss_of(scene: Scene, goal: np.ndarray, weights: np.ndarray | None, engine:
     """Return the loss of the engine's exact picture against a goal (H, W, C) of the scene's size."""
     goal = with_channels(np.ascontiguousarray(goal, dtype=np.float32), scene.channels)
     exact = RasterSettings("exact", 1.0, 1)  # a side is one edge
-    return engine.loss(scene_arrays(scene), exact, goal, weights)
+    return engine.loss(scene_arrays(scene), exact, Pass(goal, weights=weights))
 
 
 class TinySearch:

@@ -12,7 +12,7 @@ import numpy as np
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.engine import IMPORTANCE, MOVED, Checkpoint, Engine, EngineScene, Pass, Training
 from cubicsplat_cli.raster.native import address_of, function, members
-from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
+from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
 
@@ -166,11 +166,8 @@ class CpuEngine(Engine):
         self._draw("cs_render", scene, settings, Pass(None, image=image))
         return image
 
-    def loss(
-        self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
-        penalty: Penalty = SQUARED,
-    ) -> float:  # fmt: skip
-        return self._draw("cs_render", scene, settings, Pass(target, weights=weights, penalty=penalty))
+    def loss(self, scene: EngineScene, settings: RasterSettings, given: Pass) -> float:
+        return self._draw("cs_render", scene, settings, given)
 
     def _gradients(self, scene: EngineScene, settings: RasterSettings, given: Pass) -> float:
         gradients = _Gradients(**scene.addresses(self.device, given.out, "gradient of "))

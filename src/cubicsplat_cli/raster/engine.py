@@ -253,12 +253,9 @@ class Engine(ABC):
     def render(self, scene: EngineScene, settings: RasterSettings) -> Array:
         """Draw the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
 
-    def loss(
-        self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
-        penalty: Penalty = SQUARED,
-    ) -> float:  # fmt: skip
-        """Return the loss of the picture against `target` (H, W, C), without gradients; weights (H, W)."""
-        return float(image_loss(self.render(scene, settings), target, weights, penalty))
+    def loss(self, scene: EngineScene, settings: RasterSettings, given: Pass) -> float:
+        """Return the loss of the picture against a target, without gradients."""
+        return float(image_loss(self.render(scene, settings), given.target, given.weights, given.penalty))
 
     def gradients(
         self,

@@ -82,3 +82,6 @@ class LayeredScene:
             over, clip = layer.over and layer.over.scaled(*size), layer.clip and layer.clip.scaled(*size)
             layers.append(SceneLayer(layer.scene.scaled(*size), over, clip))
         return LayeredScene(width, height, tuple(layers))
+
+
+AnyScene = Scene | LayeredScene
