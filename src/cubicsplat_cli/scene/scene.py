@@ -103,10 +103,8 @@ class Scene(CurveArrays):
         """Return the points of each ring of a curve, views of `points`: closed (3m, 2), open (3m + 1, 2)."""
         if self.ring_ends is None:
             return [self.points[curve]]
-        shared = 0 if self.mode is Mode.CLOSED else 1
-        ends = [0, *self.ring_ends[curve].tolist()]
-        pairs = [pair for pair in itertools.pairwise(ends) if pair[0] < pair[1]]
-        return [self.points[curve, 3 * begin : 3 * end + shared] for begin, end in pairs]
+        (own,) = ring_slices(self.ring_ends[curve : curve + 1], closed=self.mode is Mode.CLOSED)
+        return [self.points[curve, ring] for ring in own]
 
     def points_used(self) -> Array:
         """Return (N,) int64: the number of control points in the rings of each curve; the others are padding."""
@@ -201,6 +199,13 @@ class Scene(CurveArrays):
                 raise InputError(f"ring_ends must have shape {form} for {self.curves} curves, not {tuple(ends.shape)}")
         if self.gradients is not None:
             self.gradients.validate_form(self.points)
+
+
+def ring_slices(ring_ends: Array, *, closed: bool) -> list[list[slice]]:
+    """Return the slices of its control points for each ring of each curve; ring_ends (N, R) as in `Scene`."""
+    shared = 0 if closed else 1
+    rows = [[0, *row] for row in ring_ends.tolist()]
+    return [[slice(3 * a, 3 * b + shared) for a, b in itertools.pairwise(row) if a < b] for row in rows]
 
 
 def pack_rings(mode: Mode, curves: Sequence[Sequence[Array]]) -> tuple[Array, Array | None]:

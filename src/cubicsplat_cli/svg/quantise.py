@@ -7,14 +7,13 @@ is shorter to write.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene import Scene, pack_rings, ring_slices
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, radial_of_frame
 from cubicsplat_cli.settings import PRECISION, Mode, width_decimals
@@ -113,13 +112,6 @@ def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> n
     return result
 
 
-def ring_slices(ring_ends: np.ndarray, *, closed: bool) -> list[list[slice]]:
-    """Return the slices of its control points for each ring of each curve; ring_ends (N, R) as in `Scene`."""
-    shared = 0 if closed else 1
-    rows = [[0, *row] for row in ring_ends.tolist()]
-    return [[slice(3 * a, 3 * b + shared) for a, b in itertools.pairwise(row) if a < b] for row in rows]
-
-
 def _shortest_description(points: np.ndarray, *, closed: bool, turn: bool = True) -> np.ndarray:
     """Return each curve (N, K, 2) int64 in the direction and from the anchor that are shortest to write.
 
@@ -177,7 +169,7 @@ def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.n
     paints: list[Gradient | None] = [None] * scene.curves
     if given is None:
         return paints, colours, opacities
-    given = given.floating(lambda t: t.astype(np.float64))
+    given = given.changed(lambda t: t if t.dtype == np.int32 else t.astype(np.float64))
     step = 10.0 ** -gradient_decimals(precision)
     for curve in np.flatnonzero(given.kinds != FLAT).tolist():
         middle = np.concatenate(scene.rings(curve)).astype(np.float64).mean(axis=0)
