@@ -98,7 +98,7 @@ def test_a_focal_gradient_is_circles_that_grow_from_the_focus_to_the_rim(focus):
     rim = given.matrix() @ np.stack((np.cos(turn), np.sin(turn), np.ones_like(turn))).reshape(3, -1)
     places = ((1.0 - t.ravel()) * start[:, None] + t.ravel() * rim).T
     assert np.allclose(parameter(given.frame(), True, *places.T), t.ravel(), atol=1e-12)
-    (found,) = gradients_of([given]).floating(lambda a: a.astype(float)).frames
+    (found,) = gradients_of([given]).frames.astype(float)
     assert radial_of_frame(found, 1.0, given.stops).focus == (None if focus is None else pytest.approx(focus, abs=1e-4))
     drawn = paint_at(gradients_of([given]), 0, places)[:, 0]
     assert np.allclose(drawn, t.ravel(), atol=1e-5)
@@ -192,7 +192,7 @@ def test_equal_stops_are_a_flat_fill(coverage, background):
 
 def in_double_painted(scene: Scene) -> Scene:
     """Float64 leaves, the gradients' frames and stops too."""
-    given = scene.gradients.floating(lambda t: t.detach().double())
+    given = scene.gradients.changed(lambda t: t.detach().double() if t.is_floating_point() else t)
     given.frames.requires_grad_()
     given.stops.requires_grad_()
     return replace(in_double(scene, requires_grad=True), gradients=given)

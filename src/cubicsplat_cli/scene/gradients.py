@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,10 +49,6 @@ class Gradients(CurveArrays):
     def most_stops(self) -> int:
         """S."""
         return int(self.stops.shape[1])
-
-    def floating(self, change: Callable[[Array], Array]) -> Gradients:
-        """Return the same with the three arrays of floats changed alike."""
-        return replace(self, **{name: change(getattr(self, name)) for name in ("frames", "offsets", "stops")})
 
     def scaled(self, across: float, down: float) -> Gradients:
         """Return the same fills for curves whose x and y are multiplied by these factors."""
