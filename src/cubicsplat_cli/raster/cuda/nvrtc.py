@@ -79,15 +79,15 @@ def loaded(names: Sequence[str]) -> Any:
     raise EngineError(f"NVIDIA's run-time compiler NVRTC cannot be loaded ({why[:200]}); {INSTALL}")
 
 
-def _checked(function: str, *arguments: object, library: Any) -> None:
-    if status := int(getattr(library, function)(*arguments)):
+def _checked(function: str, *arguments: object, library: Any = None) -> None:
+    if status := int(getattr(library or nvrtc_library(), function)(*arguments)):
         raise EngineError(f"NVRTC failed in {function}: error {status}")
 
 
 def version(of: Any = None) -> tuple[int, int]:
     """Return the version of an NVRTC (default: `nvrtc_library`). Raises EngineError if it is too old, or missing."""
     major, minor = c_int(), c_int()
-    _checked("nvrtcVersion", byref(major), byref(minor), library=of or nvrtc_library())
+    _checked("nvrtcVersion", byref(major), byref(minor), library=of)
     if major.value < OLDEST_VERSION:
         raise EngineError(f"NVRTC {major.value}.{minor.value} is too old; version 12 or newer is needed. {INSTALL}")
     return major.value, minor.value
@@ -97,7 +97,6 @@ def architectures(of: Any = None) -> list[int]:
     """Return the compute capabilities that an NVRTC (default: `nvrtc_library`) compiles for, as 10 * major + minor,
     ascending.
     """
-    of = of or nvrtc_library()
     count = c_int()
     _checked("nvrtcGetNumSupportedArchs", byref(count), library=of)
     numbers = (c_int * count.value)()
@@ -107,9 +106,9 @@ def architectures(of: Any = None) -> list[int]:
 
 def _result(handle: c_void_p, size_of: str, get: str) -> bytes:
     size = c_size_t()
-    _checked(size_of, handle, byref(size), library=nvrtc_library())
+    _checked(size_of, handle, byref(size))
     text = create_string_buffer(max(1, size.value))
-    _checked(get, handle, text, library=nvrtc_library())
+    _checked(get, handle, text)
     return text.raw[: size.value]
 
 
@@ -123,9 +122,7 @@ def compile_program(
     handle = c_void_p()
     names = (c_char_p * len(headers))(*(header.encode() for header in headers))
     texts = (c_char_p * len(headers))(*headers.values())
-    _checked(
-        "nvrtcCreateProgram", byref(handle), text, name.encode(), len(headers), texts, names, library=nvrtc_library()
-    )
+    _checked("nvrtcCreateProgram", byref(handle), text, name.encode(), len(headers), texts, names)
     try:
         chosen = (c_char_p * len(options))(*(option.encode() for option in options))
         status = nvrtc_library().nvrtcCompileProgram(handle, len(options), chosen)
