@@ -17,6 +17,7 @@ from PIL import Image
 from cubicsplat_cli.bench.quality import means, quality_jobs
 from cubicsplat_cli.bench.runs import CacheEntry, run_all
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.evaluate.images import of_pixels
 from cubicsplat_cli.evaluate.metrics import compare
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
@@ -48,7 +49,7 @@ def test_quality_reports_what_the_files_are_worth(two_pictures, tmp_path, run_cl
     for figures in found["runs"]:
         svg = kept[f"{Path(figures['picture']).stem}-{figures['mode']}-{figures['curves']}"].read_bytes()
         picture = load_picture(two_pictures / figures["picture"])
-        quality = compare(picture, rerender(svg, picture.width, picture.height).pixels)
+        quality = compare(picture, of_pixels(rerender(svg, picture.width, picture.height).pixels))
         assert figures["psnr_db"] == pytest.approx(quality.psnr_db, abs=1e-3)
         assert figures["bytes"] == len(svg)
         assert figures["paths"] == svg.count(b"<path")

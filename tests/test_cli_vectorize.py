@@ -15,6 +15,7 @@ from conftest import rest_slow
 from PIL import Image
 from warm import WarmCommand
 
+from cubicsplat_cli.evaluate.images import of_pixels
 from cubicsplat_cli.evaluate.metrics import compare
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
@@ -33,10 +34,10 @@ def test_writes_svg_png_and_json_whose_figures_are_those_of_the_file(photo, run_
     assert 6 <= scene.curves <= 12
     found = strict_json(report.read_bytes())
     picture = load_picture(photo)
-    quality = compare(picture, rerender(svg.read_bytes(), 40, 28).pixels)
+    quality = compare(picture, of_pixels(rerender(svg.read_bytes(), 40, 28).pixels))
     assert found["quality"]["svg"]["psnr_db"] == pytest.approx(quality.psnr_db, abs=1e-3)
     assert found["quality"]["svg"]["ssim"] == pytest.approx(quality.ssim, abs=1e-4)
-    assert compare(picture, np.asarray(Image.open(png))).psnr_db == pytest.approx(quality.psnr_db, abs=1e-6)
+    assert compare(picture, of_pixels(np.asarray(Image.open(png)))).psnr_db == pytest.approx(quality.psnr_db, abs=1e-6)
     assert quality.psnr_db > 12, "30 steps do better than this"
     own = found["quality"]["surrogate"]["psnr_db"]
     assert found["quality"]["gap_db"] == pytest.approx(own - quality.psnr_db, abs=1e-3)

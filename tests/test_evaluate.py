@@ -20,7 +20,7 @@ from scenes import PAPER, random_scene, rectangle
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene, of_values
-from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied, measure, psnr_db
+from cubicsplat_cli.evaluate.metrics import compare, measure, psnr_db
 from cubicsplat_cli.evaluate.rerender import available_renderers, rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
@@ -191,7 +191,7 @@ def test_impossible_sizes_are_refused(width, height):
 def test_psnr_of_a_known_error():
     reference_picture = picture(np.full((16, 16, 3), 100 / 255))
     candidate = np.full((16, 16, 3), 110, np.uint8)
-    quality = compare(reference_picture, candidate)
+    quality = compare(reference_picture, of_pixels(candidate))
     assert quality.psnr_db == pytest.approx(20 * math.log10(255 / 10), abs=1e-4)
     assert not quality.identical
 
@@ -209,7 +209,7 @@ def test_ssim_is_the_gaussian_window_definition():
         cov = (window * x * y).sum() - mx * my
         c1, c2 = 0.01**2, 0.03**2
         values.append((2 * mx * my + c1) * (2 * cov + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2)))
-    quality = compare(picture(first / 255), second)
+    quality = compare(picture(first / 255), of_pixels(second))
     assert quality.ssim == pytest.approx(np.mean(values), abs=1e-5)
     assert abs(quality.ssim) < 0.5
 
@@ -259,7 +259,7 @@ def test_figures_are_the_same_for_any_number_of_threads():
     one = measure(picture(rgb), layers, threads=1)
     assert all(measure(picture(rgb), layers, threads=n) == one for n in (2, 3))
     qualities, agreement = one
-    assert qualities == [compare(picture(rgb), drawn), compare_premultiplied(picture(rgb), np.roll(rgb, 1, axis=0))]
+    assert qualities == [compare(picture(rgb), layer) for layer in layers]
     assert agreement == agreement_db(np.roll(rgb, 1, axis=0), drawn)
 
 
@@ -273,7 +273,7 @@ def test_the_engines_picture_in_strips_is_the_whole_one(background):
         assert np.abs(candidate.rows(top, bottom) - whole[top:bottom]).max() < 2e-5
     reference_picture = picture(np.random.default_rng(1).random((400, 90, 3)))
     (found,), agreement = measure(reference_picture, [candidate], strip_pixels=64 * 90)
-    want = compare_premultiplied(reference_picture, whole)
+    want = compare(reference_picture, of_values(whole))
     assert agreement is None
     assert (found.psnr_db, found.ssim) == (pytest.approx(want.psnr_db, abs=1e-5), pytest.approx(want.ssim, abs=1e-6))
     assert psnr_db(reference_picture, candidate) == measure(reference_picture, [candidate])[0][0].psnr_db
@@ -301,17 +301,17 @@ def test_twelve_megapixels_are_measured_in_little_memory():
 
 def test_identical_pictures_have_no_psnr():
     pixels = noise(20, 15)
-    quality = compare(picture(pixels / 255), pixels)
+    quality = compare(picture(pixels / 255), of_pixels(pixels))
     assert quality == Quality(None, 1.0, True)
     assert "Infinity" not in to_json(quality)
     opaque = np.dstack([pixels, np.full((20, 15), 255, np.uint8)])
-    assert compare(picture(pixels / 255), opaque).identical
-    assert compare_premultiplied(picture(pixels / 255), pixels / 255).identical
+    assert compare(picture(pixels / 255), of_pixels(opaque)).identical
+    assert compare(picture(pixels / 255), of_values(pixels / 255)).identical
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 30), (10, 40), (40, 10)])
 def test_small_pictures_have_no_ssim_but_a_reason(height, width):
-    quality = compare(picture(np.zeros((height, width, 3))), np.full((height, width, 3), 9, np.uint8))
+    quality = compare(picture(np.zeros((height, width, 3))), of_pixels(np.full((height, width, 3), 9, np.uint8)))
     assert quality.ssim is None
     assert "11" in quality.ssim_note
     assert quality.psnr_db > 20
@@ -322,12 +322,12 @@ def test_transparency_reports_the_worse_of_black_and_white():
     black = picture(np.zeros((16, 16, 3)), np.full((16, 16), 0.5, np.float32))
     # Half transparent black: over black nothing differs from an opaque black candidate, over white much does.
     opaque_black = np.dstack([np.zeros((16, 16, 3), np.uint8), np.full((16, 16), 255, np.uint8)])
-    quality = compare(black, opaque_black)
+    quality = compare(black, of_pixels(opaque_black))
     assert not quality.identical
     assert quality.psnr_db == pytest.approx(-20 * math.log10(0.5), abs=1e-3)
     # And a candidate that is transparent where the reference is opaque is judged over both as well.
     white = picture(np.ones((16, 16, 3)))
-    clear = compare(white, np.zeros((16, 16, 4), np.uint8))
+    clear = compare(white, of_pixels(np.zeros((16, 16, 4), np.uint8)))
     assert clear.psnr_db == pytest.approx(0.0, abs=1e-6)
 
 
@@ -337,18 +337,18 @@ def test_hidden_colours_of_transparent_pixels_do_not_count():
     rgb = noise(16, 16) / 255 * alpha[..., None]
     candidate = np.dstack([np.rint(rgb * 255), alpha * 255]).astype(np.uint8)
     candidate[8:, :, :3] = 77
-    assert compare(picture(rgb, alpha), candidate).identical
+    assert compare(picture(rgb, alpha), of_pixels(candidate)).identical
     premultiplied = np.dstack([rgb, alpha]).astype(np.float32)
-    assert compare_premultiplied(picture(rgb, alpha), premultiplied).identical
+    assert compare(picture(rgb, alpha), of_values(premultiplied)).identical
 
 
 def test_sizes_and_shapes_must_fit():
     with pytest.raises(InputError, match=r"20 x 10 px.*10 x 20 px"):
-        compare(picture(np.zeros((10, 20, 3))), np.zeros((20, 10, 3), np.uint8))
+        compare(picture(np.zeros((10, 20, 3))), of_pixels(np.zeros((20, 10, 3), np.uint8)))
     with pytest.raises(InputError, match="uint8"):
-        compare(picture(np.zeros((10, 20, 3))), np.zeros((10, 20, 3)))
+        compare(picture(np.zeros((10, 20, 3))), of_pixels(np.zeros((10, 20, 3))))
     with pytest.raises(InputError, match="finite"):
-        compare_premultiplied(picture(np.zeros((10, 20, 3))), np.full((10, 20, 3), np.nan))
+        compare(picture(np.zeros((10, 20, 3))), of_values(np.full((10, 20, 3), np.nan)))
 
 
 # --- report ------------------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ def noisy() -> np.ndarray:
 
 
 def left_psnr(result, picture: np.ndarray) -> float:
-    return compare(as_picture(picture[:, :20]), result.pixels[:, :20, :3].copy()).psnr_db
+    return compare(as_picture(picture[:, :20]), of_pixels(result.pixels[:, :20, :3].copy())).psnr_db
 
 
 def test_what_a_mask_ignores_gives_its_curves_to_the_rest(noisy):

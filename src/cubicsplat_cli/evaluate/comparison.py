@@ -7,8 +7,8 @@ from dataclasses import field
 from typing import Any
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate.images import downsampled_scene, downsampled_svg
-from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
+from cubicsplat_cli.evaluate.images import downsampled_scene, downsampled_svg, of_pixels, of_values
+from cubicsplat_cli.evaluate.metrics import compare
 from cubicsplat_cli.evaluate.perceptual import further, straight_rgba
 from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
 from cubicsplat_cli.files.load import Picture, load_picture
@@ -93,16 +93,16 @@ def compare_with(
     drawn_by, figures = None, None
     if is_svg:
         drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
-        pixels, drawn_by, quality = drawn.pixels, drawn.renderer, compare(reference, drawn.pixels)
+        pixels, drawn_by, quality = drawn.pixels, drawn.renderer, compare(reference, of_pixels(drawn.pixels))
     else:
         picture = load_picture(data, name=candidate_path, max_pixels=max_pixels, smaller="compare smaller copies")
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
-        pixels, quality = straight_rgba(picture), compare_premultiplied(reference, picture.target())
+        pixels, quality = straight_rgba(picture), compare(reference, of_values(picture.target()))
     further_figures = further(reference, pixels, measures)
     if scale is not None:
         size = reference.width, reference.height
         large = downsampled_svg(data, *size, scale, source=candidate_path, renderer=renderer)
-        change = _change(quality, compare_premultiplied(reference, large.pixels))
+        change = _change(quality, compare(reference, of_values(large.pixels)))
         engine = _engine(reference, data, candidate_path, scale, threads, notes)
         figures = ScaleFigures(scale, scale * reference.width, scale * reference.height, change, engine)
     return Comparison(
@@ -142,7 +142,7 @@ def _engine(
         return None
     # At its native size the engine's picture has as many edges per cubic as in the exact finish.
     pictures = (downsampled_scene(scene, factor, samples=48, threads=threads) for factor in (1, scale))
-    return _change(*(compare_premultiplied(reference, picture) for picture in pictures))
+    return _change(*(compare(reference, of_values(picture)) for picture in pictures))
 
 
 def _change(native: Quality, scaled: Quality) -> Change:

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_values
+from cubicsplat_cli.evaluate.images import ImageSource, of_picture
 from cubicsplat_cli.evaluate.rerender import MAX_SIDE
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.metrics import Quality
@@ -34,21 +34,13 @@ TAPS = 11  # of a window of SSIM
 REACH = TAPS // 2  # px from the middle of a window to its edge
 
 
-def compare(reference: Picture, candidate: np.ndarray) -> Quality:
-    """Return the quality of a drawn picture, (H, W, 4) uint8 straight RGBA or (H, W, 3) uint8 RGB.
+def compare(reference: Picture, candidate: ImageSource) -> Quality:
+    """Return the quality of a picture.
 
     If either picture has transparency, both are laid over black and over white, and the worse value of each metric
     counts. Raises InputError if sizes differ.
     """
-    return measure(reference, [of_pixels(candidate)])[0][0]
-
-
-def compare_premultiplied(reference: Picture, candidate: np.ndarray) -> Quality:
-    """Return the quality of a float picture, (H, W, 3) or premultiplied (H, W, 4) in [0, 1], as the engine renders it.
-
-    Values are clipped to [0, 1] and not rounded to 8 bits. Raises InputError if sizes differ or a value is not finite.
-    """
-    return measure(reference, [of_values(candidate)])[0][0]
+    return measure(reference, [candidate])[0][0]
 
 
 def measure(
