@@ -52,21 +52,16 @@ struct Shaded {
       : boxes(boxes), box(reinterpret_cast<const Box*>(sides)), count(n), open(open), rows(n, rows),
         columns(n, columns) {}
 
-  // Of each box its rows or columns.
-  std::vector<Rows> down(const Layer& layer) {
-    std::vector<Rows> out;
-    for (int b = 0; b < boxes; b++) {
-      const Box own = layer.of(box[b]);
-      out.emplace_back(own, layer.sigma, corners.of(own, layer.sigma), rows.at);
-    }
-    return out;
-  }
+  std::vector<Rows> down(const Layer& layer) { return each<Rows>(layer, rows.at); }
+  std::vector<Columns> across(const Layer& layer) { return each<Columns>(layer, columns.at); }
 
-  std::vector<Columns> across(const Layer& layer) {
-    std::vector<Columns> out;
+  // Of each box its rows or columns.
+  template <class Lines>
+  std::vector<Lines> each(const Layer& layer, const std::vector<double>& at) {
+    std::vector<Lines> out;
     for (int b = 0; b < boxes; b++) {
       const Box own = layer.of(box[b]);
-      out.emplace_back(own, layer.sigma, corners.of(own, layer.sigma), columns.at);
+      out.emplace_back(own, layer.sigma, corners.of(own, layer.sigma), at);
     }
     return out;
   }
