@@ -40,7 +40,7 @@ def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
     shown, _, left_out = section(command).partition("### Options that the help leaves out")
     rows = [line.split("|")[1] for line in shown.splitlines() if line.startswith("| `-")]
     assert {"--help", "-h"} <= in_help
-    assert in_help == set(OPTION.findall(" ".join(rows)))
+    assert in_help == {"--help", "-h", *OPTION.findall(" ".join(rows))}
     declared = {True: set(), False: set()}
     for option in COMMANDS[command].params:
         names = {name for name in [*option.opts, *option.secondary_opts] if name[0] == "-"}
@@ -69,11 +69,11 @@ def recipe_rows() -> Iterator[str]:
     for here, there in ((usual, paper), (usual.recipe, paper.recipe), (ArtworkSettings(), ArtworkSettings())):
         for field, known in settings_of(type(here)):
             if known.by_set:
-                choices = known.choices or (("true", "false") if known.kind == "flag" else ())
-                values = " ".join(f"`{choice}`" for choice in choices) or known.values()
+                choices = " or ".join(f"`{choice}`" for choice in known.choices)
+                meaning = f"{known.help} {choices}." if choices else known.help
                 default, published = (text(getattr(each, field.name)) for each in (here, there))
                 published = "" if published == default else published
-                yield f"| `{field.name.replace('_', '-')}` | {values} | {default} | {published} | {known.help} |"
+                yield f"| `{field.name.replace('_', '-')}` | {default} | {published} | {meaning} |"
 
 
 def test_the_names_of_set_are_documented():
