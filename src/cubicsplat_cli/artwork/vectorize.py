@@ -106,7 +106,7 @@ def versions(
 
     with work().stoppable():
         drawings = _with_its_shadow(prepared, settings, show)
-        for drawing in drawings or _fitted(_outlined(prepared, settings), prepared, settings, show):
+        for drawing in drawings or _fitted(*_likelier(prepared, settings), settings, show):
             none_yet = False
             yield _enlarged(drawing, prepared)
     if none_yet:
@@ -231,6 +231,19 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
             if length(without) < length(shapes):
                 plan, shapes = opaque, without
     return Outlined(flat, target, error, placeholders, plan, smaller, shapes)
+
+
+def _likelier(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Outlined, PreparedInput]:
+    """Return the outlines of a prepared picture, and the picture. If its colours were rounded to a few, those of the
+    same picture taken for a clean one may describe it in less: rounding changes blends, and what is thin.
+    """
+    outlined = _outlined(prepared, settings)
+    if not prepared.condition.rounded:
+        return outlined, prepared
+    clean = replace(prepared, condition=Condition())
+    exact, everywhere = _outlined(clean, settings), np.ones(prepared.levels.shape[:2], dtype=bool)
+    lengths = (_description(each.drawing, prepared.levels, everywhere) for each in (exact, outlined))
+    return (exact, clean) if next(lengths) < next(lengths) else (outlined, prepared)
 
 
 def _fitted(

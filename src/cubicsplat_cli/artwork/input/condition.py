@@ -51,6 +51,7 @@ class Condition:
     for none. coarse: True if the noise is that of a paper's grain, alike over a px or two. aliased: True if edges are
     steps of whole pixels. sharpened: True if edges ring, but for halos that are undone. halved: the axes along which a
     JPEG's chroma is stored at half its size, 0 for rows and 1 for columns; both, unless its file says otherwise.
+    rounded: True if the noise is that of blends whose colours were rounded to a few.
     """
 
     noise: float = 0.0
@@ -60,6 +61,7 @@ class Condition:
     aliased: bool = False
     sharpened: bool = False
     halved: tuple[int, ...] = (0, 1)
+    rounded: bool = False
 
     @property
     def clean(self) -> bool:
@@ -94,6 +96,8 @@ class Condition:
         parts = [f"a blur of {self.blur:.1f} px"] if self.blur else []
         if self.jpeg:
             parts.append(f"compression artefacts of {self.noise:.1f} levels")
+        elif self.rounded:
+            parts.append("the rounding of its edges to few colours")
         elif self.noise:
             parts.append(f"noise of {self.noise:.1f} levels")
         return " and ".join(parts)

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR_OF_JPEG, Condition, condition_of
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
+from cubicsplat_cli.artwork.input.few_colours import rounding_noise
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import WHITE, scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
@@ -97,8 +98,13 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)
     even, noise = (original, 0.0) if compression else without_dither(original)
+    rounding = rounding_noise(original) if even is original and compression is None else 0.0
     if even is not original:
         notes.append("drawn in the colours that its dither stands for")
+    # Blends in linear light look rounded too, and rounded ones look sharpened.
+    if rounding and without_linear_light(original) is original:
+        condition = Condition(rounding, rounded=True)
+        return _prepared(reduced(original, factor), condition, factor, width, height, known=True)
     unsharp, filter_notes = without_filters(even, lossy=compression is not None)
     notes += filter_notes
     levels = without_linear_light(unsharp)
@@ -110,7 +116,7 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     else:
         # Means in place of dither look like compression.
         condition = condition_of(levels if even is original else reduced(original, factor), lossy=lossy)
-    prepared = _prepared(levels, condition, factor, width, height, lossy=lossy)
+    prepared = _prepared(levels, condition, factor, width, height, known=lossy)
     prepared = replace(prepared, edge_notes=tuple(notes))
     condition = replace(prepared.condition, sharpened=HALOS in notes)
     as_drawn = levels is original and prepared.mean_scale == 1 and not prepared.scanned
@@ -136,10 +142,10 @@ def without_filters(levels: np.ndarray, *, lossy: bool = False) -> tuple[np.ndar
 
 
 def _prepared(
-    levels: np.ndarray, condition: Condition, factor: int, width: int, height: int, *, lossy: bool
+    levels: np.ndarray, condition: Condition, factor: int, width: int, height: int, *, known: bool
 ) -> PreparedInput:
     """Prepare levels (H, W, 4) in a condition, whose edges are blended as sRGB values. factor: that by which the
-    picture, of (width, height) px, was reduced to these; lossy: True if their file was compressed with loss.
+    picture, of (width, height) px, was reduced to these; known: True if the damage is no mere estimate.
     """
     if scan := scan_of(levels):
         pens = scan.pens or pens_of(scan.bare, WHITE, scan.grain)
@@ -161,7 +167,7 @@ def _prepared(
     scale = factor * across, factor * down
     prepared = PreparedInput(levels, condition, scale, math.sqrt(across * down), width, height)
     # Soft areas look like blurred edges or like ringing, so damage is estimated without them.
-    if not condition.clean and not lossy and (without := lifted(levels)):
+    if not (condition.clean or known) and (without := lifted(levels)):
         unshaded = condition_of(flattened(without.levels).levels)
         if unshaded.clean:
             return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)

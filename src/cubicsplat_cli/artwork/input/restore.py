@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
-from cubicsplat_cli.artwork.input.palette import FAR, missing_colours, noisy_fills, reach_of, square_fills
+from cubicsplat_cli.artwork.input.palette import FAR, even_fills, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import APART, LONG, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
@@ -25,6 +25,7 @@ from cubicsplat_cli.record import record
 # Levels by which pixels are off the model beyond their noise; and times the noise that they are off near a JPEG's
 # edges.
 MISFIT, JPEG_TIMES = 1.0, 4.0
+STRANGE = 6.0  # times the misfit, by which what is no blend is off; errors of rounding are bounded, so less tells there
 NOWHERE = 3.0  # nats for a fill that is nowhere solid nearby
 NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
@@ -70,7 +71,10 @@ def restored(
     """
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
-    palette = noisy_fills(levels, (levels @ seen_as(condition)).astype(np.float32), condition)
+    if condition.rounded:
+        palette = even_fills(levels)
+    else:
+        palette = noisy_fills(levels, (levels @ seen_as(condition)).astype(np.float32), condition)
     stored = levels
     if condition.jpeg and condition.halved:
         sharp = with_sharp_chroma((levels @ LUMA_CHROMA).astype(np.float32), condition.halved)
@@ -79,7 +83,8 @@ def restored(
     seen = (levels @ space).astype(np.float32)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = nearest_fills(seen, palette @ space, straight=True)
-    palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])
+    if not condition.rounded:
+        palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])
     thick, squares = len(palette), NONE
     if thick <= MOST_SEEN:
         reach = reach_of(condition)
@@ -88,13 +93,15 @@ def restored(
         squares = square_fills(levels, seen, palette @ space, sigma, reach, apart)
         if not condition.jpeg:
             palette = np.vstack([palette, squares])
-            thin = _line_fills(seen, palette @ space, sigma)
+            thin = _line_fills(seen, palette @ space, sigma, (OUTLIER if condition.rounded else STRANGE) * sigma)
             palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
     labels = labelled(seen, palette @ space, sigma, thick, bounded=condition.jpeg)
     if condition.jpeg:
         palette, labels = _with_small_parts(stored, seen, palette, labels, sigma, thick, squares, condition)
         near = np.where(_shows_inside(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = rounded_as_in_jpegs(_median_fills(levels, palette, labels, near))
+    elif condition.rounded:
+        palette = _commonest_colours(levels, palette, labels)
     else:
         palette = _median_fills(levels, palette, labels, np.full(len(palette), np.inf))
     for fill in placeholders:
@@ -107,12 +114,12 @@ def restored(
     return FlatPicture(mixture.painted(palette), palette, labels)
 
 
-def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (k, 4) the fills of thin lines: common colours of a picture (H, W, 4) that are off all blends of two of
-    its fills (P, 4) by more than six times the misfit sigma.
+def _line_fills(seen: np.ndarray, fills: np.ndarray, sigma: float, least: float) -> np.ndarray:
+    """Return (k, 4) the fills of thin lines: common colours of a picture (H, W, 4) of a misfit sigma that are off all
+    blends of two of its fills (P, 4) by more than `least` levels.
     """
     _, gap = nearest_fills(seen, fills, straight=True)
-    return hidden_fills(seen[gap > OUTLIER * sigma], fills, 6.0 * sigma, ONE_COLOUR, LONG)
+    return hidden_fills(seen[gap > OUTLIER * sigma], fills, least, ONE_COLOUR, LONG)
 
 
 def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, sigma: float) -> np.ndarray:
@@ -123,9 +130,9 @@ def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, si
     solid = solid_labels(pure)
     y, x = np.nonzero((pure < 0) & (solid < 0))
     near = near_fills(solid, y, x, REACH)
-    odd = (best_blend(seen[y, x], fills, near)[1] > 6.0 * sigma) & (near[:, 0] >= 0)
+    odd = (best_blend(seen[y, x], fills, near)[1] > STRANGE * sigma) & (near[:, 0] >= 0)
     y, x = y[odd], x[odd]
-    return missing_fills(seen[y, x], fills[near[odd, 0]], (y, x), seen.shape[:2], ONE_COLOUR, 6.0 * sigma)
+    return missing_fills(seen[y, x], fills[near[odd, 0]], (y, x), seen.shape[:2], ONE_COLOUR, STRANGE * sigma)
 
 
 def _with_small_parts(
@@ -250,7 +257,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     for number in range(4):
         sharp = np.clip(out + levels - _blurred(out, blur), 0.0, 255.0)
         if number == 0 and thick <= MOST_SEEN:
-            new = _line_fills(sharp, palette, SHARP_MISFIT)
+            new = _line_fills(sharp, palette, SHARP_MISFIT, STRANGE * SHARP_MISFIT)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
         labels = labelled(sharp, palette, SHARP_MISFIT, thick)
         out = mixture_of(sharp, palette, labels, MISFIT, 0.0).painted(palette)
@@ -294,6 +301,15 @@ def _blended(values: np.ndarray, fills: np.ndarray, near: np.ndarray, thick: int
         _, gap = blend_with(values[odd], colour, first, first)
         better = gap < best[odd]
         best[odd[better]], out[odd[better]] = gap[better], fill
+    return out
+
+
+def _commonest_colours(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Return the palette (P, 4) with the commonest colour of the pixels (H, W, 4) of each label (H, W)."""
+    out = palette.copy()
+    for k in np.unique(labels):
+        colours, counts = np.unique(levels[labels == k], axis=0, return_counts=True)
+        out[k] = colours[counts.argmax()]
     return out
 
 
