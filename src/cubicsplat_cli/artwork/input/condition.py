@@ -332,9 +332,22 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     a tenth of the contrast.
     """
     even = max(2.0, 3.0 * noise)
-    variances = edge_variances(levels, levels @ SEEN, 24_000, even, CONTRAST, 0.1)
+    variances = _variances(levels, even)
     if len(variances) < FEWEST:
         return None
     quarter, half, rest = np.maximum(np.quantile(variances, [0.25, 0.5, 0.75]), 0.0)
     spread_by_noise = noise > 0.0 and half - quarter <= SKEWED * (rest - half)
     return math.sqrt(half) if quarter >= 4.0 / 9.0 * half or spread_by_noise else 0.0
+
+
+def blurred_everywhere(levels: np.ndarray) -> bool:
+    """Return True if nearly all edges of a blurred picture are as wide as its median edge, but for a quarter. Those of
+    a shape that casts a soft shadow are sharper.
+    """
+    few, half = np.quantile(_variances(levels, 2.0), [0.05, 0.5])
+    return bool(few >= 9.0 / 16.0 * half)
+
+
+def _variances(levels: np.ndarray, even: float) -> np.ndarray:
+    """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels."""
+    return edge_variances(levels, levels @ SEEN, 24_000, even, CONTRAST, 0.1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
-from cubicsplat_cli.artwork.input.condition import LEAST_BLUR_OF_JPEG, Condition, condition_of
+from cubicsplat_cli.artwork.input.condition import LEAST_BLUR_OF_JPEG, Condition, blurred_everywhere, condition_of
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.few_colours import rounding_noise
@@ -167,7 +167,8 @@ def _prepared(
     scale = factor * across, factor * down
     prepared = PreparedInput(levels, condition, scale, math.sqrt(across * down), width, height)
     # Soft areas look like blurred edges or like ringing, so damage is estimated without them.
-    if not (condition.clean or known) and (without := lifted(levels)):
+    soft = condition.only_blurred and blurred_everywhere(levels)
+    if not (condition.clean or known or soft) and (without := lifted(levels)):
         unshaded = condition_of(flattened(without.levels).levels)
         if unshaded.clean:
             return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
