@@ -277,6 +277,25 @@ def test_a_blurred_drawing_is_as_simple_and_as_exact_as_a_sharp_one():
     assert sorted(circle.r for circle in circles) == pytest.approx([12.5, 12.5, 70.0], abs=0.05)
 
 
+def test_narrow_strokes_through_a_wide_blur_keep_their_fill():
+    """The middles of strokes and of the gaps between them are pale, though neither is of another fill."""
+    large = Image.new("RGB", (4 * 320, 4 * 120), "white")
+    pen = ImageDraw.Draw(large)
+    for k in range(5):
+        pen.rounded_rectangle([60 + 96 * k, 60, 108 + 96 * k, 420], 24, fill="#ff6c2c")
+    pen.ellipse([600, 100, 960, 400], fill="#ff6c2c")
+    pen.ellipse([650, 150, 910, 350], fill="white")
+    pen.rounded_rectangle([1040, 60, 1220, 420], 24, fill="#ff6c2c")
+    small = large.resize((320, 120), Image.Resampling.BOX).filter(ImageFilter.GaussianBlur(3.0))
+    prepared = analysed(as_picture(np.asarray(small)).target())
+    assert prepared.condition.blur == pytest.approx(3.0, abs=0.3)
+    drawing = draw(as_picture(np.asarray(small)).target(), None, prepared)
+    fills = {shape.fill[:3] for shape in drawing.shapes}
+    assert len(drawing.shapes) <= 8 and all(
+        min(np.abs(np.subtract(fill, own)).max() for own in ((255, 108, 44), (255, 255, 255))) <= 8 for fill in fills
+    )
+
+
 # --- the style ------------------------------------------------------------------------------------------------
 
 

@@ -6,20 +6,21 @@ the solid parts of fills are labelled together, since neighbours mostly have the
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, even_fills, missing_colours, noisy_fills, reach_of, square_fills
-from cubicsplat_cli.artwork.regions.fills import APART, LONG, picture_fills
+from cubicsplat_cli.artwork.regions.fills import APART, BLEND, FLAT_RANGE, LONG, SAME, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, near_fills, nearest_fills, relabelled
+from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, near_fills, nearest_fills, relabelled, spread
 from cubicsplat_cli.record import record
 
 # Levels by which pixels are off the model beyond their noise; and times the noise that they are off near a JPEG's
@@ -250,7 +251,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     Each round adds what the estimate, blurred again, lacks, and makes pixels fills and blends of two again (van
     Cittert's iteration, between projections onto what drawings are).
     """
-    palette = picture_fills(levels)
+    palette = _fills_beneath(levels, blur)
     thick = len(palette)
     labels = labelled(levels, palette, MISFIT, thick)
     out = mixture_of(levels, palette, labels, MISFIT, blur).painted(palette)
@@ -262,6 +263,22 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
         labels = labelled(sharp, palette, SHARP_MISFIT, thick)
         out = mixture_of(sharp, palette, labels, MISFIT, 0.0).painted(palette)
     return out
+
+
+def _fills_beneath(levels: np.ndarray, blur: float) -> np.ndarray:
+    """Return (P, 4) the fills of a blurred picture (H, W, 4) in levels, without those that the blur makes of two others
+    in the middle of what is narrow: blends that no square is even of, which is as wide as the blur to all sides.
+    """
+    palette, width = picture_fills(levels), 2 * math.ceil(blur) + 1
+    nearest, gap = nearest_fills(levels[spread(levels, width, width) <= FLAT_RANGE], palette)
+    wide = np.isin(np.arange(len(palette)), nearest[gap <= SAME])
+    for k in np.flatnonzero(~wide)[::-1]:
+        others = np.delete(palette, k, axis=0)
+        first, second = np.triu_indices(len(others), 1)
+        share, off = blend_of(palette[k], others[first], others[second], most=None)
+        if ((share > 0.0) & (share < 1.0) & (np.linalg.norm(off, axis=-1) <= BLEND)).any():
+            palette = others
+    return palette
 
 
 def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, bounded: bool = False) -> np.ndarray:
