@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, even_fills, missing_colours, noisy_fills, reach_of, square_fills
-from cubicsplat_cli.artwork.regions.fills import APART, BLEND, FLAT_RANGE, LONG, SAME, picture_fills
+from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, LONG, SAME, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
@@ -276,7 +276,7 @@ def _fills_beneath(levels: np.ndarray, blur: float) -> np.ndarray:
         others = np.delete(palette, k, axis=0)
         first, second = np.triu_indices(len(others), 1)
         share, off = blend_of(palette[k], others[first], others[second], most=None)
-        if ((share > 0.0) & (share < 1.0) & (np.linalg.norm(off, axis=-1) <= BLEND)).any():
+        if ((share > 0.0) & (share < 1.0) & (np.linalg.norm(off, axis=-1) <= SAME)).any():
             palette = others
     return palette
 
