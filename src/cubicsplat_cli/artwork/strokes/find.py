@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR
 from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
@@ -28,7 +29,6 @@ from cubicsplat_cli.artwork.geometry.stroke import (
     outlines_of_stroke,
     pieces_of,
 )
-from cubicsplat_cli.artwork.regularities.alike import MEAN
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
@@ -132,7 +132,7 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     low, high = low - margin, high + margin
     off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))
     length = sum(float(np.hypot(*np.diff(flattened(ring), axis=0).T).sum()) for ring in rings)
-    most = (MEAN + slack) * length
+    most = (MEAN_ERROR + slack) * length
     if not slack:
         return bool(off.sum() <= most and off.max() <= MOST_OFF)
     ends = sum(stroke.width**2 for stroke in strokes)  # that these may be off, in place of MOST_OFF
