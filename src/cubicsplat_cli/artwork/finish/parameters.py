@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import (
     FINE,
     Circle,
@@ -24,7 +25,6 @@ from cubicsplat_cli.record import record
 
 # px that outlines are off in the mean. What is nearer to the canvas' border is on it and stays there.
 MEAN_ERROR = 0.06
-LEAST_SIZE = 0.05  # px, of a primitive
 LEAST = 1e-9  # px, and coefficients: less is of the arithmetic
 SPECK, SMOOTH_SPECK = 0.3, 1.5  # px, ascending
 
@@ -218,7 +218,7 @@ class PrimitiveParameters:
         values = self.values.copy()
         values[self.free] += np.clip(step, -2.0, 2.0)
         sides = slice(2, 3 if isinstance(self.shape, Circle) else 4)
-        values[sides] = np.maximum(values[sides], LEAST_SIZE)
+        values[sides] = np.maximum(values[sides], PRECISION)
         if isinstance(self.shape, Rectangle):
             values[4] = np.clip(values[4], 0.0, 0.5 * values[sides].min())
         return PrimitiveParameters(type(self.shape)(*values.tolist()), self.pinned)
