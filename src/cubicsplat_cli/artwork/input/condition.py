@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, in_blocks, packed
+from cubicsplat_cli.artwork.channels import LUMA, commonest, in_blocks, packed
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
@@ -242,16 +242,9 @@ def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.
         return False
     low, high = (extreme(levels, (3, 3, 1))[far] for extreme in (ndimage.minimum_filter, ndimage.maximum_filter))
     of_fill = np.zeros(len(low), dtype=bool)
-    for fill in _even_fills(levels[spans == 0.0]):
+    for fill in commonest(levels[spans == 0.0], MOST_EVEN, FEWEST_EVEN):
         of_fill |= (np.maximum(high - fill, fill - low) <= RIPPLE).all(axis=1)
     return bool((of_fill & swinging).sum() > RIPPLED * max(of_fill.sum(), FEWEST_TELL))
-
-
-def _even_fills(even: np.ndarray) -> np.ndarray:
-    """Return the commonest colours (n, 4) of pixels (m, 4) in the middle of 5 x 5 px exactly alike."""
-    _, first, counts = np.unique(packed(even), return_index=True, return_counts=True)
-    commonest = np.argsort(-counts, kind="stable")[:MOST_EVEN]
-    return even[first[commonest[counts[commonest] >= FEWEST_EVEN]]]
 
 
 def _blocky(coefficients: np.ndarray, luma: np.ndarray) -> bool:
