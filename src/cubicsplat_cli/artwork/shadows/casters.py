@@ -37,7 +37,6 @@ MOST_GROUNDS = 40  # the largest, that are examined
 ON_LINE = 0.98  # share of a ground's pixels that must lie on the line of its colours
 LEAST_CASTER, MOST_CASTERS = 16, 60  # px of what covers a shadow, and silhouettes beyond which none is examined
 MOST_COVERED = 0.9  # share of a picture that a ground covers at most to cast a shadow itself
-LEAST_EVEN = 0.4  # share of a silhouette that its even part must have to replace it
 
 
 @record
@@ -178,13 +177,12 @@ def _filled(patch: Patch) -> Patch:
 
 
 def _even(silhouette: Patch, even: np.ndarray) -> Patch:
-    """Return the largest even part of a silhouette, with its holes filled; the silhouette if that part is small."""
+    """Return the largest even part of a silhouette, with its holes filled; the silhouette without any."""
     labels, count = ndimage.label(silhouette.mask & even[silhouette.window], ndimage.SQUARE)
     if count == 0:
         return silhouette
     part = ndimage.binary_fill_holes(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
-    inner = replace(silhouette, mask=ndimage.binary_dilation(part, ndimage.SQUARE) & silhouette.mask)
-    return inner if inner.size > LEAST_EVEN * silhouette.size else silhouette
+    return replace(silhouette, mask=ndimage.binary_dilation(part, ndimage.SQUARE) & silhouette.mask)
 
 
 def _boxes(silhouettes: list[Patch], shape: tuple[int, ...], hidden: np.ndarray | None = None) -> list[Caster]:
