@@ -122,10 +122,7 @@ def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: 
         return
     explained = shade.explains(wider.pixels)
     if explained.mean() < EXPLAINED:
-        if len(piece) < 0.9 * len(whole):
-            _explain(piece, search, depth + 1)
-        else:
-            _largest(piece, search, depth)
+        _explain(piece, search, depth + 1)
         return
     # The end of the ramp that has nearly the fill gets exactly the fill.
     gaps = [float(np.abs(shade.ramp.colours[end] - fill).max()) for end in (0, -1)]
