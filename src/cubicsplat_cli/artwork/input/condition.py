@@ -12,7 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, commonest, in_blocks, packed
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE
-from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
 
@@ -321,11 +321,11 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     """Return the standard deviation in px of the blur of a picture's edges beyond their pixels; None if too few edges
     can be measured, and 0 if a quarter of them are sharper than the median by more than a third.
 
-    At most 24,000 edges are measured each way; their pixels may be off the line between the colours that they blend by
-    a tenth of the contrast.
+    At most EXAMINED edges are measured each way; their pixels may be off the line between the colours that they blend
+    by a tenth of the contrast.
     """
     even = max(2.0, 3.0 * noise)
-    variances = edge_variances(levels, levels @ SEEN, 24_000, even, CONTRAST, 0.1)
+    variances = edge_variances(levels, levels @ SEEN, EXAMINED, even, CONTRAST, 0.1)
     if len(variances) < FEWEST:
         return None
     quarter, half, rest = np.maximum(np.quantile(variances, [0.25, 0.5, 0.75]), 0.0)
