@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import blend_of, commonest, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import BLOCK, OUTLIER, Condition
-from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, SEEN, TOGETHER
+from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, MOST_SMALL, SEEN, TOGETHER
 from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
@@ -184,7 +184,7 @@ def square_fills(
     from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares
 
     fills: list[np.ndarray] = []
-    while len(y) and len(fills) < 24:
+    while len(y) and len(fills) < MOST_SMALL:
         values = mean[y, x]
         # The number of squares within reach of each.
         around = cKDTree(values).query_ball_point(values, reach, p=np.inf, return_length=True)
