@@ -9,6 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR
 from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,
@@ -102,7 +103,7 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
     first = outlines[0]
     if len(outlines) == 2 and isinstance(first, Circle) and isinstance(hole := outlines[1], Circle):
         width = first.r - hole.r
-        if math.hypot(first.cx - hole.cx, first.cy - hole.cy) < 0.05 and width < hole.r:
+        if math.hypot(first.cx - hole.cx, first.cy - hole.cy) < PRECISION and width < hole.r:
             return Stroke(Circle(first.cx, first.cy, 0.5 * (first.r + hole.r)), width, BUTT, MITER)
     if len(outlines) == 1 and isinstance(first, Rectangle):
         long, short = max(first.width, first.height), min(first.width, first.height)
