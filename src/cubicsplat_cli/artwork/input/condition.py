@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, commonest, in_blocks, packed
-from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE
+from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
@@ -25,8 +25,8 @@ PLANE, LEAST_DRIFT, FOLLOWED = 9, 0.35, 2.0
 BLOCK = 8  # px of a JPEG's block
 MOST_EVEN_BLOCKS = 0.8  # share of the blocks with edges of a lossy picture in which some 3 x 3 px are exactly alike
 # Ripples are within so many levels of a fill; they are more than so large a share of its pixels, of which at least so
-# many must tell. The commonest fills, so many at most, that have so many pixels in the middle of 5 x 5 alike.
-RIPPLE, RIPPLED, FEWEST_TELL, MOST_EVEN, FEWEST_EVEN = 8.0, 0.01, 200, 16, 25
+# many must tell.
+RIPPLE, RIPPLED, FEWEST_TELL = 8.0, 0.01, 200
 # px of a place; the share of rough pixels that shows compression there; the largest share of the pixels near edges of a
 # compressed picture in places that do not show it.
 PLACE, ROUGH_PLACE, MOST_SMOOTH = 32, 0.01, 0.25
@@ -242,7 +242,7 @@ def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.
         return False
     low, high = (extreme(levels, (3, 3, 1))[far] for extreme in (ndimage.minimum_filter, ndimage.maximum_filter))
     of_fill = np.zeros(len(low), dtype=bool)
-    for fill in commonest(levels[spans == 0.0], MOST_EVEN, FEWEST_EVEN):
+    for fill in commonest(levels[spans == 0.0], MOST_PALETTE, FEWEST):
         of_fill |= (np.maximum(high - fill, fill - low) <= RIPPLE).all(axis=1)
     return bool((of_fill & swinging).sum() > RIPPLED * max(of_fill.sum(), FEWEST_TELL))
 
