@@ -77,6 +77,16 @@ def test_a_line_between_two_grounds_is_a_rule_but_where_what_is_beneath_may_shin
     assert len(fills) == 3 + rules and (found[20, 1:59] == (3 if rules else -1)).all()
 
 
+def test_a_round_frame_between_two_grounds_is_a_rule_though_a_strip_as_long_might_shine_through():
+    body = (
+        '<rect width="200" height="150" fill="#fff"/><rect width="200" height="20" fill="#333"/>'
+        '<rect x="10.5" y="40.5" width="150" height="80" rx="8" fill="#f4f4f4" stroke="#d0d0d0"/>'
+    )
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 150">{body}</svg>'
+    levels = as_levels(as_picture(degraded(Document(text.encode(), "x", 200), "clean")).target())
+    assert find_regions(FlatPicture(levels, picture_fills(levels))).count == 4
+
+
 def test_the_soft_edge_of_a_line_of_one_px_is_no_rule():
     palette = np.array([(177, 12, 12, 255), (49, 16, 3, 255), (255, 217, 0, 255)], dtype=float)
     pure = np.repeat([0, 1, -1, 2], [19, 1, 1, 19])[:, None].repeat(60, axis=1)

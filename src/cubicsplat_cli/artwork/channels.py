@@ -26,6 +26,13 @@ def packed(colours: np.ndarray) -> np.ndarray:
     return np.asarray(colours.astype(np.int64) @ (256 ** np.arange(colours.shape[-1])))
 
 
+def commonest(colours: np.ndarray, most: int, fewest: float) -> np.ndarray:
+    """Return the commonest of the colours (n, C) of pixels, at most so many, each of at least `fewest` pixels."""
+    _, first, counts = np.unique(packed(colours), return_index=True, return_counts=True)
+    order = np.argsort(-counts, kind="stable")[:most]
+    return colours[first[order[counts[order] >= fewest]]]
+
+
 def light_of_srgb(values: np.ndarray) -> np.ndarray:
     """Return the linear light of sRGB values, both in [0, 1] (IEC 61966-2-1)."""
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)

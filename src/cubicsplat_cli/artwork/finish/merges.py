@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
-from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
+from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR, Constraints, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, judged, settle, trimmed
 from cubicsplat_cli.artwork.finish.state import UNSEEN, WHITE, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, feet_of, polygon_lengths
@@ -128,7 +128,7 @@ def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: 
     """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
     points, weights, px, ends = samples_along(ring, visibility, FEW)
     border = np.array([constraints.width, constraints.height])
-    fixed = (np.abs(ring.anchors) < ON_BORDER).any(axis=1) | (np.abs(ring.anchors - border) < ON_BORDER).any(axis=1)
+    fixed = (np.abs(ring.anchors) < MEAN_ERROR).any(axis=1) | (np.abs(ring.anchors - border) < MEAN_ERROR).any(axis=1)
     shows = np.isin(np.arange(ring.pieces), visibility.piece[visibility.seen])
     numbers, cubics, nets = found_merges(
         (ring.cubics, ring.lines, ring.smooth, fixed, shows),

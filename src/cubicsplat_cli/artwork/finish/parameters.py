@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import (
     FINE,
     Circle,
@@ -22,9 +23,8 @@ from cubicsplat_cli.raster.cubics import Pieces, held_ring
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.record import record
 
-# Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
-ON_BORDER = 0.06
-LEAST_SIZE = 0.05  # px, of a primitive
+# px that outlines are off in the mean. What is nearer to the canvas' border is on it and stays there.
+MEAN_ERROR = 0.06
 LEAST = 1e-9  # px, and coefficients: less is of the arithmetic
 SPECK, SMOOTH_SPECK = 0.3, 1.5  # px, ascending
 
@@ -83,7 +83,7 @@ def _on_border(box: Rectangle, constraints: Constraints) -> bool:
     x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
     ends = np.array([x[0], y[0], x[1] - constraints.width, y[1] - constraints.height])
     pinned = any(constraints.pins.hold(0, v) for v in x) or any(constraints.pins.hold(1, v) for v in y)
-    return box.angle == 0.0 and box.radius == 0.0 and (pinned or bool((np.abs(ends) < ON_BORDER).any()))
+    return box.angle == 0.0 and box.radius == 0.0 and (pinned or bool((np.abs(ends) < MEAN_ERROR).any()))
 
 
 def _pinned(shape: Circle | Ellipse | Rectangle, pins: Pins) -> np.ndarray:
@@ -168,7 +168,7 @@ class RingParameters:
 
 def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
     """A ring with what is held in place; what lies near the canvas's border is brought onto it."""
-    held = (constraints.width, constraints.height), ON_BORDER, (constraints.pins.x, constraints.pins.y)
+    held = (constraints.width, constraints.height), MEAN_ERROR, (constraints.pins.x, constraints.pins.y)
     return held_ring(ring.anchors, ring.controls, ring.lines, ring.smooth, *held)
 
 
@@ -218,7 +218,7 @@ class PrimitiveParameters:
         values = self.values.copy()
         values[self.free] += np.clip(step, -2.0, 2.0)
         sides = slice(2, 3 if isinstance(self.shape, Circle) else 4)
-        values[sides] = np.maximum(values[sides], LEAST_SIZE)
+        values[sides] = np.maximum(values[sides], PRECISION)
         if isinstance(self.shape, Rectangle):
             values[4] = np.clip(values[4], 0.0, 0.5 * values[sides].min())
         return PrimitiveParameters(type(self.shape)(*values.tolist()), self.pinned)

@@ -33,6 +33,7 @@ PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than 
 SYSTEMATIC = 0.02  # px, the error of points, an axis or a shift besides that by chance
 HIDDEN_SIGMA = 3.0  # px: a point of a larger standard error tells nothing, it is hidden or unknown
 TOLERANCE = 0.3  # px that lines are off the points where nothing else can be said of them
+GAP = 2.5  # px between neighbouring points of a line, about one per px, from which it has a gap
 WHOLE = 0.1  # px that the points around a dot may be off the edges of whole pixels
 
 

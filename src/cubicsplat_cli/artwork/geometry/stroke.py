@@ -124,7 +124,7 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     found = plan_of(cubics, lines, stroke).outline(cubics, 0.5 * stroke.width)
     rings = np.split(found.cubics, found.ends[:-1])
     straight = np.split(found.lines, found.ends[:-1])
-    if not stroke.closed or abs(abs(_winding(cubics)) - 1.0) < 0.25:
+    if not stroke.closed or abs(_winding(cubics)) == 1:
         made = [_ring(own, lines) for own, lines in zip(rings, straight, strict=True)]
         return tuple(sorted(made, key=lambda ring: -abs(signed_area(ring))))
     # It crosses itself: once around it on one side and back on the other, cut open where it begins.
@@ -142,13 +142,13 @@ def offset_ring(ring: Ring, reach: float) -> Ring:
     return _ring(found.cubics, found.lines)
 
 
-def _winding(cubics: np.ndarray) -> float:
+def _winding(cubics: np.ndarray) -> int:
     """The winding number of a closed line."""
     ways = np.diff(cubics, axis=1).reshape(-1, 2)
     ways = ways[np.hypot(*ways.T) > 1e-9]
     angles = np.arctan2(ways[:, 1], ways[:, 0])
     turns = np.diff(angles, append=angles[:1])
-    return float(((turns + np.pi) % (2.0 * np.pi) - np.pi).sum() / (2.0 * np.pi))
+    return round(float(((turns + np.pi) % (2.0 * np.pi) - np.pi).sum() / (2.0 * np.pi)))
 
 
 def _lasting(cubics: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

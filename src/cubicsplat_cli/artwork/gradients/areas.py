@@ -80,7 +80,7 @@ class _Search:
 
 def _explain(part: Part, search: _Search, depth: int) -> None:
     """Add the gradients of a part to those found."""
-    if _is_flat(part) or depth > DEEPEST:
+    if depth > DEEPEST or part.range() <= FLAT_RANGE:
         return
     fill, even = plateau(part)
     clear = fill[3] <= CLEAR and even.any()
@@ -99,11 +99,6 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     _largest(part, search, depth)
 
 
-def _is_flat(part: Part) -> bool:
-    """Return True for a part that is too small or too even for a gradient."""
-    return len(part) < LEAST_AREA or part.range() <= FLAT_RANGE
-
-
 def _with_rests(part: Part, off: np.ndarray) -> Patch:
     """Return the pixels that a gradient explains, and groups of few pixels that it nearly explains. off: (n,) levels by
     which the pixels differ from it."""
@@ -114,7 +109,7 @@ def _with_rests(part: Part, off: np.ndarray) -> Patch:
 
 def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: int) -> None:
     """Add the gradient of a piece that fades into the fill around it, or else the gradients within the piece."""
-    if _is_flat(piece):
+    if piece.range() <= FLAT_RANGE:
         return
     wider = whole.around(piece)
     shade = search.shade(wider.pixels)
@@ -122,10 +117,7 @@ def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: 
         return
     explained = shade.explains(wider.pixels)
     if explained.mean() < EXPLAINED:
-        if len(piece) < 0.9 * len(whole):
-            _explain(piece, search, depth + 1)
-        else:
-            _largest(piece, search, depth)
+        _explain(piece, search, depth + 1)
         return
     # The end of the ramp that has nearly the fill gets exactly the fill.
     gaps = [float(np.abs(shade.ramp.colours[end] - fill).max()) for end in (0, -1)]

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, in_blocks, packed
-from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE
-from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
+from cubicsplat_cli.artwork.channels import LUMA, commonest, in_blocks, packed
+from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, MOST_PALETTE
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
 
@@ -25,8 +25,8 @@ PLANE, LEAST_DRIFT, FOLLOWED = 9, 0.35, 2.0
 BLOCK = 8  # px of a JPEG's block
 MOST_EVEN_BLOCKS = 0.8  # share of the blocks with edges of a lossy picture in which some 3 x 3 px are exactly alike
 # Ripples are within so many levels of a fill; they are more than so large a share of its pixels, of which at least so
-# many must tell. The commonest fills, so many at most, that have so many pixels in the middle of 5 x 5 alike.
-RIPPLE, RIPPLED, FEWEST_TELL, MOST_EVEN, FEWEST_EVEN = 8.0, 0.01, 200, 16, 25
+# many must tell.
+RIPPLE, RIPPLED, FEWEST_TELL = 8.0, 0.01, 200
 # px of a place; the share of rough pixels that shows compression there; the largest share of the pixels near edges of a
 # compressed picture in places that do not show it.
 PLACE, ROUGH_PLACE, MOST_SMOOTH = 32, 0.01, 0.25
@@ -242,16 +242,9 @@ def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.
         return False
     low, high = (extreme(levels, (3, 3, 1))[far] for extreme in (ndimage.minimum_filter, ndimage.maximum_filter))
     of_fill = np.zeros(len(low), dtype=bool)
-    for fill in _even_fills(levels[spans == 0.0]):
+    for fill in commonest(levels[spans == 0.0], MOST_PALETTE, FEWEST):
         of_fill |= (np.maximum(high - fill, fill - low) <= RIPPLE).all(axis=1)
     return bool((of_fill & swinging).sum() > RIPPLED * max(of_fill.sum(), FEWEST_TELL))
-
-
-def _even_fills(even: np.ndarray) -> np.ndarray:
-    """Return the commonest colours (n, 4) of pixels (m, 4) in the middle of 5 x 5 px exactly alike."""
-    _, first, counts = np.unique(packed(even), return_index=True, return_counts=True)
-    commonest = np.argsort(-counts, kind="stable")[:MOST_EVEN]
-    return even[first[commonest[counts[commonest] >= FEWEST_EVEN]]]
 
 
 def _blocky(coefficients: np.ndarray, luma: np.ndarray) -> bool:
@@ -328,8 +321,8 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     """Return the standard deviation in px of the blur of a picture's edges beyond their pixels; None if too few edges
     can be measured, and 0 if a quarter of them are sharper than the median by more than a third.
 
-    At most 24,000 edges are measured each way; their pixels may be off the line between the colours that they blend by
-    a tenth of the contrast.
+    At most EXAMINED edges are measured each way; their pixels may be off the line between the colours that they blend
+    by a tenth of the contrast.
     """
     even = max(2.0, 3.0 * noise)
     variances = _variances(levels, even)
@@ -350,4 +343,4 @@ def blurred_everywhere(levels: np.ndarray) -> bool:
 
 def _variances(levels: np.ndarray, even: float) -> np.ndarray:
     """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels."""
-    return edge_variances(levels, levels @ SEEN, 24_000, even, CONTRAST, 0.1)
+    return edge_variances(levels, levels @ SEEN, EXAMINED, even, CONTRAST, 0.1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb
 from cubicsplat_cli.artwork.regions.fills import BLEND, EVEN, SAME, in_squares
-from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEWEST, MOST
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEWEST
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS
 
@@ -53,7 +53,7 @@ def _blended_in_light(colours: np.ndarray) -> bool:
     only the colours tell: by 10 times, since they are up to 5 times nearer in JPEGs by chance.
     """
     parts = [_edges(lines) for lines in (colours, colours.swapaxes(0, 1))]
-    edges = np.concatenate([part[:: 1 + len(part) // MOST] for part in parts]).astype(np.float64)
+    edges = np.concatenate([part[:: 1 + len(part) // EXAMINED] for part in parts]).astype(np.float64)
     (places, off), (in_light, off_in_light) = _places(edges), _places(_light(edges))
     differ = np.abs(places - in_light).max(axis=1) > DIFFERENT
     for telling, least in ((differ & (np.ptp(places, axis=1) > DIFFERENT), 1.4), (differ, 10.0)):

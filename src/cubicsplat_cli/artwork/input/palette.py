@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest, packed
+from cubicsplat_cli.artwork.channels import blend_of, commonest, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import BLOCK, OUTLIER, Condition
-from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, SEEN, TOGETHER
+from cubicsplat_cli.artwork.regions.fills import APART, MOST_PALETTE, MOST_SMALL, SEEN, TOGETHER
 from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import nearest_fills, spread
@@ -75,10 +75,8 @@ def even_fills(levels: np.ndarray) -> np.ndarray:
     """Return (P, 4) float64 the fills of a picture (H, W, 4) in levels whose noise is that of edges only: the commonest
     colours of the pixels in the middle of 3 x 3 px exactly alike, of which each has as many as for `noisy_fills`.
     """
-    even = levels[spread(levels, 3, 3) == 0.0]
-    _, first, counts = np.unique(packed(even), return_index=True, return_counts=True)
-    commonest = np.argsort(-counts, kind="stable")[:MOST_PALETTE]
-    fills = even[first[commonest[counts[commonest] >= max(16, 1e-4 * levels[..., 0].size)]]].astype(float)
+    fewest = max(16, 1e-4 * levels[..., 0].size)
+    fills = commonest(levels[spread(levels, 3, 3) == 0.0], MOST_PALETTE, fewest).astype(float)
     return fills if len(fills) else np.median(levels.reshape(-1, 4), axis=0).astype(float)[None]
 
 
@@ -186,7 +184,7 @@ def square_fills(
     from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares
 
     fills: list[np.ndarray] = []
-    while len(y) and len(fills) < 24:
+    while len(y) and len(fills) < MOST_SMALL:
         values = mean[y, x]
         # The number of squares within reach of each.
         around = cKDTree(values).query_ball_point(values, reach, p=np.inf, return_length=True)

@@ -19,7 +19,6 @@ from cubicsplat_cli.record import record
 
 DEGREE = 4  # of the polynomial
 LEAST_GRAIN, MOST_GRAIN = 0.6, 14.0  # levels
-LEAST_PEN_BLUR = 0.5  # px, standard deviation: lines on even paper that are sharper need no pens to be told
 MOST_UNEXPLAINED = 0.05  # of ink's pixels, off by APART from what pens drew: noise and JPEGs leave up to half of that
 WHITE = np.full(3, FULL)  # what unevenly lit paper becomes, levels
 NORMAL = 1.4826  # standard deviation of normal errors over the median of their sizes
@@ -106,7 +105,7 @@ def _on_light_paper(levels: np.ndarray, luma: np.ndarray, *, may_be_uneven: bool
     out = levels.copy()
     out[..., :3] = np.where(ink[..., None], drawn, colour)
     pens = pens_of(bare, colour, rest) if even else None
-    if even and (pens is None or pens.blur < LEAST_PEN_BLUR or unexplained(out, pens, far) > MOST_UNEXPLAINED):
+    if even and (pens is None or unexplained(out, pens, far) > MOST_UNEXPLAINED):
         return None
     return Scan(out, bare, rest if grainy else 0.0, pens)
 
@@ -117,8 +116,8 @@ def _is_even(light: np.ndarray) -> bool:
 
 
 def _soft(depth: np.ndarray) -> bool:
-    """True if the lines of a depth (H, W), in levels below the paper, may be blurred by LEAST_BLUR: no neighbours
-    differ by the depth of ink, as they do at sharp edges. Through such a blur they differ by 0.61 of it at most.
+    """True if the lines of a depth (H, W), in levels below the paper, may be blurred; sharp ones need no pens to be
+    told. No neighbours differ by the depth of ink: through a blur of half a px they differ by 0.61 of it at most.
     """
     dark = depth > APART
     steps = (np.abs(np.diff(depth, axis=k, prepend=depth.take([0], axis=k))) for k in (0, 1))

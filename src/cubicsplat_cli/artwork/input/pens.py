@@ -115,8 +115,6 @@ def pens_of(bare: np.ndarray, paper: np.ndarray, grain: float) -> Pens | None:
     bare: (H, W, 3) levels under even light; paper: (3,) those of its paper, but for the grain; grain: the standard
     deviation of that, in levels.
     """
-    if min(bare.shape[:2]) < 2 * REACH:
-        return None
     lines = profiles_of(paper - bare, OUTLIER * grain)
     kinds = _kinds(lines)
     own = kinds >= 0

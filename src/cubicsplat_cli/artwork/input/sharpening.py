@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cubicsplat_cli.artwork.input.condition import ROUGH, rippled
-from cubicsplat_cli.artwork.regions.sampling import CONTRAST
+from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import second_differences, spread
 
@@ -40,7 +40,7 @@ SIDE = 7  # px of a profile on each side of its edge: a mask of 2 px changes not
 PLACES = np.linspace(-0.6, 0.6, 13)  # px of an edge from the middle of its profile
 # Shares of the contrast, at most: between the rows beside a profile, and between two pixels at its ends.
 TILTED, UNEVEN = 0.6, 0.08
-MOST_TRIED, MOST_PROFILES = 20_000, 600  # pixels in a channel and direction, and profiles, that are looked at
+MOST_PROFILES = 600  # that are looked at
 EDGE_NOISE = 5.0  # levels by which pixels near edges are off in JPEGs of usual quality
 UNTOLD = 0.01  # weight of a pixel that is cut off at an end of the scale, where a JPEG keeps it apart by a few levels
 
@@ -136,7 +136,7 @@ def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
     for values, even in zip(_lines_of(levels[..., :3]), _lines_of(plain[..., :3]), strict=True):
         slopes = np.abs(even[:, 2:] - even[:, :-2])
         y, x = np.nonzero(slopes[1:-1, SIDE - 1 : 1 - SIDE] >= 0.5 * CONTRAST)
-        few = slice(None, None, 1 + len(y) // MOST_TRIED)
+        few = slice(None, None, 1 + len(y) // EXAMINED)
         y, x = y[few, None] + 1, x[few, None] + SIDE
         lines, steep = even[y, x + reach], slopes[y, x + np.arange(-2, 1)]
         contrast = np.abs(lines[:, -2:].mean(axis=1) - lines[:, :2].mean(axis=1))

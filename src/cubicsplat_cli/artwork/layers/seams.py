@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork.channels import blend_of, largest
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, SAME
 from cubicsplat_cli.artwork.regions.pixel_lines import MOST_GROUNDS
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.regions.sampling import MOST
+from cubicsplat_cli.artwork.regions.sampling import EXAMINED
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import SEAM_STEPS, seam_shares
 
@@ -28,7 +28,7 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     """The picture (H, W, 4) in levels with the pixels of seams as they should have been; itself without any."""
     levels = _closed_junctions(levels, regions)
     y, x, other = _odd(levels, regions)
-    if not 0 < len(y) <= MOST:
+    if not 0 < len(y) <= EXAMINED:
         return levels
     own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
     fills, index = np.unique(regions.fills, axis=0, return_inverse=True)

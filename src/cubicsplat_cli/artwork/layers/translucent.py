@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.fitting import GAP
 from cubicsplat_cli.artwork.layers.extents import Extent, extents, extents_of
 from cubicsplat_cli.artwork.layers.merging import Overlay, likeliest, merged, paint_levels, paint_of, with_covered
 from cubicsplat_cli.artwork.layers.stacking import LEAST_TURN, MEETING, REACHES, SMOOTH, Stack, stack
@@ -26,7 +27,6 @@ from cubicsplat_cli.record import record
 
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
 SIGMAS = 3.0  # standard errors by which places or directions that are one differ at most
-MOST_GAP = 2.5  # px between neighbouring points of an edge
 
 
 @record
@@ -214,7 +214,7 @@ def _arm(labels: np.ndarray, found: EdgePositions, at: np.ndarray, pair: tuple[i
     near = [int((np.hypot(*(each - at).T) <= RADII[-1]).sum()) for each in (level, upright)]
     points, sigma = (level, level_sigma) if near[0] >= near[1] else (upright, upright_sigma)
     order = np.argsort(np.hypot(*(points - at).T), kind="stable")
-    gaps = np.flatnonzero(np.hypot(*np.diff(points[order], axis=0).T) > MOST_GAP)
+    gaps = np.flatnonzero(np.hypot(*np.diff(points[order], axis=0).T) > GAP)
     order = order[: gaps[0] + 1] if len(gaps) else order
     for length in REACHES:
         ends = heading(points[order], sigma[order], length)

@@ -28,7 +28,7 @@ LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
 TOGETHER = 3  # squares of 2 x 2 px, or doubtful pixel lines, that show a fill together
 LONG = 24  # px of lines too thin for a flat pixel that show a fill; px of the corner of a frame between its sides
 CONTACT = 8  # px along which areas touch, or a line is missing, for that to count
-MOST_SMALL = 16  # fills that only small squares, or only pixel lines, show
+MOST_SMALL = 16  # fills that only small squares, only pixel lines, only thin lines or only blends show
 MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures rather than lines in more fills
 
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.fills import ALIKE, CONTACT, LONG, OPAQUE, SEEN
-from cubicsplat_cli.artwork.regions.hidden_fills import MOST
+from cubicsplat_cli.artwork.regions.fills import ALIKE, CONTACT, LONG, MOST_SMALL, OPAQUE, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, fills_of_lines, near_fills, off_palette
 
@@ -38,7 +37,7 @@ def missing_fills(
     step: levels within which values are of one colour; close: levels by which blends are off."""
     found: list[np.ndarray] = []
     left, steps = np.ones(len(values), dtype=bool), np.rint(values / step)
-    while len(found) < MOST and left.sum() >= LONG:
+    while len(found) < MOST_SMALL and left.sum() >= LONG:
         colours, index, counts = np.unique(steps[left], axis=0, return_inverse=True, return_counts=True)
         far = np.zeros(len(colours))
         np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))

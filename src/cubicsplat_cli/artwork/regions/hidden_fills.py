@@ -13,11 +13,11 @@ from itertools import permutations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest
-from cubicsplat_cli.artwork.regions.fills import CLEAR, OPAQUE, ROUNDED, SEEN
+from cubicsplat_cli.artwork.regions.fills import CLEAR, MOST_SMALL, OPAQUE, ROUNDED, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import STRANGE, blend_with, distance_to_blends
 
-MOST, TRIES = 8, 400  # fills, and colours tried
+TRIES = 400  # colours
 ONE_OF_THREE = 0.6  # ratio of a fill's least distances from blends of three and of two other fills
 BEYOND = np.linspace(0.02, 0.25, 12)  # shares of the step between two fills by which sharpening goes beyond either
 LEAST_SHARE = 0.1  # of a line's fill in the blends that look like a fill
@@ -39,7 +39,7 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
     strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < CLEAR).any() else OPAQUE))
     levels, gap = levels[strange], gap[strange]
     for _ in range(TRIES):
-        if len(found) == MOST or not (gap > least).any():
+        if len(found) == MOST_SMALL or not (gap > least).any():
             break
         farthest = int(gap.argmax())
         same = np.abs(levels - levels[farthest]).max(axis=1) <= reach

@@ -52,8 +52,7 @@ def with_pixel_lines(
     """
     found = _runs(levels)
     # What blends the two sides may be an edge between them.
-    blend = largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) < SEEN
-    told = (largest(np.abs(found.before - found.behind)) <= PURE) | ~blend
+    told = largest(np.abs(blend_of(found.colour, found.before, found.behind)[1])) >= SEEN
     grounds = np.maximum(*(nearest_fills(each, palette)[1] for each in (found.before, found.behind)))
     found = found.where(told & (grounds <= PURE))
     out, fills = pure.copy(), palette
@@ -197,11 +196,11 @@ def _touching(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _thin(fills: np.ndarray, own: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n,) bool: within REACH px of the pixels y, x a fill is thin, and thinner than theirs: the one that it cuts."""
+    """(n,) bool: within REACH px of the pixels y, x a fill is thinner than theirs, the one that it cuts."""
     padded, side, theirs = np.pad(fills, REACH, constant_values=-1), 2 * REACH + 1, fills[y, x]
     mine, others = np.zeros((2, len(y)), dtype=int)
     for dy, dx in np.ndindex(side, side):  # a pass for each, since dither has as many corners as pixels
         found = padded[y + dy, x + dx]
         mine += found == own
         others += found == theirs
-    return (2 * mine <= side * side) & (mine < others)
+    return mine < others

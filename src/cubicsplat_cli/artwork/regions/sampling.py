@@ -25,7 +25,7 @@ SAMPLES = 16
 CONTRAST = 60.0  # levels of an edge whose width, place or steps are measured
 LEAST_CONTRAST = 100.0  # levels between two fills, whose blends tell sixteenths apart
 NEAR = 0.12  # of a sample
-FEWEST, MOST = 40, 20_000  # blends, or steps, that tell, and that are examined
+FEWEST, EXAMINED = 40, 20_000  # blends, steps or edges that tell, and pixels that are examined
 SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
 # An edge of CONTRAST levels has blends, pixels that are between its colours by a share of BETWEEN, or steps, by which
 # it goes on a pixel higher or lower in the next column. An aliased picture has MORE_STEPS times as many steps
@@ -90,7 +90,7 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
         share, rest = blend_of(np.swapaxes(levels, 0, axis)[y, x], first, second)
         telling = (np.linalg.norm(second - first, axis=1) > LEAST_CONTRAST) & (largest(np.abs(rest)) < 2.0)
         telling &= (share > 0.5 / SAMPLES) & (share < 1.0 - 0.5 / SAMPLES)
-        shares.append(share[telling][:MOST])
+        shares.append(share[telling][:EXAMINED])
     found = SAMPLES * np.concatenate(shares)
     return 4 if len(found) >= FEWEST and (np.abs(found - np.rint(found)) < NEAR).mean() > SAMPLED else 0
 

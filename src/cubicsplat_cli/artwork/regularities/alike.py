@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import FEW, SEEN_SIGMA, Visibility, samples_along
-from cubicsplat_cli.artwork.finish.parameters import LEAST, RigidTransform
+from cubicsplat_cli.artwork.finish.parameters import LEAST, MEAN_ERROR, RigidTransform
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
 from cubicsplat_cli.artwork.layers.translucent import SIGMAS
@@ -19,11 +19,10 @@ FEWEST = 8  # points that show
 STEP = 0.5  # px between the points of an outline
 TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
-FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean,
-# to which middles and radii are known too
+FARTHEST = 0.2  # px that what is alike may be off at its farthest point
 CLEAR = 3.0  # nats by which a regularity must explain more than chance
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
-LIMITS = LARGEST, LARGEST, FARTHEST, MEAN  # px that points are off at most: at first; after a step; at last; in mean
+LIMITS = LARGEST, LARGEST, FARTHEST, MEAN_ERROR  # px off at most: at first; next; at last; in the mean
 # As it is, mirrored either way, turned by half a circle.
 FLIPS = np.array([[x, y] for y in (1.0, -1.0) for x in (1.0, -1.0)])
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
+from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR, Pins
 from cubicsplat_cli.artwork.finish.polish import SHOWN
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     following,
     with_thirds,
 )
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, FARTHEST, MEAN
+from cubicsplat_cli.artwork.regularities.alike import CLEAR, FARTHEST
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into: once or thrice by 3, 5 or 7, and often by 2.
@@ -46,11 +46,11 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
     0 if it tells them exactly.
     """
     # True areas show an edge to half of what an outline is off in the mean.
-    edge, size = 0.5 * (cell + MEAN), (float(drawing.width), float(drawing.height))
+    edge, size = 0.5 * (cell + MEAN_ERROR), (float(drawing.width), float(drawing.height))
     marks = _seen_edges(state, edge)
     marks = [(axis, v, error) for axis, v, error in marks if min(abs(v), abs(v - size[axis])) > error]
     for outline in (outline for shape in drawing.shapes for outline in shape.outlines):
-        marks += [(axis, value, MEAN) for axis, value in _middle_and_radii(outline)]
+        marks += [(axis, value, MEAN_ERROR) for axis, value in _middle_and_radii(outline)]
     snap = _Snap(_grids(marks, size), edge, size)
     shapes = tuple(replace(s, outlines=tuple(map(snap.outline, s.outlines))) for s in drawing.shapes)
     return replace(drawing, shapes=shapes), Pins(*(tuple(sorted(pins)) for pins in snap.pins))
@@ -118,7 +118,7 @@ class _Snap:
             return self._lines(self._lines(outline, 0), 1)
         if isinstance(outline, Rectangle):
             return self._box(outline) if outline.angle == 0.0 else outline
-        x, y, *radii = (self._on(axis, value, MEAN) for axis, value in _middle_and_radii(outline))
+        x, y, *radii = (self._on(axis, value, MEAN_ERROR) for axis, value in _middle_and_radii(outline))
         if not radii:
             return replace(outline, cx=x, cy=y)
         return Circle(x, y, radii[0]) if radii[0] == radii[-1] else Ellipse(x, y, *radii)
@@ -131,7 +131,7 @@ class _Snap:
 
     def _side(self, axis: int, value: float) -> float:
         border = min(0.0, self.size[axis], key=lambda border: abs(value - border))
-        return self._on(axis, border if abs(value - border) < ON_BORDER else value, self.edge)
+        return self._on(axis, border if abs(value - border) < MEAN_ERROR else value, self.edge)
 
     def _lines(self, ring: Ring, axis: int) -> Ring:
         """Return a ring with its lines across an axis on the grid; the handles at their ends go with them."""

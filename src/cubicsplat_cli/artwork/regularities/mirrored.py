@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.finish.parameters import Constraints, RingParameters, ring_pieces
+from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR, Constraints, RingParameters, ring_pieces
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.layers.translucent import SIGMAS
-from cubicsplat_cli.artwork.regularities.alike import FEWEST, MEAN, Track, lines_of
+from cubicsplat_cli.artwork.regularities.alike import FEWEST, Track, lines_of
 from cubicsplat_cli.raster.cubics import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows, linked_groups
 from cubicsplat_cli.record import record
@@ -172,7 +172,7 @@ def _joined(found: MirroredRing) -> MirroredRing:
         if ring.pieces <= 3 or ring.lines[before] != ring.lines[i]:
             continue
         if ring.lines[i]:
-            if abs(ring.anchors[i, along] - start[along]) > MEAN:
+            if abs(ring.anchors[i, along] - start[along]) > MEAN_ERROR:
                 continue
             (handles,) = thirds(start[None], end[None])
         else:
@@ -197,7 +197,7 @@ def _across(cubic: np.ndarray, axis: Axis) -> np.ndarray | None:
     whole = np.stack([start, handle, axis.mirrored(handle), axis.mirrored(start)])
     fine = points_at(cubic, np.linspace(0.0, 1.0, SAMPLES + 1))
     off = points_at(whole, np.linspace(0.0, 0.5, SAMPLES // 8 + 1))[:, None] - fine
-    return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < MEAN else None
+    return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < MEAN_ERROR else None
 
 
 def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:

@@ -16,8 +16,8 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import Visibility
 from cubicsplat_cli.artwork.finish.parameters import (
     LEAST,
+    MEAN_ERROR,
     NO_PINS,
-    ON_BORDER,
     Constraints,
     CopyParameters,
     Parameters,
@@ -114,7 +114,7 @@ def with_copies(state: State, constraints: Constraints, detail: float) -> State:
         if not parameters.jacobian.count:
             continue
         track = Track.of(parameters.outline().ring(FINE), Visibility.of(state, k))
-        inside = (track.extent[0] > ON_BORDER).all() and (track.extent[1] < np.array(size) - ON_BORDER).all()
+        inside = (track.extent[0] > MEAN_ERROR).all() and (track.extent[1] < np.array(size) - MEAN_ERROR).all()
         # What is held on the border would not stay there; primitives are held by their numbers alone.
         if inside or isinstance(parameters, PrimitiveParameters):
             tracks[k] = track

@@ -18,7 +18,6 @@ from cubicsplat_cli.raster.shades import ShadowSamples, shadow_box, shadow_windo
 
 FAR = 400.0  # px beyond the canvas at which a side lies that the canvas cuts off
 OFF, RADII = 0.6, 33  # mean px by which a silhouette's outline may differ from its box; radii tried
-LEAST_SIDE = 3  # px
 FULL = 0.96  # share of half a side, from which on a corner's radius is all of it
 BEYOND = 4.2  # sigmas from a box at which its shadow ends
 
@@ -59,8 +58,6 @@ def box_of(mask: np.ndarray, hidden: np.ndarray | None = None) -> Box | None:
     hidden: (H, W) bool, pixels in which the box may go on beneath other shapes.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if len(rows) < LEAST_SIDE or len(columns) < LEAST_SIDE:
-        return None
     top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
     inside = mask[top:bottom, left:right]
     counts = np.ones(inside.shape, dtype=bool) if hidden is None else inside | ~hidden[top:bottom, left:right]

@@ -36,8 +36,6 @@ LEAST_RANGE = 5.0  # levels that a shaded ground spans
 MOST_GROUNDS = 40  # the largest, that are examined
 ON_LINE = 0.98  # share of a ground's pixels that must lie on the line of its colours
 LEAST_CASTER, MOST_CASTERS = 16, 60  # px of what covers a shadow, and silhouettes beyond which none is examined
-MOST_COVERED = 0.9  # share of a picture that a ground covers at most to cast a shadow itself
-LEAST_EVEN = 0.4  # share of a silhouette that its even part must have to replace it
 
 
 @record
@@ -168,7 +166,7 @@ def casters_of(shaded: Shaded, silhouettes: list[Patch], even: np.ndarray) -> li
     if len(shaded.grounds) > 1:
         hidden = ndimage.binary_dilation(rest, ndimage.SQUARE, iterations=RING)
         grounds = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
-        readings.append(first + _boxes([g for g in grounds if g.mask.mean() < MOST_COVERED], rest.shape, hidden))
+        readings.append(first + _boxes(grounds, rest.shape, hidden))
     return [reading for reading in readings if reading]
 
 
@@ -178,13 +176,12 @@ def _filled(patch: Patch) -> Patch:
 
 
 def _even(silhouette: Patch, even: np.ndarray) -> Patch:
-    """Return the largest even part of a silhouette, with its holes filled; the silhouette if that part is small."""
+    """Return the largest even part of a silhouette, with its holes filled; the silhouette without any."""
     labels, count = ndimage.label(silhouette.mask & even[silhouette.window], ndimage.SQUARE)
     if count == 0:
         return silhouette
     part = ndimage.binary_fill_holes(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
-    inner = replace(silhouette, mask=ndimage.binary_dilation(part, ndimage.SQUARE) & silhouette.mask)
-    return inner if inner.size > LEAST_EVEN * silhouette.size else silhouette
+    return replace(silhouette, mask=ndimage.binary_dilation(part, ndimage.SQUARE) & silhouette.mask)
 
 
 def _boxes(silhouettes: list[Patch], shape: tuple[int, ...], hidden: np.ndarray | None = None) -> list[Caster]:

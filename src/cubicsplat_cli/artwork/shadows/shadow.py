@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import EVEN
-from cubicsplat_cli.artwork.regions.sampling import ROUNDING
+from cubicsplat_cli.artwork.regions.sampling import EXAMINED, ROUNDING
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, nearest_layers, numbers_of, reached, shaded, too_dark
 from cubicsplat_cli.artwork.shadows.casters import (
     LEAST_RANGE,
@@ -27,7 +27,7 @@ from cubicsplat_cli.record import record
 HALFWAY = 0.6  # share of the shaded pixels that layers must explain to be continued
 FAINT = EVEN  # levels of shade that are counted
 MOST_LAYERS = 3  # of one caster
-DARK, LIGHT, CHECKED = 2400, 800, 20_000  # shaded and unshaded pixels for a fit, and pixels that check it
+DARK, LIGHT = 2400, 800  # shaded and unshaded pixels for a fit
 BLURS = (3.0, 7.0, 16.0)  # px of the first blurs
 FEW = 6  # first fits use one pixel of so many
 SWEEPS = 3  # rounds over shadows that fall on each other
@@ -116,7 +116,7 @@ class _ShadowSearch:
         dark = scale * seen > FAINT
         order = np.random.default_rng(0)
         at = [order.permutation(np.flatnonzero(some)) for some in (on & dark, on & ~dark)]
-        at[1] = at[1][:CHECKED]
+        at[1] = at[1][:EXAMINED]
         self.rows, self.columns = np.unravel_index(np.concatenate(at), seen.shape)
         self.seen = seen[self.rows, self.columns]
         self.dark = scale * self.seen > FAINT
@@ -166,7 +166,7 @@ class _ShadowSearch:
 
     def _good(self, k: int, found: list[Layers | None]) -> bool:
         """Return True if the shadow of a caster is explained, or too small to tell."""
-        near = self.nearest[self.dark][:CHECKED] == k
+        near = self.nearest[self.dark][:EXAMINED] == k
         return near.sum() < LEAST_AREA or bool(self._explained(found)[near].mean() >= EXPLAINED)
 
     def _samples(self, casters: list[int], found: Sequence[Layers | None]) -> ShadowSamples:
@@ -198,7 +198,7 @@ class _ShadowSearch:
 
     def _explained(self, found: Sequence[Layers | None]) -> np.ndarray:
         """Return (n,) bool: True for shaded pixels that the shadows explain."""
-        at = np.flatnonzero(self.dark)[:CHECKED]
+        at = np.flatnonzero(self.dark)[:EXAMINED]
         light = self._light(found, at)
         return np.asarray(self.scale * np.abs(1.0 - light - self.seen[at]) <= CLOSE)
 

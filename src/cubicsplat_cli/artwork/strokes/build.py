@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fitting import PRECISION, fit_outlines
+from cubicsplat_cli.artwork.geometry.fitting import GAP, PRECISION, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.rows import Link, rows_of
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
@@ -20,7 +20,6 @@ from cubicsplat_cli.record import record
 
 LEAST_EVEN = 0.5  # share of a shape's skeleton that must have an even width
 SHORTEST = 1.2  # widths, of a shape's skeleton
-GAP = 2.5  # px between points of the centre line that are neighbours
 THROUGH = math.radians(35.0)  # of bend up to which a stroke goes on through a junction
 ALIKE = 0.15  # of the width, that two branches of one stroke may differ by
 REACH = 3.0  # widths along a branch from which its direction at a junction is taken

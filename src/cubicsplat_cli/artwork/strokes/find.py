@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR
 from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,
@@ -28,7 +30,6 @@ from cubicsplat_cli.artwork.geometry.stroke import (
     outlines_of_stroke,
     pieces_of,
 )
-from cubicsplat_cli.artwork.regularities.alike import MEAN
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
@@ -102,7 +103,7 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
     first = outlines[0]
     if len(outlines) == 2 and isinstance(first, Circle) and isinstance(hole := outlines[1], Circle):
         width = first.r - hole.r
-        if math.hypot(first.cx - hole.cx, first.cy - hole.cy) < 0.05 and width < hole.r:
+        if math.hypot(first.cx - hole.cx, first.cy - hole.cy) < PRECISION and width < hole.r:
             return Stroke(Circle(first.cx, first.cy, 0.5 * (first.r + hole.r)), width, BUTT, MITER)
     if len(outlines) == 1 and isinstance(first, Rectangle):
         long, short = max(first.width, first.height), min(first.width, first.height)
@@ -132,7 +133,7 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     low, high = low - margin, high + margin
     off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))
     length = sum(float(np.hypot(*np.diff(flattened(ring), axis=0).T).sum()) for ring in rings)
-    most = (MEAN + slack) * length
+    most = (MEAN_ERROR + slack) * length
     if not slack:
         return bool(off.sum() <= most and off.max() <= MOST_OFF)
     ends = sum(stroke.width**2 for stroke in strokes)  # that these may be off, in place of MOST_OFF

@@ -11,9 +11,10 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import LEAST_SIZE, Constraints, Parameters, Still, parametrised
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
+from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
 from cubicsplat_cli.artwork.geometry.stroke import (
     Chain,
@@ -80,7 +81,7 @@ class StrokeParameters:
         if not self.fixed:
             own = step[:-1]
             wider = float(np.clip(step[-1], -MOST_WIDER, MOST_WIDER))
-            stroke = replace(stroke, width=max(stroke.width + wider, LEAST_SIZE))
+            stroke = replace(stroke, width=max(stroke.width + wider, PRECISION))
         return StrokeParameters(stroke, self.line.moved(own), self.fixed)
 
     def outline(self) -> Outline:

@@ -187,4 +187,4 @@ def centres_of(places: np.ndarray, sides: Sides, slack: float = 0.0) -> Centres:
     # The other side is opposite where a disc between the two reaches the outline nowhere else.
     radius = np.hypot(*(sides.nearest(middle) - middle).T)
     widths = np.hypot(*(near - far).T)
-    return Centres(middle, widths, (widths > 0.0) & (radius > REST * widths), slack)
+    return Centres(middle, widths, radius > REST * widths, slack)
