@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from cubicsplat_cli.raster.unmix import (
     distinct,
@@ -144,3 +145,15 @@ def test_pixels_are_compared_with_the_colours_of_their_labels(rng: np.random.Gen
     levels, palette = rng.uniform(0.0, 255.0, (5, 6, 4)).astype(np.float32), rng.uniform(0.0, 255.0, (3, 4))
     labels = rng.integers(0, 3, (5, 6))
     np.testing.assert_array_equal(off_palette(levels, palette, labels), np.abs(levels - palette[labels]).max(axis=2))
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, 40.0, 45.0, 70.0])
+@pytest.mark.parametrize("blur", [0.8, 1.6])
+def test_the_blur_of_an_edge_is_that_across_it_at_any_angle(angle, blur):
+    y, x = np.mgrid[:60, :60] - 29.5
+    way = np.deg2rad(angle)
+    across = (x * np.cos(way) + y * np.sin(way)) / np.hypot(blur, np.sqrt(1 / 12))
+    levels = np.full((60, 60, 4), 255.0, np.float32)
+    levels[..., :3] = (30.0 + 200.0 * ndtr(across))[..., None]
+    found = edge_variances(levels, levels @ LUMA, 1000, 2.0, 60.0, 0.1)
+    assert len(found) >= 30 and np.sqrt(np.median(found)) == pytest.approx(blur, rel=0.04)

@@ -236,8 +236,7 @@ def guided_means(levels: np.ndarray, guide: np.ndarray, where: np.ndarray, px: f
 def edge_variances(
     levels: np.ndarray, luma: np.ndarray, most: int, even: float, contrast: float, off: float
 ) -> np.ndarray:
-    """Return (n,) variances, px^2, of the blur of level or upright edges between two even places of a picture (H, W,
-    4).
+    """Return (n,) variances, px^2, of the blur of edges between two even places of a picture (H, W, 4).
 
     luma: (H, W) the light in which edges are sought, at most so many each way. even: levels by which places are even;
     contrast: levels of an edge; off: share of the contrast by which an edge's pixels may be off the line between the

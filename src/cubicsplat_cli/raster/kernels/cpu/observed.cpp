@@ -13,7 +13,8 @@ namespace {
 
 constexpr int kReach = 8;  // px to either side of an edge
 constexpr int kSteps = 2 * kReach + 1;
-constexpr double kLevel = 0.1;  // squared slope of an edge against the columns, up to which its width is measured
+// Squared px by which an edge is displaced from line to line: along the other lines it is less.
+constexpr double kSteepest = 1.2;
 constexpr double kSquare = 1.0 / 12.0;  // variance of a pixel's width
 
 struct Limits {
@@ -27,12 +28,12 @@ struct Lines {
   double light(int64_t y, int64_t x) const { return luma[y * down + x * along]; }
   float step(int64_t y, int64_t x) const { return luma[y * down + (x + 1) * along] - luma[y * down + x * along]; }
   const float* colour(int64_t y, int64_t x) const { return levels + 4 * (y * down + x * along); }
-  // Three neighbours along the line, in the middle.
-  double soft(int64_t y, int64_t x) const { return (light(y, x - 1) + light(y, x) + light(y, x + 1)) / 3.0; }
-  // The change of that from line to line.
-  double slope(int64_t y, int64_t x) const {
+  // px by which the edge around x, of so much light in all, is displaced from line to line.
+  double shift(int64_t y, int64_t x, double total) const {
     const int64_t before = std::max<int64_t>(y - 1, 0), after = std::min(y + 1, height - 1);
-    return after > before ? (soft(after, x) - soft(before, x)) / double(after - before) : 0.0;
+    double sum = 0.0;
+    for (int64_t k = x - kReach; k <= x + kReach + 1; k++) sum += light(after, k) - light(before, k);
+    return after > before ? sum / total / double(after - before) : 0.0;
   }
 };
 
@@ -68,12 +69,12 @@ bool blended(const Lines& lines, int64_t y, int64_t x, const Limits& limits) {
   return true;
 }
 
-// The variance of the blur of the edge whose steepest step is at x, px^2; NaN where there is no single, level edge.
+// The variance of the blur of the edge whose steepest step is at x, px^2; NaN where there is no single edge.
 double variance(const Lines& lines, int64_t y, int64_t x, const Limits& limits) {
-  double steps[kSteps], total = 0.0, peak = 0.0;
+  double steps[kSteps], total = 0.0;
   for (int k = 0; k < kSteps; k++) {
     steps[k] = lines.step(y, x + k - kReach);
-    total += steps[k], peak = std::max(peak, std::fabs(steps[k]));
+    total += steps[k];
   }
   if (!(std::fabs(total) > limits.contrast)) return NAN;
   for (int k : {0, 1, kSteps - 2, kSteps - 1})
@@ -88,8 +89,8 @@ double variance(const Lines& lines, int64_t y, int64_t x, const Limits& limits) 
     if (!(right - std::fabs(steps[kSteps - 1 - k]) <= limits.even)) return NAN;
   }
   if (!blended(lines, y, x, limits)) return NAN;
-  const double slope = 0.5 * (lines.slope(y, x) + lines.slope(y, x + 1)) / std::max(peak, 1e-6), slant = slope * slope;
-  if (!(slant < kLevel)) return NAN;
+  const double shift = lines.shift(y, x, total), slant = shift * shift;
+  if (!(slant < kSteepest)) return NAN;
   double sum = 0.0, mean = 0.0, square = 0.0;
   for (double& step : steps) sum += step = std::fabs(step) > 0.5 * limits.even ? step : 0.0;
   for (int k = 0; k < kSteps; k++) mean += steps[k] / sum * (k - kReach);
@@ -103,7 +104,7 @@ double variance(const Lines& lines, int64_t y, int64_t x, const Limits& limits) 
 
 extern "C" {
 
-// Variances, px^2, of the blur of single level edges along the rows of a picture (height x width x 4), and along its
+// Variances, px^2, of the blur of single edges along the rows of a picture (height x width x 4), and along its
 // columns, of at most `most` edges each way; out: room for twice as many. luma: (height x width). even, contrast: levels;
 // off: share of an edge's contrast. Returns how many there are; -1 where there is no memory.
 CS_EXPORT int64_t cs_edge_widths(const float* levels, const float* luma, int64_t height, int64_t width, int64_t most,
