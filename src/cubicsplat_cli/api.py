@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.clip_request import ClipRequest
+from cubicsplat_cli.evaluate import metrics
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.images import of_values
-from cubicsplat_cli.evaluate.metrics import measure
 from cubicsplat_cli.files.load import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
 from cubicsplat_cli.from_options import check_library_names, clip_request_of, request_of
@@ -94,7 +94,7 @@ def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:
     svg = _svg_of(candidate)
     if svg is None:
         assert not isinstance(candidate, Result)
-        return measure(picture, [of_values(as_picture(candidate).target())])[0][0]
+        return metrics.compare(picture, of_values(as_picture(candidate).target()))
     return compare_with(picture, picture.source, svg, "the SVG", is_svg=True).quality
 
 

@@ -26,6 +26,11 @@ def packed(colours: np.ndarray) -> np.ndarray:
     return np.asarray(colours.astype(np.int64) @ (256 ** np.arange(colours.shape[-1])))
 
 
+def unpacked(numbers: np.ndarray) -> np.ndarray:
+    """Return the colours (n, 4) of the numbers (n,) that `packed` gives them, float64."""
+    return np.asarray(numbers[:, None] // 256 ** np.arange(4) % 256, dtype=np.float64)
+
+
 def commonest(colours: np.ndarray, most: int, fewest: float) -> np.ndarray:
     """Return the commonest of the colours (n, C) of pixels, at most so many, each of at least `fewest` pixels."""
     _, first, counts = np.unique(packed(colours), return_index=True, return_counts=True)

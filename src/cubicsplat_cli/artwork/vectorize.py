@@ -242,8 +242,10 @@ def _likelier(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Outli
         return outlined, prepared
     clean = replace(prepared, condition=Condition())
     exact, everywhere = _outlined(clean, settings), np.ones(prepared.levels.shape[:2], dtype=bool)
-    lengths = (_description(each.drawing, prepared.levels, everywhere) for each in (exact, outlined))
-    return (exact, clean) if next(lengths) < next(lengths) else (outlined, prepared)
+    shorter = _description(exact.drawing, clean.levels, everywhere) < _description(
+        outlined.drawing, prepared.levels, everywhere
+    )
+    return (exact, clean) if shorter else (outlined, prepared)
 
 
 def _fitted(

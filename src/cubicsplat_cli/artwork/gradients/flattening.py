@@ -13,7 +13,7 @@ from dataclasses import field
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest, packed
+from cubicsplat_cli.artwork.channels import largest, packed, unpacked
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas, with_tips
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
@@ -169,7 +169,7 @@ def placeholders(fills: list[np.ndarray], levels: np.ndarray) -> list[np.ndarray
     the first shifted one that is APART from them, or the one that is farthest."""
     codes = np.unique(packed(np.rint(levels)))
     codes = codes[:: max(1, len(codes) // MOST_COLOURS)]
-    taken, out = (codes[:, None] // 256 ** np.arange(4) % 256).astype(float), list[np.ndarray]()
+    taken, out = unpacked(codes), list[np.ndarray]()
     for fill in fills:
         colours = fill[:3] + SHIFTS[:, None, None] * np.eye(3)
         colours = np.rint(np.clip(colours.reshape(-1, 3), 0.0, fill[3]))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, packed
+from cubicsplat_cli.artwork.channels import blend_of, packed, unpacked
 from cubicsplat_cli.artwork.input.condition import OUTLIER, ROUGH
 from cubicsplat_cli.artwork.input.restore import MISFIT
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST
@@ -29,7 +29,7 @@ def rounding_noise(levels: np.ndarray) -> float:
     """
     numbers = packed(np.rint(levels))
     kinds, counts = np.unique(np.concatenate([_blends(numbers), _blends(numbers.T)]), axis=0, return_counts=True)
-    first, value, last = (_unpacked(column) for column in kinds.T)
+    first, value, last = (unpacked(column) for column in kinds.T)
     share, off = blend_of(value, first, last)
     error = np.linalg.norm(off, axis=-1)
     wide = np.linalg.norm(last - first, axis=-1) > CONTRAST
@@ -40,7 +40,7 @@ def rounding_noise(levels: np.ndarray) -> float:
         return 0.0
     from scipy.spatial import cKDTree  # takes a while to import, and few pictures come to it
 
-    least, _ = cKDTree(_unpacked(colours)).query(first + share[:, None] * (last - first))
+    least, _ = cKDTree(unpacked(colours)).query(first + share[:, None] * (last - first))
     nearest = wide & (error <= least + NEARLY)
     rounded, odd = nearest & (error > ROUGH), wide & ~nearest & (error > ROUGH)
     if rounded.sum() < ROUNDED * wide.sum() or odd.sum() > 2 * rounded.sum():
@@ -58,8 +58,3 @@ def _blends(numbers: np.ndarray) -> np.ndarray:
     before, left, middle, right, after = (numbers[:, k : k + count] for k in range(5))
     single = (before == left) & (left != middle) & (middle != right) & (right == after) & (left != right)
     return np.stack([left[single], middle[single], right[single]], axis=1)
-
-
-def _unpacked(numbers: np.ndarray) -> np.ndarray:
-    """Return the colours (n, 4) in levels of numbers (n,) for them."""
-    return (numbers[:, None] // 256 ** np.arange(4) % 256).astype(float)

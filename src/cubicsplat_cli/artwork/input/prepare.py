@@ -98,11 +98,10 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)
     even, noise = (original, 0.0) if compression else without_dither(original)
-    rounding = rounding_noise(original) if even is original and compression is None else 0.0
     if even is not original:
         notes.append("drawn in the colours that its dither stands for")
-    # Blends in linear light look rounded too, and rounded ones look sharpened.
-    if rounding and without_linear_light(original) is original:
+    elif compression is None and (rounding := rounding_noise(original)) and without_linear_light(original) is original:
+        # Blends in linear light look rounded too, and rounded ones look sharpened.
         condition = Condition(rounding, rounded=True)
         return _prepared(reduced(original, factor), condition, factor, width, height, known=True)
     unsharp, filter_notes = without_filters(even, lossy=compression is not None)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import blend_of, largest
+from cubicsplat_cli.artwork.channels import blend_of, commonest, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, even_fills, missing_colours, noisy_fills, reach_of, square_fills
@@ -26,7 +26,7 @@ from cubicsplat_cli.record import record
 # Levels by which pixels are off the model beyond their noise; and times the noise that they are off near a JPEG's
 # edges.
 MISFIT, JPEG_TIMES = 1.0, 4.0
-STRANGE = 6.0  # times the misfit, by which what is no blend is off; errors of rounding are bounded, so less tells there
+NO_BLEND = 6.0  # times the misfit by which other colours are off; errors of rounding are bounded, so less tells there
 NOWHERE = 3.0  # nats for a fill that is nowhere solid nearby
 NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
@@ -94,7 +94,7 @@ def restored(
         squares = square_fills(levels, seen, palette @ space, sigma, reach, apart)
         if not condition.jpeg:
             palette = np.vstack([palette, squares])
-            thin = _line_fills(seen, palette @ space, sigma, (OUTLIER if condition.rounded else STRANGE) * sigma)
+            thin = _line_fills(seen, palette @ space, sigma, (OUTLIER if condition.rounded else NO_BLEND) * sigma)
             palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
     labels = labelled(seen, palette @ space, sigma, thick, bounded=condition.jpeg)
     if condition.jpeg:
@@ -131,9 +131,9 @@ def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, si
     solid = solid_labels(pure)
     y, x = np.nonzero((pure < 0) & (solid < 0))
     near = near_fills(solid, y, x, REACH)
-    odd = (best_blend(seen[y, x], fills, near)[1] > STRANGE * sigma) & (near[:, 0] >= 0)
+    odd = (best_blend(seen[y, x], fills, near)[1] > NO_BLEND * sigma) & (near[:, 0] >= 0)
     y, x = y[odd], x[odd]
-    return missing_fills(seen[y, x], fills[near[odd, 0]], (y, x), seen.shape[:2], ONE_COLOUR, STRANGE * sigma)
+    return missing_fills(seen[y, x], fills[near[odd, 0]], (y, x), seen.shape[:2], ONE_COLOUR, NO_BLEND * sigma)
 
 
 def _with_small_parts(
@@ -258,7 +258,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     for number in range(4):
         sharp = np.clip(out + levels - _blurred(out, blur), 0.0, 255.0)
         if number == 0 and thick <= MOST_SEEN:
-            new = _line_fills(sharp, palette, SHARP_MISFIT, STRANGE * SHARP_MISFIT)
+            new = _line_fills(sharp, palette, SHARP_MISFIT, NO_BLEND * SHARP_MISFIT)
             palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
         labels = labelled(sharp, palette, SHARP_MISFIT, thick)
         out = mixture_of(sharp, palette, labels, MISFIT, 0.0).painted(palette)
@@ -325,8 +325,7 @@ def _commonest_colours(levels: np.ndarray, palette: np.ndarray, labels: np.ndarr
     """Return the palette (P, 4) with the commonest colour of the pixels (H, W, 4) of each label (H, W)."""
     out = palette.copy()
     for k in np.unique(labels):
-        colours, counts = np.unique(levels[labels == k], axis=0, return_counts=True)
-        out[k] = colours[counts.argmax()]
+        (out[k],) = commonest(levels[labels == k], 1, 1)
     return out
 
 
