@@ -19,7 +19,7 @@ from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import plan
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input import prepare
-from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of, rippled
+from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, blurred_everywhere, condition_of, rippled
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.palette import noisy_fills
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
@@ -294,6 +294,13 @@ def test_narrow_strokes_through_a_wide_blur_keep_their_fill():
     assert len(drawing.shapes) <= 8 and all(
         min(np.abs(np.subtract(fill, own)).max() for own in ((255, 108, 44), (255, 255, 255))) <= 8 for fill in fills
     )
+
+
+def test_a_picture_is_blurred_everywhere_only_if_its_edges_say_so():
+    soft = Image.fromarray(pixels("clean")).filter(ImageFilter.GaussianBlur(2.0))
+    assert blurred_everywhere(as_levels(as_picture(np.asarray(soft)).target()))
+    assert not blurred_everywhere(as_levels(target("clean")))
+    assert not blurred_everywhere(np.full((40, 40, 4), 255.0, np.float32))
 
 
 # --- the style ------------------------------------------------------------------------------------------------

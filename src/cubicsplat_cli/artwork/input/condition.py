@@ -335,9 +335,12 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
 
 def blurred_everywhere(levels: np.ndarray) -> bool:
     """Return True if nearly all edges of a blurred picture are as wide as its median edge, but for a quarter. Those of
-    a shape that casts a soft shadow are sharper.
+    a shape that casts a soft shadow are sharper. False if too few edges can be measured.
     """
-    few, half = np.quantile(_variances(levels, 2.0), [0.05, 0.5])
+    variances = _variances(levels, 2.0)
+    if len(variances) < FEWEST:
+        return False
+    few, half = np.quantile(variances, [0.05, 0.5])
     return bool(few >= 9.0 / 16.0 * half)
 
 
