@@ -54,11 +54,12 @@ def target(kind: str, body: str = FACE) -> np.ndarray:
     return as_picture(pixels(kind, body)).target()
 
 
-def drifting(picture: np.ndarray, px: float, levels: float) -> np.ndarray:
-    """A picture with soft edges, and noise that is alike over so many px, of so many levels."""
-    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(*picture.shape[:2], 3)), (px, px, 0.0))
+def drifting(picture: np.ndarray, px: float, levels: float, channels: int = 3) -> np.ndarray:
+    """A picture with soft edges, and noise that is alike over so many px, of so many levels, in 3 channels or in 1."""
+    noise = np.random.default_rng(0).normal(size=(*picture.shape[:2], channels))
+    noise = ndimage.gaussian_filter(noise, (px, px, 0.0))
     soft = ndimage.gaussian_filter(picture[..., :3].astype(float), (0.7, 0.7, 0.0))
-    noisy = soft + levels / noise.std() * noise + np.random.default_rng(1).normal(0.0, 0.4, noise.shape)
+    noisy = soft + levels / noise.std() * noise + np.random.default_rng(1).normal(0.0, 0.4, soft.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
@@ -69,6 +70,24 @@ def test_colours_that_drift_like_a_generators_are_fills_with_noise(px):
     assert 1.0 < condition_of(as_levels(as_picture(found).target())).noise < 2.5
     done = vectorize_pixels(found, measure=False)
     assert done.report.style == "artwork" and done.report.shapes <= 6
+
+
+def large_face() -> np.ndarray:
+    """A face on an even ground, of twice the size."""
+    return pixels("clean", '<rect width="160" height="160" fill="#406090"/>' + FACE).repeat(2, 0).repeat(2, 1)
+
+
+def test_drift_in_a_compressed_picture_is_noise_too():
+    found = recoded(drifting(large_face(), 3.0, 2.5), "JPEG", quality=90)
+    condition = condition_of(as_levels(as_picture(found).target()))
+    assert condition.jpeg and 1.5 < condition.noise < 3.5
+
+
+@pytest.mark.parametrize(("px", "channels"), [(3.0, 3), (20.0, 1)])
+def test_clouds_on_fills_are_no_shapes(px, channels):
+    """They differ from their fills by up to 10 levels, but have no borders."""
+    found = vectorize_pixels(drifting(large_face(), px, 3.5, channels), measure=False)
+    assert found.report.shapes <= 8
 
 
 def test_soft_shading_is_no_noise():

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
-from cubicsplat_cli.artwork.input.palette import UNLIKE, modes, ringing
+from cubicsplat_cli.artwork.input.palette import OUTER, UNLIKE, has_border, modes, ringing
 from cubicsplat_cli.artwork.layers.completion import DOT, outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents_of
 from cubicsplat_cli.artwork.regions.fills import BLEND, OPAQUE, SEEN, eight_bit
@@ -81,13 +81,13 @@ class TargetPicture:
 def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
     """The areas in which a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
     condition = picture.condition
-    allowed = UNLIKE + OUTLIER * condition.noise / SIDE**0.5
+    allowed = UNLIKE + OUTLIER * condition.error_of_mean(SIDE)
     # What lies beneath shows through on edges of a clean picture.
     judged = 1 + math.ceil(condition.blur), SEEN if condition.clean else 0.0, UNLIKE, OWN, allowed
     gap, where = unexplained(picture.levels, painted, LUMA_CHROMA, picture.ringing, *judged)
     if gap[where].sum() < picture.least:
         return []
-    reach = MARGIN + math.ceil(2.0 * condition.blur)
+    reach = max(MARGIN + math.ceil(2.0 * condition.blur), OUTER if condition.noise else 0)
     parts, _ = ndimage.label(ndimage.binary_dilation(where, ndimage.SQUARE), ndimage.SQUARE)
     # Where most of it lies on the canvas's rim, whose pixels blend with what is beyond, a JPEG rings beside these.
     inner, unlike = gap if condition.clean else np.pad(gap[1:-1, 1:-1], 1), []
@@ -96,7 +96,9 @@ def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:
         pixels = where[rows, columns] & (parts[rows, columns] == number)
         off = gap[rows, columns][pixels]
         weight = float((off**2).sum())
-        if off.sum() >= picture.least and 2.0 * (inner[rows, columns][pixels] ** 2).sum() > weight:
+        if off.sum() < picture.least or 2.0 * (inner[rows, columns][pixels] ** 2).sum() <= weight:
+            continue
+        if not condition.noise or has_border(gap[rows, columns, None], pixels, ~where[rows, columns]):
             unlike.append(Area(rows, columns, pixels, weight))
     return sorted(unlike, key=lambda area: -area.weight)
 

@@ -48,10 +48,10 @@ class Condition:
 
     noise: its standard deviation in levels away from edges, 0 for none. jpeg: True if the picture has the blocks of a
     JPEG, or rings like one or a lossy WebP. blur: standard deviation in px of the blur of edges beyond their pixels, 0
-    for none. coarse: True if the noise is that of a paper's grain, alike over a px or two. aliased: True if edges are
-    steps of whole pixels. sharpened: True if edges ring, but for halos that are undone. halved: the axes along which a
-    JPEG's chroma is stored at half its size, 0 for rows and 1 for columns; both, unless its file says otherwise.
-    rounded: True if the noise is that of blends whose colours were rounded to a few.
+    for none. coarse: True if the noise of neighbours is alike: that of a paper's grain, or of colours that drift.
+    aliased: True if edges are steps of whole pixels. sharpened: True if edges ring, but for halos that are undone.
+    halved: the axes along which a JPEG's chroma is stored at half its size, 0 for rows and 1 for columns; both, unless
+    its file says otherwise. rounded: True if the noise is that of blends whose colours were rounded to a few.
     """
 
     noise: float = 0.0
@@ -77,6 +77,10 @@ class Condition:
     def only_blurred(self) -> bool:
         """True if there is a blur, and no noise."""
         return self.blur > 0.0 and not (self.noise or self.jpeg)
+
+    def error_of_mean(self, count: int) -> float:
+        """Levels by which the mean of so many neighbours is off: as much as each of them where their noise is alike."""
+        return self.noise if self.jpeg or self.coarse else self.noise / math.sqrt(count)
 
     @property
     def edge_error(self) -> float:
@@ -121,8 +125,9 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
     noise = _white_noise(second[quiet]) if (spans[quiet] > FLAT_RANGE).mean() > 0.5 else 0.0
     rough = quiet & (second >= ROUGH)
     jpeg = bool(rough.any()) if lossy else _compressed(levels, rough, spans, quiet, noise)
-    if not (noise or jpeg or lossy):
-        noise = _drift(levels)
+    drift = 0.0 if noise else _drift(levels, compressed=jpeg)
+    if drift:
+        noise = drift
     elif noise and not jpeg:
         whole = ~ndimage.binary_dilation(_cut_off(levels[..., :3]), np.ones((5, 5), dtype=bool))
         noise = max(noise, _white_noise(second[whole][_quiet(spans[whole])]))
@@ -131,7 +136,8 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
         # 1.7: root of the mean square of the largest of six normal deviates (two directions, three channels).
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * 1.7))
     blur = edge_blur(levels, noise * (NEAR_EDGES if jpeg else 1.0)) or 0.0
-    condition = Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
+    blur = blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0
+    condition = Condition(noise, jpeg, blur, coarse=drift > 0.0 and not jpeg)
     return replace(condition, aliased=condition.clean and aliased(levels))
 
 
@@ -149,15 +155,18 @@ def _cut_off(colours: np.ndarray) -> np.ndarray:
     return np.asarray(((colours <= 0.0) | (colours >= 255.0)).all(axis=-1))
 
 
-def _drift(levels: np.ndarray) -> float:
+def _drift(levels: np.ndarray, *, compressed: bool) -> float:
     """Return the standard deviation, in levels, of noise that drifts; 0 unless nearly all blocks without edges are off
     the planes fitted to them by more than rounding leaves.
 
     Pictures of generators, and those that were made smaller after a loss, have such noise, alike over several px.
     """
-    blocks = in_blocks(levels[..., :3], PLANE).reshape(-1, PLANE**2, 3)
-    spans = np.ptp(blocks, axis=1).max(axis=1)
-    even = (spans < APART) & ~_cut_off(blocks).any(axis=1)
+    blocks = in_blocks(levels[..., :3], PLANE)
+    blocks = blocks.reshape(*blocks.shape[:2], PLANE**2, 3)
+    spans = np.ptp(blocks, axis=2).max(axis=2)
+    even = (spans < APART) & ~_cut_off(blocks).any(axis=2)
+    if compressed:  # whose errors reach from edges into the next block
+        even &= ndimage.binary_erosion(spans < APART, ndimage.SQUARE)
     if even.sum() < FEWEST or np.median(spans[even]) <= FLAT_RANGE:
         return 0.0
     blocks = blocks[even]

@@ -21,6 +21,7 @@ FAR = 2.5  # times as much as elsewhere, by which a fill near edges differs from
 UNLIKE = 6.0  # levels of luma or chroma, about 3 to 4 in CIEDE2000; areas whose mean is farther off have another fill
 WINDOW = 5  # px of a window for means
 SMALL = 128  # px of the longer side of a picture in which squares show fills
+INNER, OUTER = 3, 8  # px from an area: beyond its blurred border, and still near it
 BESIDE = 2  # px to either side of a square, the colours of which a square on a ramp blends
 
 
@@ -37,8 +38,7 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
 
 def reach_of(condition: Condition) -> float:
     """Return the levels within which means of 3 x 3 px are of one fill."""
-    # The means have a third of the noise, unless that of neighbours is alike.
-    return max(SEEN, OUTLIER * condition.noise / (1.0 if condition.jpeg or condition.coarse else 3.0))
+    return max(SEEN, OUTLIER * condition.error_of_mean(9))
 
 
 def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> np.ndarray:
@@ -109,20 +109,28 @@ def missing_colours(levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray
     share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
     mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
     square = ndimage.uniform_filter(residual * residual, (WINDOW, WINDOW, 1)) / share
-    # A JPEG's errors are alike over its blocks, so means do not reduce them.
-    error = 0.0 if condition.jpeg else OUTLIER * condition.noise / WINDOW / np.sqrt(share)
-    unlike = np.abs(mean) - np.maximum(UNLIKE, error)
+    unlike = np.abs(mean) - max(UNLIKE, OUTLIER * condition.error_of_mean(WINDOW**2))
     if condition.jpeg:
         unlike -= ringing(seen)
     calm, _ = calm_pixels(seen, condition.noise)
     off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > 0.5 * square.sum(axis=-1))
-    values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
-    reach = reach_of(condition)
-    colours = [
-        np.median(levels[off][np.abs(values - place).max(axis=-1) <= reach], axis=0)
-        for place in modes(values, reach, 60, NONE)
-    ]
+    values, reach, colours = ndimage.uniform_filter(levels, (3, 3, 1))[off], reach_of(condition), []
+    for place in modes(values, reach, 60, NONE):
+        own = off.copy()
+        own[off] = np.abs(values - place).max(axis=-1) <= reach
+        if has_border(mean, own, inner & ~off):
+            colours.append(np.median(levels[own], axis=0))
     return np.array(colours, dtype=float).reshape(-1, 4)
+
+
+def has_border(off: np.ndarray, own: np.ndarray, rest: np.ndarray) -> bool:
+    """Return False if pixels (H, W) bool drift from the colour expected there and have no border with the rest (H, W)
+    bool, whose pixels a few px around are mostly off by more than a quarter as much too. off: (H, W, C) by which a
+    picture is off the colours expected.
+    """
+    around = rest & ndimage.maximum_filter(own, 2 * OUTER + 1) & ~ndimage.maximum_filter(own, 2 * INNER + 1)
+    step = off[own].mean(axis=0)
+    return not around.any() or bool(4.0 * np.median(off[around] @ step) <= step @ step)
 
 
 def ringing(seen: np.ndarray) -> np.ndarray:

@@ -81,7 +81,7 @@ class PreparedInput:
         times = self.upscale_factor
         notes = [f"drawn as it was before it was made {times:.3g} times as large"] if times > 1 else []
         notes += self.edge_notes
-        if self.condition.coarse:
+        if self.scanned and self.condition.coarse:
             notes.append("drawn as ink on even paper, without its grain and shadows")
         if self.condition.aliased:
             notes.append("drawn through the steps of its edges, which have no anti-aliasing")
