@@ -16,10 +16,11 @@ from cubicsplat_cli.errors import UsageError
 QUALITY = 80  # of JPEG and WebP
 BLUR_PX = 1.2  # standard deviation
 NOISE_LEVELS = 4.0  # standard deviation
+DRIFT_LEVELS, DRIFT_PX, SOFT_PX = 1.8, (3.0, 10.0), 0.7  # standard deviations: of colours that drift over so many px
 PALETTE_COLOURS = 64
 CLEAN = "clean"
 # Files of these kinds have no opacity: the drawing lies over white.
-OPAQUE = ("jpeg", "webp", "noisy", "palette", "dithered")
+OPAQUE = ("jpeg", "webp", "noisy", "drifting", "palette", "dithered")
 
 
 def check_kind(kind: str) -> None:
@@ -94,6 +95,18 @@ def _noisy(document: Document) -> np.ndarray:
     return pixels
 
 
+def _drifting(document: Document) -> np.ndarray:
+    """With soft edges and colours that drift over a few px and over more, as in the pictures of generators."""
+    from scipy.ndimage import gaussian_filter
+
+    pixels, rng = document.draw().astype(float), np.random.default_rng(0)
+    levels = gaussian_filter(pixels[..., :3], (SOFT_PX, SOFT_PX, 0.0)) + rng.normal(0.0, 0.5, (*pixels.shape[:2], 3))
+    for px in DRIFT_PX:
+        drift = gaussian_filter(rng.normal(size=pixels.shape[:2]), px)
+        levels += (DRIFT_LEVELS / drift.std() * drift)[..., None]
+    return np.dstack([np.clip(np.rint(levels), 0, 255), pixels[..., 3]]).astype(np.uint8)
+
+
 def _palette(document: Document) -> np.ndarray:
     """In at most 64 colours, as small PNG and GIF files are."""
     return np.array(_without_opacity(document).quantize(PALETTE_COLOURS).convert("RGBA"))
@@ -129,6 +142,7 @@ DEGRADATIONS: dict[str, Callable[[Document], Given]] = {
     "enlarged": _enlarged,
     "reduced": _reduced,
     "noisy": _noisy,
+    "drifting": _drifting,
     "palette": _palette,
     "dithered": _dithered,
 }

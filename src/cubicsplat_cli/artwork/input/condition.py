@@ -87,7 +87,7 @@ class Condition:
         """Levels by which pixels on edges are off. A JPEG's ringing there is 8 times its noise elsewhere. Coarse noise
         counts 5 times, because it is alike over 1.5 px, and 5 pixels say no more than one.
         """
-        return self.noise * (5.0 if self.coarse else 8.0 if self.jpeg else 1.0)
+        return self.noise * (8.0 if self.jpeg else 5.0 if self.coarse else 1.0)
 
     @property
     def restored_error(self) -> float:
@@ -137,7 +137,7 @@ def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * 1.7))
     blur = edge_blur(levels, noise * (NEAR_EDGES if jpeg else 1.0)) or 0.0
     blur = blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0
-    condition = Condition(noise, jpeg, blur, coarse=drift > 0.0 and not jpeg)
+    condition = Condition(noise, jpeg, blur, coarse=drift > 0.0)
     return replace(condition, aliased=condition.clean and aliased(levels))
 
 

@@ -165,9 +165,9 @@ def _prepared(
                 levels, (across, down), condition = small, factors, before
     scale = factor * across, factor * down
     prepared = PreparedInput(levels, condition, scale, math.sqrt(across * down), width, height)
-    # Soft areas look like blurred edges or like ringing, so damage is estimated without them.
-    soft = condition.only_blurred and blurred_everywhere(levels)
-    if not (condition.clean or known or soft) and (without := lifted(levels)):
+    # Soft areas look like blurred edges or like ringing, so damage is estimated without them, unless it is everywhere.
+    everywhere = condition.coarse or (condition.only_blurred and blurred_everywhere(levels))
+    if not (condition.clean or known or everywhere) and (without := lifted(levels)):
         unshaded = condition_of(flattened(without.levels).levels)
         if unshaded.clean:
             return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
