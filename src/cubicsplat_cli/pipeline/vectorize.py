@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from cubicsplat_cli.artwork.channels import FULL
+from cubicsplat_cli.artwork.input.matte import without_matte
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene
 from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
+from cubicsplat_cli.files.load import Picture, laid_over, resize_picture, with_target
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.metrics import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db, plain
@@ -64,8 +67,23 @@ def task_of(
     """Return the task for a loaded picture. recorder: keeps the scenes of a photo's fit."""
     with timer("read"):
         grounded = laid_over(picture, request.settings.background_colour)
-        target = grounded if request.max_size is None else resize_picture(grounded, request.max_size)
+        target = _without_matte(grounded)
+        target = target if request.max_size is None else resize_picture(target, request.max_size)
     return Task(picture, grounded, target, request, timer, on_progress, recorder, title or picture.source)
+
+
+def _without_matte(picture: Picture) -> Picture:
+    """Return a picture without the remains of a removed ground at its edges, and with a note on these; the same if it
+    shows none.
+    """
+    if picture.alpha is None:
+        return picture
+    levels, ground = without_matte(as_levels(picture.target()))
+    if not ground:
+        return picture
+    bare = with_target(picture, levels / np.float32(FULL))
+    note = f"made without the remains of a {ground} ground at its edges"
+    return replace(bare, compression=picture.compression, notes=(*picture.notes, note))
 
 
 def measured(task: Task, made: Made, svg: str) -> Measured:
