@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import rest_slow
-from image_files import recoded
+from image_files import encode, recoded
 from PIL import Image, ImageDraw, ImageFilter
 from scipy import ndimage
 from stroke_icons import ICONS, svg_of
@@ -30,6 +30,7 @@ from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.raster.unmix import components
+from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 SIDE = 160
@@ -38,6 +39,13 @@ FACE = (
     '<circle cx="80" cy="78" r="70" fill="#ffcc4d"/><circle cx="55" cy="62" r="12.5" fill="#664500"/>'
     '<circle cx="105" cy="62" r="12.5" fill="#664500"/>'
     '<path d="M45 100C60 122 100 122 115 100L118 112C100 140 60 140 42 112z" fill="#be1931"/>'
+)
+
+SKIN = (
+    '<rect width="160" height="160" fill="#fff"/><circle cx="80" cy="80" r="60" fill="#f2d2a1"/>'
+    '<path d="M55 105Q80 130 105 105L102 116Q80 136 58 116z" fill="#de2e43"/>'
+    '<rect x="45" y="50" width="14" height="24" rx="6" fill="#682014"/>'
+    '<rect x="100" y="50" width="14" height="24" rx="6" fill="#682014"/>'
 )
 
 
@@ -88,6 +96,16 @@ def test_clouds_on_fills_are_no_shapes(px, channels):
     """They differ from their fills by up to 10 levels, but have no borders."""
     found = vectorize_pixels(drifting(large_face(), px, 3.5, channels), measure=False)
     assert found.report.shapes <= 8
+
+
+@pytest.mark.parametrize(("side", "quality"), [(80, 75), (80, 92), (96, 65), (112, 85), (144, 65)])
+def test_a_small_part_in_a_jpeg_is_no_mosaic_of_the_others(side, quality):
+    """A nose of a few px, whose colour is a blend of those of the skin, the lips and the eyes."""
+    nose = '<rect x="71" y="87" width="18" height="7" rx="3" fill="#c0694d"/>'
+    picture = Image.fromarray(pixels("clean", SKIN + nose, side)[..., :3].copy())
+    report = vectorize_pixels(encode(picture, "JPEG", quality=quality), measure=False).report
+    off = [np.abs(np.subtract(hex_colour(ink[:7]), (192, 105, 77))).max() for ink in report.inks]
+    assert report.shapes == 6 and min(off) <= 16
 
 
 def test_soft_shading_is_no_noise():

@@ -18,10 +18,10 @@ from cubicsplat_cli.artwork.gradients.areas import gradient_areas, with_tips
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
-from cubicsplat_cli.artwork.regions.fills import APART, ROUNDED, SEEN
+from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, ROUNDED, SEEN
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import blends, nearest_paints
-from cubicsplat_cli.raster.unmix import REACH, SLOTS
+from cubicsplat_cli.raster.unmix import REACH, SLOTS, spread
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, painted
 
@@ -161,20 +161,33 @@ def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[Grad
         translucent = any(stop.colour[3] < 255 for stop in gradient.stops)
         alpha = float(np.clip(mean[3], APART, 255.0 - APART)) if translucent else 255.0
         fills.append(np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha))
-    return np.array(placeholders(fills, levels[paint >= count]))
+    # In a picture with noise small parts are no paints of their own.
+    small = (paint < 0) & (spread(levels, 3, 3) <= 2.0 * FLAT_RANGE)
+    return np.array(placeholders(fills, levels[paint >= count], levels[small]))
 
 
-def placeholders(fills: list[np.ndarray], levels: np.ndarray) -> list[np.ndarray]:
+def placeholders(
+    fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray | None = None
+) -> list[np.ndarray]:
     """Return for each fill (4,) one near it, in whole levels, that differs from all pixels (n, 4) and from the others:
-    the first shifted one that is APART from them, or the one that is farthest."""
-    codes = np.unique(packed(np.rint(levels)))
-    codes = codes[:: max(1, len(codes) // MOST_COLOURS)]
-    taken, out = unpacked(codes), list[np.ndarray]()
+    the first shifted one that is APART from them, and half as far from those of small parts (m, 4), or the one that is
+    farthest.
+    """
+    taken, near = _few_colours(levels), _few_colours(levels[:0] if small is None else small)
+    out = list[np.ndarray]()
     for fill in fills:
         colours = fill[:3] + SHIFTS[:, None, None] * np.eye(3)
         colours = np.rint(np.clip(colours.reshape(-1, 3), 0.0, fill[3]))
         trials = np.column_stack([colours, np.full(len(colours), np.rint(fill[3]))])
-        gaps = largest(np.abs(taken[:, None] - trials)).min(axis=0, initial=255.0)
-        out.append(trials[int(np.minimum(gaps, APART).argmax())])
+        gaps, half = (
+            largest(np.abs(colours[:, None] - trials)).min(axis=0, initial=255.0) for colours in (taken, near)
+        )
+        out.append(trials[int(np.minimum(np.minimum(gaps, 2.0 * half), APART).argmax())])
         taken = np.vstack([taken, out[-1]])
     return out
+
+
+def _few_colours(levels: np.ndarray) -> np.ndarray:
+    """Return (n, 4) at most about MOST_COLOURS of the different whole colours of pixels (m, 4)."""
+    codes = np.unique(packed(np.rint(levels)))
+    return unpacked(codes[:: max(1, len(codes) // MOST_COLOURS)])

@@ -125,12 +125,13 @@ def missing_colours(levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray
 
 def has_border(off: np.ndarray, own: np.ndarray, rest: np.ndarray) -> bool:
     """Return False if pixels (H, W) bool drift from the colour expected there and have no border with the rest (H, W)
-    bool, whose pixels a few px around are mostly off by more than a quarter as much too. off: (H, W, C) by which a
-    picture is off the colours expected.
+    bool: a few px around, more of these are off by a quarter to three quarters as much than by less. off: (H, W, C) by
+    which a picture is off the colours expected.
     """
     around = rest & ndimage.maximum_filter(own, 2 * OUTER + 1) & ~ndimage.maximum_filter(own, 2 * INNER + 1)
     step = off[own].mean(axis=0)
-    return not around.any() or bool(4.0 * np.median(off[around] @ step) <= step @ step)
+    share = off[around] @ step / (step @ step)
+    return bool(((share > 0.25) & (share < 0.75)).sum() <= (share <= 0.25).sum())
 
 
 def ringing(seen: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.channels import blend_of, commonest, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
 from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, even_fills, missing_colours, noisy_fills, reach_of, square_fills
-from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, LONG, SAME, picture_fills
+from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, LONG, SAME, TOGETHER, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
@@ -174,10 +174,15 @@ def _with_small_parts(
     best = fitted(palette, labels)
     for fill in proposed:
         if len(best.palette) <= MOST_SEEN and _is_apart(fill, best.palette):
-            trial = fitted_of(np.vstack([best.palette, fill]), thick)
-            # Smeared chroma makes a colour of its own of a fill, which the fitted one is again.
-            if trial.cost < best.cost and _is_apart(trial.palette[-1], trial.palette[:-1]):
-                best = trial
+            # First as the fill of thin lines, which edges may look like; then as that of a small part.
+            for place, solid in ((len(best.palette), thick), (thick, thick + 1)):
+                trial = fitted_of(np.insert(best.palette, place, fill, axis=0), solid)
+                shown = solid == thick or (ndimage.alike(trial.labels, 3) & (trial.labels == place)).sum() >= TOGETHER
+                # Smeared chroma makes a colour of its own of a fill, which the fitted one is again.
+                others = np.delete(trial.palette, place, axis=0)
+                if shown and trial.cost < best.cost and _is_apart(trial.palette[place], others):
+                    best, thick = trial, solid
+                    break
     for _ in range(4):  # rounds
         # At least 8 pixels of half the size show a fill, within 20 levels.
         new = hidden_fills(np.clip(best.missing, 0.0, 255.0), best.palette, APART, 20.0, 8)
