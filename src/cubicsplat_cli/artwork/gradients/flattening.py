@@ -166,9 +166,7 @@ def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[Grad
     return np.array(placeholders(fills, levels[paint >= count], levels[small]))
 
 
-def placeholders(
-    fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray | None = None
-) -> list[np.ndarray]:
+def placeholders(fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray | None = None) -> list[np.ndarray]:
     """Return for each fill (4,) one near it, in whole levels, that differs from all pixels (n, 4) and from the others:
     the first shifted one that is APART from them, and half as far from those of small parts (m, 4), or the one that is
     farthest.
