@@ -32,7 +32,7 @@ NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
 ONE_COLOUR = 16.0  # levels within which the pixels of a small part or a thin line are of one colour
 THIN = 0.25  # least share of a thin line in the pixels on its middle
 SHARP_MISFIT = 2.0  # levels by which a picture is off its fills when it is made sharp again
-INSIDE, FEWEST_INSIDE = 4, 16  # px from edges where a JPEG's pixels are pure, and the fewest there that show a fill
+INSIDE, FEWEST_INSIDE = 3, 16  # px from edges where a JPEG's pixels are pure, and the fewest there that show a fill
 BLUR_REACH = 3.0  # standard deviations beyond which a blur changes nothing
 
 
