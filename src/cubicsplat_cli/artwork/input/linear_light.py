@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, largest, light_of_srgb
-from cubicsplat_cli.artwork.regions.fills import BLEND, EVEN, SAME, in_squares
+from cubicsplat_cli.artwork.regions.fills import BLEND, SAME, in_even_squares, near_colours
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEWEST
-from cubicsplat_cli.raster.shades import blends, nearest_paints
-from cubicsplat_cli.raster.unmix import REACH, SLOTS
+from cubicsplat_cli.raster.shades import blends
 
 # px; edges are compared whose places differ by more between columns, and between both spaces.
 DIFFERENT = 0.1
@@ -27,11 +26,8 @@ def without_linear_light(levels: np.ndarray) -> np.ndarray:
     if min(levels.shape[:2]) < 4 or (levels[..., 3] < 255.0).any() or not _blended_in_light(levels[..., :3]):
         return levels
     colours = levels[..., :3]
-    corners = [colours[y : len(colours) - 1 + y, x : colours.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
-    blended = ~in_squares(largest(np.maximum.reduce(corners) - np.minimum.reduce(corners)) <= EVEN)
-    # Numbers for cells of 8 levels, within which colours near a blend are one.
-    cells = np.rint(colours / 8.0).astype(np.int32) @ np.array([1, 64, 4096], np.int32)
-    near, places = nearest_paints(np.where(blended, -1, cells), np.flatnonzero(blended), REACH, SLOTS)
+    blended = ~in_even_squares(colours)
+    near, places = near_colours(colours, ~blended, blended)
     values, ends = levels[blended], levels.reshape(-1, 4)[places]
     again, off = blends(_light(values), near, _light(ends), ends, three=True)
     out = levels.copy()

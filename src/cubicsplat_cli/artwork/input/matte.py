@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import FULL, largest
-from cubicsplat_cli.artwork.regions.fills import BLEND, EVEN, in_squares
+from cubicsplat_cli.artwork.regions.fills import BLEND, in_even_squares, near_colours
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, FEWEST
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.shades import blends, nearest_paints
-from cubicsplat_cli.raster.unmix import REACH, SLOTS
+from cubicsplat_cli.raster.shades import blends
+from cubicsplat_cli.raster.unmix import SLOTS
 
 GROUNDS = {"white": FULL, "black": 0.0}  # levels of the grounds that are looked for
 RIM = 2  # px from clear ones within which pixels may be blends with the ground
@@ -31,17 +31,14 @@ def without_matte(levels: np.ndarray) -> tuple[np.ndarray, str]:
     rim = ndimage.maximum_filter(clear, 2 * RIM + 1) & ~clear
     if not rim.any() or min(levels.shape[:2]) < 2:
         return levels, ""
-    corners = [levels[y : len(levels) - 1 + y, x : levels.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
-    even = in_squares(largest(np.maximum.reduce(corners) - np.minimum.reduce(corners)) <= EVEN)
-    solid, rim = even & (levels[..., 3] == FULL), rim & ~even
-    # Numbers for cells of 8 levels, within which colours near a blend are one.
-    cells = np.rint(levels[..., :3] / 8.0).astype(np.int32) @ np.array([1, 64, 4096], np.int32)
-    near, places = nearest_paints(np.where(solid, cells, -1), np.flatnonzero(rim), REACH, SLOTS)
+    even = in_even_squares(levels)
+    rim &= ~even
+    near, places = near_colours(levels, even & (levels[..., 3] == FULL), rim)
     seen, ends = levels[rim], levels.reshape(-1, 4)[places]
     straight, soft = seen * (FULL / seen[:, 3:]), seen[:, 3] < FULL
     # The ground comes after the last of the paints nearby.
     slot = np.arange(SLOTS + 1) == (near >= 0).sum(axis=1, keepdims=True)
-    paints = np.where(slot, cells.max() + 1, np.pad(near, ((0, 0), (0, 1)), constant_values=-1))
+    paints = np.where(slot, near.max(initial=0) + 1, np.pad(near, ((0, 0), (0, 1)), constant_values=-1))
     others = np.where(slot[..., None], 0.0, np.pad(ends, ((0, 0), (0, 1), (0, 0))))
     for name, level in GROUNDS.items():
         tells = largest(np.abs(ends[..., :3] - level)).max(axis=1, where=near >= 0, initial=0.0) > CONTRAST

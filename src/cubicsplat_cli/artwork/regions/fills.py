@@ -10,7 +10,8 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import joined_fills, part_fills, spread
+from cubicsplat_cli.raster.shades import nearest_paints
+from cubicsplat_cli.raster.unmix import REACH, SLOTS, joined_fills, part_fills, spread
 
 # Thresholds of colour in levels, the finest first, with which the whole artwork style tells colours apart.
 ALIKE = 0.5  # numbers of one fill differ by less
@@ -41,6 +42,20 @@ def in_squares(squares: np.ndarray) -> np.ndarray:
     """(H, W) bool: the pixels of squares of 2 x 2 px, (H - 1, W - 1) bool by their first pixels."""
     padded = np.pad(squares, 1)
     return padded[:-1, :-1] | padded[1:, :-1] | padded[:-1, 1:] | padded[1:, 1:]
+
+
+def in_even_squares(levels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: in a square of 2 x 2 px of one colour, of a picture (H, W, C)."""
+    corners = [levels[y : len(levels) - 1 + y, x : levels.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
+    return in_squares(largest(np.maximum.reduce(corners) - np.minimum.reduce(corners)) <= EVEN)
+
+
+def near_colours(levels: np.ndarray, shown: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `nearest_paints` of pixels (H, W) bool: the different colours of (H, W, C) nearby, of those shown (H, W) bool.
+    Colours in one cell of 8 levels are one.
+    """
+    cells = np.rint(levels[..., :3] / 8.0).astype(np.int32) @ np.array([1, 64, 4096], np.int32)
+    return nearest_paints(np.where(shown, cells, -1), np.flatnonzero(pixels), REACH, SLOTS)
 
 
 def has_square(pure: np.ndarray) -> np.ndarray:
