@@ -162,7 +162,7 @@ def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[Grad
         alpha = float(np.clip(mean[3], APART, 255.0 - APART)) if translucent else 255.0
         fills.append(np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha))
     # In a picture with noise small parts are no paints of their own.
-    small = (paint < 0) & (spread(levels, 3, 3) <= 2.0 * FLAT_RANGE)
+    small = ndimage.binary_opening((paint < 0) & (spread(levels, 3, 3) <= 2.0 * FLAT_RANGE), ndimage.SQUARE)
     return np.array(placeholders(fills, levels[paint >= count], levels[small]))
 
 
