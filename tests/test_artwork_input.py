@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFilter
 from scipy import ndimage
 from stroke_icons import ICONS, svg_of
 
-from benchmarks.artwork.degradations import degraded, with_background
+from benchmarks.artwork.degradations import clouds, degraded, with_background
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import plan
@@ -64,10 +64,9 @@ def target(kind: str, body: str = FACE) -> np.ndarray:
 
 def drifting(picture: np.ndarray, px: float, levels: float, channels: int = 3) -> np.ndarray:
     """A picture with soft edges, and noise that is alike over so many px, of so many levels, in 3 channels or in 1."""
-    noise = np.random.default_rng(0).normal(size=(*picture.shape[:2], channels))
-    noise = ndimage.gaussian_filter(noise, (px, px, 0.0))
+    drift = clouds(np.random.default_rng(0), (*picture.shape[:2], channels), px, levels)
     soft = ndimage.gaussian_filter(picture[..., :3].astype(float), (0.7, 0.7, 0.0))
-    noisy = soft + levels / noise.std() * noise + np.random.default_rng(1).normal(0.0, 0.4, soft.shape)
+    noisy = soft + drift + np.random.default_rng(1).normal(0.0, 0.4, soft.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 

@@ -95,15 +95,23 @@ def _noisy(document: Document) -> np.ndarray:
     return pixels
 
 
+def clouds(rng: np.random.Generator, size: tuple[int, int, int], px: float, levels: float) -> np.ndarray:
+    """(H, W, C) float64: normal noise of a standard deviation of so many levels, alike over so many px."""
+    from scipy.ndimage import gaussian_filter
+
+    noise = gaussian_filter(rng.normal(size=size), (px, px, 0.0))
+    return np.asarray(levels / noise.std() * noise)
+
+
 def _drifting(document: Document) -> np.ndarray:
     """With soft edges and colours that drift over a few px and over more, as in the pictures of generators."""
     from scipy.ndimage import gaussian_filter
 
     pixels, rng = document.draw().astype(float), np.random.default_rng(0)
-    levels = gaussian_filter(pixels[..., :3], (SOFT_PX, SOFT_PX, 0.0)) + rng.normal(0.0, 0.5, (*pixels.shape[:2], 3))
+    height, width, _ = pixels.shape
+    levels = gaussian_filter(pixels[..., :3], (SOFT_PX, SOFT_PX, 0.0)) + rng.normal(0.0, 0.5, (height, width, 3))
     for px in DRIFT_PX:
-        drift = gaussian_filter(rng.normal(size=pixels.shape[:2]), px)
-        levels += (DRIFT_LEVELS / drift.std() * drift)[..., None]
+        levels += clouds(rng, (height, width, 1), px, DRIFT_LEVELS)
     return np.dstack([np.clip(np.rint(levels), 0, 255), pixels[..., 3]]).astype(np.uint8)
 
 

@@ -148,9 +148,9 @@ class Task:
     """One picture and the request for it.
 
     source: the picture as read. picture: the same over the requested ground. target: the picture that is fitted, which
-    is `picture` or a smaller copy. recorder: keeps the scenes of a photo's fit. logged: the warnings so far.
-    quick_photos: the quick fits to the picture so far, by their number of curves. photo_fit: the begun fit of all
-    curves, if any.
+    is `picture`, or a copy of it without the remains of a removed ground, or smaller. recorder: keeps the scenes of a
+    photo's fit. logged: the warnings so far. quick_photos: the quick fits to the picture so far, by their number of
+    curves. photo_fit: the begun fit of all curves, if any.
     """
 
     source: Picture

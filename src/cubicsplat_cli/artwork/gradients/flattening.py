@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, ROUNDED, SEEN
+from cubicsplat_cli.artwork.regions.hairlines import NONE
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS, spread
@@ -166,23 +167,25 @@ def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[Grad
     return np.array(placeholders(fills, levels[paint >= count], levels[small]))
 
 
-def placeholders(fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray | None = None) -> list[np.ndarray]:
+def placeholders(fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray = NONE) -> list[np.ndarray]:
     """Return for each fill (4,) one near it, in whole levels, that differs from all pixels (n, 4) and from the others:
     the first shifted one that is APART from them, and half as far from those of small parts (m, 4), or the one that is
     farthest.
     """
-    taken, near = _few_colours(levels), _few_colours(levels[:0] if small is None else small)
-    out = list[np.ndarray]()
+    taken, near, out = _few_colours(levels), _few_colours(small), list[np.ndarray]()
     for fill in fills:
         colours = fill[:3] + SHIFTS[:, None, None] * np.eye(3)
         colours = np.rint(np.clip(colours.reshape(-1, 3), 0.0, fill[3]))
         trials = np.column_stack([colours, np.full(len(colours), np.rint(fill[3]))])
-        gaps, half = (
-            largest(np.abs(colours[:, None] - trials)).min(axis=0, initial=255.0) for colours in (taken, near)
-        )
-        out.append(trials[int(np.minimum(np.minimum(gaps, 2.0 * half), APART).argmax())])
+        gaps = np.minimum(_gaps(trials, taken), 2.0 * _gaps(trials, near))
+        out.append(trials[int(np.minimum(gaps, APART).argmax())])
         taken = np.vstack([taken, out[-1]])
     return out
+
+
+def _gaps(trials: np.ndarray, taken: np.ndarray) -> np.ndarray:
+    """Return (n,) levels by which trials (n, 4) differ from the nearest of the colours taken (m, 4)."""
+    return np.asarray(largest(np.abs(taken[:, None] - trials)).min(axis=0, initial=255.0))
 
 
 def _few_colours(levels: np.ndarray) -> np.ndarray:

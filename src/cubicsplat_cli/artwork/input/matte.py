@@ -33,6 +33,8 @@ def without_matte(levels: np.ndarray) -> tuple[np.ndarray, str]:
         return levels, ""
     even = in_even_squares(levels)
     rim &= ~even
+    if rim.sum() < FEWEST:
+        return levels, ""
     near, places = near_colours(levels, even & (levels[..., 3] == FULL), rim)
     seen, ends = levels[rim], levels.reshape(-1, 4)[places]
     straight, soft = seen * (FULL / seen[:, 3:]), seen[:, 3] < FULL

@@ -46,8 +46,13 @@ def in_squares(squares: np.ndarray) -> np.ndarray:
 
 def in_even_squares(levels: np.ndarray) -> np.ndarray:
     """(H, W) bool: in a square of 2 x 2 px of one colour, of a picture (H, W, C)."""
-    corners = [levels[y : len(levels) - 1 + y, x : levels.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
-    return in_squares(largest(np.maximum.reduce(corners) - np.minimum.reduce(corners)) <= EVEN)
+    even = np.ones((len(levels) - 1, levels.shape[1] - 1), dtype=bool)
+    for channel in np.moveaxis(
+        levels, -1, 0
+    ):  # one after the other, since the four copies of a large picture are large
+        corners = [channel[y : len(channel) - 1 + y, x : channel.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
+        even &= np.maximum.reduce(corners) - np.minimum.reduce(corners) <= EVEN
+    return in_squares(even)
 
 
 def near_colours(levels: np.ndarray, shown: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
