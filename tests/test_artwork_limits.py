@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.layers import completion
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.regularities import regularities
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 
 
 def checkers(side: int, cell: int = 1) -> np.ndarray:
@@ -126,7 +126,7 @@ def test_a_large_picture_is_drawn_smaller_and_enlarged(caplog):
 def test_every_outline_is_enlarged():
     outlines = (Circle(1, 2, 3), Ellipse(1, 2, 3, 4, 0.5), Rectangle(1, 2, 9, 8, 2, 0.5), polygon(np.eye(3)[:, :2]))
     drawing = Drawing(5, 5, tuple(Shape((1, 2, 3, 255), (outline,), "x") for outline in outlines))
-    for one, other in zip(limits.enlarged(drawing, (3, 3), 14, 15).shapes, drawing.shapes, strict=True):
+    for one, other in zip(scaled_drawing(drawing, 15, 15).shapes, drawing.shapes, strict=True):
         assert np.allclose(one.outlines[0].ring().cubics, 3 * other.outlines[0].ring().cubics)
 
 

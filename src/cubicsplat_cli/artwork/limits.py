@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import in_blocks
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, PixelFills, Regions, pixel_fills
-from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import log
 
 # A screen of 1920 x 1200 px is drawn whole, since its text would be illegible at half the size. Such a page takes up to
@@ -71,13 +71,3 @@ def few_enough(drawing: Drawing) -> bool:
         text = "%d shapes are many: symmetries and copies are not sought; --min-area and --colors leave fewer shapes"
         log.warning(text, count)
     return count <= MOST_POLISHED
-
-
-def enlarged(drawing: Drawing, factors: tuple[float, float], width: int, height: int) -> Drawing:
-    """Return the drawing of a smaller copy of a picture in px of the picture, which has width x height px, and is so
-    many times as wide and high.
-    """
-    if factors == (1.0, 1.0):
-        return drawing
-    whole = scaled_drawing(drawing, round(drawing.width * factors[0]), round(drawing.height * factors[1]))
-    return Drawing(width, height, whole.shapes)

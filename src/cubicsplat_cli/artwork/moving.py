@@ -156,18 +156,14 @@ class _Tracker:
         matches: Matches = {}
         taken: set[int] = set()
         for index, outline in enumerate(drawn):
-            nearest: tuple[float, int, np.ndarray] | None = None
-            for number in range(len(self.shapes)):
-                move = None if number in taken else self.shapes[number].move_to(outline)
-                if move is None:
-                    continue
-                last = self._last(number)
-                distance = float(np.abs(move - last).max())
-                if nearest is None or distance < nearest[0]:
-                    nearest = distance, number, last if distance <= SAME_PX else move
-            if nearest is not None:
-                taken.add(nearest[1])
-                matches[index] = nearest[1:]
+            moves = {n: shape.move_to(outline) for n, shape in enumerate(self.shapes) if n not in taken}
+            known = {n: (move, self._last(n)) for n, move in moves.items() if move is not None}
+            apart = {n: float(np.abs(move - last).max()) for n, (move, last) in known.items()}
+            if apart:
+                number = min(apart, key=apart.__getitem__)
+                taken.add(number)
+                move, last = known[number]
+                matches[index] = number, last if apart[number] <= SAME_PX else move
         return matches
 
     def _in_order(self, matches: Matches) -> Matches:

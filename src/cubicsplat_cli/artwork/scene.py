@@ -49,7 +49,8 @@ def scene_of(drawing: Drawing) -> Scene:
     front_first = drawing.shapes[::-1]
     # A gradient's opacity is that of its stops.
     fills = [(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first]
-    scene = filled_scene(drawing.width, drawing.height, [_rings(shape) for shape in front_first], fills)
+    rings = [[ring.cubics[:, :3].reshape(-1, 2).astype(np.float32) for ring in s.oriented(FINE)] for s in front_first]
+    scene = filled_scene(drawing.width, drawing.height, rings, fills)
     return replace(scene, gradients=gradients_of([shape.gradient for shape in front_first]))
 
 
@@ -60,8 +61,3 @@ def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: 
     rgb, opacities = np.ascontiguousarray(colours[:, :3]), np.ascontiguousarray(colours[:, 3])
     half_widths = np.zeros(len(fills), np.float32)
     return Scene(Mode.CLOSED, width, height, points, rgb, opacities, half_widths, ring_ends=ring_ends)
-
-
-def _rings(shape: Shape) -> list[np.ndarray]:
-    """Return the control points (3m, 2) of each ring: the outer one clockwise as seen, holes the other way."""
-    return [ring.cubics[:, :3].reshape(-1, 2).astype(np.float32) for ring in shape.oriented(FINE)]

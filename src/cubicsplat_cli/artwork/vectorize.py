@@ -40,7 +40,7 @@ from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_lev
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
 from cubicsplat_cli.artwork.layers.translucent import parts_of
-from cubicsplat_cli.artwork.limits import blocks_of, enlarged
+from cubicsplat_cli.artwork.limits import blocks_of
 from cubicsplat_cli.artwork.plan import Plan, as_if_clean, flat_fills, planned
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.regions.sampling import samples_across
@@ -50,7 +50,7 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.artwork.shadows.slices import Shadows
-from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.traced import length, or_finer, polygons, traced, with_pixels
 from cubicsplat_cli.files.decode import Compression
 from cubicsplat_cli.progress import Work, nothing, under_way, work
@@ -127,7 +127,11 @@ def _small(target: np.ndarray) -> PreparedInput:
 
 def _enlarged(drawing: Drawing, prepared: PreparedInput) -> Drawing:
     """Return a drawing of prepared levels in px of the picture."""
-    return enlarged(drawing, prepared.scale, prepared.width, prepared.height)
+    across, down = prepared.scale
+    if across == down == 1.0:
+        return drawing
+    whole = scaled_drawing(drawing, round(drawing.width * across), round(drawing.height * down))
+    return Drawing(prepared.width, prepared.height, whole.shapes)
 
 
 class _NoPlaceError(Exception):
@@ -241,11 +245,9 @@ def _likelier(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Outli
     if not prepared.condition.rounded:
         return outlined, prepared
     clean = replace(prepared, condition=Condition())
-    exact, everywhere = _outlined(clean, settings), np.ones(prepared.levels.shape[:2], dtype=bool)
-    shorter = _description(exact.drawing, clean.levels, everywhere) < _description(
-        outlined.drawing, prepared.levels, everywhere
-    )
-    return (exact, clean) if shorter else (outlined, prepared)
+    both = (outlined, prepared), (_outlined(clean, settings), clean)
+    levels, everywhere = prepared.levels, np.ones(prepared.levels.shape[:2], dtype=bool)
+    return min(both, key=lambda each: _description(each[0].drawing, levels, everywhere))
 
 
 def _fitted(

@@ -133,7 +133,7 @@ def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, si
     near = near_fills(solid, y, x, REACH)
     odd = (best_blend(seen[y, x], fills, near)[1] > NO_BLEND * sigma) & (near[:, 0] >= 0)
     y, x = y[odd], x[odd]
-    return missing_fills(seen[y, x], fills[near[odd, 0]], (y, x), seen.shape[:2], ONE_COLOUR, NO_BLEND * sigma)
+    return missing_fills(seen, (y, x), fills[near[odd, 0]], ONE_COLOUR, NO_BLEND * sigma)
 
 
 def _with_small_parts(

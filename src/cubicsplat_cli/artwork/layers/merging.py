@@ -183,9 +183,7 @@ def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
     Programs round what an opacity leaves of a ground to the nearest number, or, as (v + 255) >> 8, mostly up; what they
     were given follows from what they made only by trying. Of a faint paint many colours make the same.
     """
-    best: tuple[float, bool, bool, float] | None = None
-    fill = (0, 0, 0, 0)
-    colours = np.arange(int(FULL) + 1)
+    found, colours = list[tuple[tuple[float, bool, bool, float], Rgba]](), np.arange(int(FULL) + 1)
     for opacity in _OPACITIES.tolist():
         through = grounds * (FULL - opacity)
         over = np.rint(np.outer(colours, [opacity] * 3) / FULL)
@@ -200,7 +198,5 @@ def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
             paint = chosen[0], chosen[1], chosen[2], opacity
             misfit = float(((seen - laid_over(paint, grounds)) ** 2).sum())
             whole = abs(opacity - FULL * round(20.0 * opacity / FULL) / 20.0) <= 0.5
-            score = (float(least.sum() + clear), not whole, not plain, misfit)
-            if best is None or score < best:
-                best, fill = score, paint
-    return fill
+            found.append(((float(least.sum() + clear), not whole, not plain, misfit), paint))
+    return min(found, key=lambda each: each[0])[1]

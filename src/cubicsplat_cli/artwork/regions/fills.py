@@ -47,9 +47,7 @@ def in_squares(squares: np.ndarray) -> np.ndarray:
 def in_even_squares(levels: np.ndarray) -> np.ndarray:
     """(H, W) bool: in a square of 2 x 2 px of one colour, of a picture (H, W, C)."""
     even = np.ones((len(levels) - 1, levels.shape[1] - 1), dtype=bool)
-    for channel in np.moveaxis(
-        levels, -1, 0
-    ):  # one after the other, since the four copies of a large picture are large
+    for channel in np.moveaxis(levels, -1, 0):  # in turn, since the four copies of a large picture are large
         corners = [channel[y : len(channel) - 1 + y, x : channel.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
         even &= np.maximum.reduce(corners) - np.minimum.reduce(corners) <= EVEN
     return in_squares(even)

@@ -21,21 +21,17 @@ LESS = 0.3
 MOST_RESIDUAL = 40.0  # levels of a pixel's residual that count against a fill at most; of a pixel that no fill explains
 LATER = 0.1  # levels by which each fill must explain a line better than commoner ones
 NONE, NOWHERE = np.zeros((0, 4)), -1e4  # no fill, and a level that no colour has
+Place = tuple[np.ndarray, np.ndarray]  # rows and columns (n,) of pixels
 
 
 def missing_fills(
-    values: np.ndarray,
-    beside: np.ndarray,
-    place: tuple[np.ndarray, np.ndarray],
-    size: tuple[int, ...],
-    step: float = 1.0,
-    close: float = CLOSE,
+    levels: np.ndarray, place: Place, beside: np.ndarray, step: float = 1.0, close: float = CLOSE
 ) -> np.ndarray:
-    """Return (k, 4) the fills of lines that the palette lacks: common colours of unexplained values (n, 4), at rows and
-    columns (n,) of a picture of a size, of which the others nearby are blends with the fills beside them (n, 4).
+    """Return (k, 4) the fills of lines that the palette lacks: common colours of the unexplained pixels of a place in a
+    picture (H, W, 4), of which the others nearby are blends with the fills beside them (n, 4).
 
-    step: levels within which values are of one colour; close: levels by which blends are off."""
-    found: list[np.ndarray] = []
+    step: levels within which pixels are of one colour; close: levels by which blends are off."""
+    found, values = list[np.ndarray](), levels[place]
     left, steps = np.ones(len(values), dtype=bool), np.rint(values / step)
     while len(found) < MOST_SMALL and left.sum() >= LONG:
         colours, index, counts = np.unique(steps[left], axis=0, return_inverse=True, return_counts=True)
@@ -45,7 +41,7 @@ def missing_fills(
         if not common.any():
             break
         own = (steps == colours[int(np.where(common, far, -1.0).argmax())]).all(axis=1)
-        fill, shown = np.median(values[own], axis=0), np.zeros(size, np.uint8)
+        fill, shown = np.median(values[own], axis=0), np.zeros(levels.shape[:2], np.uint8)
         found.append(fill)
         shown[place[0][own], place[1][own]] = 1
         near = ndimage.maximum_filter(shown, 2 * WINDOW + 1)[place] > 0
@@ -56,9 +52,8 @@ def missing_fills(
 
 
 def nearest_line_fills(
-    values: np.ndarray,
-    place: tuple[np.ndarray, np.ndarray],
-    size: tuple[int, ...],
+    levels: np.ndarray,
+    place: Place,
     palette: np.ndarray,
     near: np.ndarray,
     standing: np.ndarray,
@@ -67,7 +62,7 @@ def nearest_line_fills(
     window: int = WINDOW,
     faint: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the fill (n,) of the line to which each unexplained value (n, 4), at rows and columns (n,), belongs, -1
+    """Return the fill (n,) of the line to which each unexplained pixel of a place in a picture (H, W, 4) belongs, -1
     for none; and (n,) bool: True if the pixel is mostly the line's, or lies on its middle.
 
     standing: (G, 4) fills that no line has. close: levels of a line's residual. less: share from which a pixel on the
@@ -76,19 +71,17 @@ def nearest_line_fills(
     """
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
-    costs = (MOST_RESIDUAL, faint, LATER)
-    fill, share, gap = fills_of_lines(
-        values, place, without(palette, standing)[:MOST_SEEN], (first, second), window, costs
-    )
+    fills, costs = without(palette, standing)[:MOST_SEEN], (MOST_RESIDUAL, faint, LATER)
+    fill, share, gap = fills_of_lines(levels[place], place, fills, (first, second), window, costs)
     fill = np.where(gap <= close, fill, -1)
-    shares = np.zeros(size)
+    shares = np.zeros(levels.shape[:2])
     shares[place] = np.where(fill >= 0, share, 0.0)
     return fill, (fill >= 0) & ((share >= 0.5) | ((share >= less) & _ridge(shares, place)))
 
 
-def _ridge(shares: np.ndarray, place: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Return (n,) bool: True for pixels at rows and columns (n,) of shares (H, W) if no neighbour on either side has
-    more, and one within two px has less than half.
+def _ridge(shares: np.ndarray, place: Place) -> np.ndarray:
+    """Return (n,) bool: True for pixels of shares (H, W) if no neighbour on either side has more, and one within two px
+    has less than half.
     """
     padded, share, out = np.pad(shares, 2), shares[place], np.zeros(len(place[0]), dtype=bool)
     for dy, dx in ((0, 1), (1, 0)):
@@ -128,7 +121,7 @@ def with_lines(
     if not len(y):
         return labels
     search = standing, max(CLOSE, off), less, 3 * CONTACT, SEEN
-    fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, *search)
+    fill, own = nearest_line_fills(levels, (y, x), palette, near, *search)
     # Pixels beside an area of the line's colour are its edge.
     own &= away[y, x] | (solid[y, x] < 0)
     own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)

@@ -158,17 +158,12 @@ def _with_missing_fills(levels: np.ndarray, palette: np.ndarray, most: int | Non
         return palette, pure
     near = near_fills(pure, y, x, REACH)
     strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
-    y, x, found = y[strange], x[strange], palette
-    new = missing_fills(levels[y, x], palette[near[strange, 0]], (y, x), levels.shape[:2])
-    if len(new):
-        palette = np.vstack([palette, new])[:most]
-    if len(palette) <= MOST_SEEN:
-        values = levels[y, x]
-        fewest = max(FEWEST, LEAST_STRANGE * len(values))
-        hidden = hidden_fills(values, palette, MOST_RESIDUAL, APART, fewest)
-        if len(hidden):
-            palette = np.vstack([palette, hidden])[:most]
-    return palette, pure if palette is found else _pure_fills(levels, palette)
+    y, x = y[strange], x[strange]
+    more = np.vstack([palette, missing_fills(levels, (y, x), palette[near[strange, 0]])])[:most]
+    if len(more) <= MOST_SEEN:
+        fewest = max(FEWEST, LEAST_STRANGE * len(y))
+        more = np.vstack([more, hidden_fills(levels[y, x], more, MOST_RESIDUAL, APART, fewest)])[:most]
+    return more, pure if len(more) == len(palette) else _pure_fills(levels, more)
 
 
 def _pure_fills(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
@@ -221,7 +216,7 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     if not strange.any():
         return out
     y, x, near = y[strange], x[strange], near[strange]
-    fill, own = nearest_line_fills(levels[y, x], (y, x), pure.shape, palette, near, standing)
+    fill, own = nearest_line_fills(levels, (y, x), palette, near, standing)
     out[y, x] = np.where(own, fill, np.where(fill >= 0, winner[strange], out[y, x]))
     return out
 
