@@ -29,7 +29,7 @@ SLIT = 1.6  # steps of the outline: half of how wide a look ahead is
 AHEAD = 0.6  # cosine
 
 
-def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> list[Stroke]:
+def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float) -> list[Stroke]:
     """The strokes whose union rings (outer clockwise as seen, holes the other way) may be; none where hardly any is
     of an even width. slack: px by which the rings may be off.
     """
@@ -42,13 +42,11 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> li
         return []
     graph, sides = skeleton_of(rings, width), Sides.of(rings)
     centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
-    widths = np.array([_width(own) for own in centres])
-    even = sum(int(own.even(w).sum()) for own, w in zip(centres, widths, strict=True) if np.isfinite(w))
-    total = sum(len(own.points) for own in centres)
+    even, total = sum(int(own.even.sum()) for own in centres), sum(len(own.points) for own in centres)
     if even < LEAST_EVEN * total or total < SHORTEST * width:
         return []
-    rows = chains_of(graph, centres, widths)
-    found = [_stroke(row, closed, graph, centres, widths, sides, detail, slack) for row, closed in rows]
+    rows = chains_of(graph, centres)
+    found = [_stroke(row, closed, graph, centres, sides, detail, slack) for row, closed in rows]
     strokes = [stroke for stroke in found if stroke is not None]
     if len(strokes) < len(found):
         return []
@@ -74,34 +72,16 @@ def _spaced(points: np.ndarray) -> np.ndarray:
     return polyline_places(points, np.linspace(0.0, length, max(3, round(length) + 1)))
 
 
-def _width(own: Centres) -> float:
-    """The usual width of a branch, NaN where its sides are nowhere opposite."""
-    good = own.widths[own.true]
-    return float(np.median(good)) if len(good) >= 3 else math.nan
-
-
 def _stroke(
-    row: list[Link],
-    closed: bool,
-    graph: Graph,
-    centres: list[Centres],
-    widths: np.ndarray,
-    sides: Sides,
-    detail: float,
-    slack: float,
+    row: list[Link], closed: bool, graph: Graph, centres: list[Centres], sides: Sides, detail: float, slack: float
 ) -> Stroke | None:
     """The stroke along a row of branches; None where its points or its ends are no stroke's."""
-    points, own_widths = [], []
-    for branch, entered in row:
-        own = centres[branch]
-        good = own.even(float(widths[branch]))
-        points.append(own.points[good][:: -1 if entered else 1])
-        own_widths.append(own.widths[good])
-    line = np.concatenate(points)
+    own = [(centres[branch], -1 if entered else 1) for branch, entered in row]
+    line = np.concatenate([each.points[each.even][::way] for each, way in own])
     if len(line) < 3:
         return None
-    width = float(np.median(np.concatenate(own_widths)))
-    hidden = [_beside(row, graph, widths, end) for end in (0, 1)]
+    width = float(np.median(np.concatenate([each.widths[each.even] for each, _ in own])))
+    hidden = [_beside(row, graph, centres, end) for end in (0, 1)]
     gaps = np.hypot(*(np.roll(line, -1, axis=0) - line).T) > max(GAP, 0.4 * width)
     cap = BUTT
     if not closed:
@@ -121,11 +101,11 @@ def _node(row: list[Link], graph: Graph, end: int) -> int:
     return graph.branches[branch].nodes[1 - entered if end else entered]
 
 
-def _beside(row: list[Link], graph: Graph, widths: np.ndarray, end: int) -> float:
+def _beside(row: list[Link], graph: Graph, centres: list[Centres], end: int) -> float:
     """The greatest width of what else meets where a row ends, 0 at a free end."""
     branch = (row[-1] if end else row[0])[0]
-    others = [widths[b] for b, _ in graph.at(_node(row, graph, end)) if b != branch]
-    return float(np.nanmax(others)) if others and np.isfinite(others).any() else 0.0
+    others = [centres[b].width for b, _ in graph.at(_node(row, graph, end)) if b != branch]
+    return max(filter(math.isfinite, others), default=0.0)
 
 
 def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> str:
@@ -151,28 +131,23 @@ def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> 
     return max(votes, key=lambda join: votes[join]) if any(votes.values()) else ""
 
 
-def chains_of(graph: Graph, centres: list[Centres], widths: np.ndarray) -> list[tuple[list[Link], bool]]:
-    """Rows of branches, each (branch, end at which it is entered), and whether the row closes.
-
-    centres: of every branch; widths: (branches,) px, NaN where a branch has none.
-    """
+def chains_of(graph: Graph, centres: list[Centres]) -> list[tuple[list[Link], bool]]:
+    """Rows of branches, each (branch, end at which it is entered), and whether the row closes. centres: of each."""
     partner: dict[Link, Link] = {}
+    even = [b for b, own in enumerate(centres) if math.isfinite(own.width)]
     for node in range(len(graph.places)):
-        links = [link for link in graph.at(node) if np.isfinite(widths[link[0]])]
-        partner |= _partners(links, graph, centres, widths)
-    rows = rows_of([b for b in range(len(graph.branches)) if np.isfinite(widths[b])], partner)
-    return [(row, closed or graph.branches[row[0][0]].nodes == (-1, -1)) for row, closed in rows]
+        partner |= _partners([link for link in graph.at(node) if math.isfinite(centres[link[0]].width)], centres)
+    return [(row, closed or graph.branches[row[0][0]].nodes == (-1, -1)) for row, closed in rows_of(even, partner)]
 
 
-def _partners(links: list[Link], graph: Graph, centres: list[Centres], widths: np.ndarray) -> dict[Link, Link]:
+def _partners(links: list[Link], centres: list[Centres]) -> dict[Link, Link]:
     """The ends at a node that go on into each other: the straightest pairs; of what is left two that bend."""
-    ways = [_direction(link, graph, centres, widths) for link in links]
+    ways, widths = [_direction(link, centres) for link in links], [centres[branch].width for branch, _ in links]
     pairs = []
     for i in range(len(links)):
         for j in range(i):
-            alike = abs(widths[links[i][0]] - widths[links[j][0]]) <= ALIKE * widths[links[i][0]]
             one, other = ways[i], ways[j]
-            if alike and one is not None and other is not None:
+            if abs(widths[i] - widths[j]) <= ALIKE * widths[i] and one is not None and other is not None:
                 bend = math.pi - math.acos(float(np.clip(one @ other, -1.0, 1.0)))
                 pairs.append((bend, i, j))
     found: list[tuple[int, int]] = []
@@ -194,15 +169,15 @@ def _partners(links: list[Link], graph: Graph, centres: list[Centres], widths: n
     return {links[a]: links[b] for i, j in found for a, b in ((i, j), (j, i))}
 
 
-def _direction(link: Link, graph: Graph, centres: list[Centres], widths: np.ndarray) -> np.ndarray | None:
+def _direction(link: Link, centres: list[Centres]) -> np.ndarray | None:
     """(2,) the direction in which a branch leaves a node, from where its width is even; None where it is nowhere."""
     branch, end = link
-    own, width = centres[branch], float(widths[branch])
-    good = own.points[own.even(width)]
+    own = centres[branch]
+    good = own.points[own.even]
     if len(good) < 3:
         return None
     good = good[::-1] if end else good
-    near = good[np.hypot(*(good - good[0]).T) <= REACH * width]
+    near = good[np.hypot(*(good - good[0]).T) <= REACH * own.width]
     if len(near) < 3:
         return None
     # A bent branch leaves as its nearer end does.

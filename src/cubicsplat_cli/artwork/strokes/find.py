@@ -10,26 +10,8 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR
 from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION
-from cubicsplat_cli.artwork.geometry.outlines import (
-    Circle,
-    Outline,
-    Rectangle,
-    Ring,
-    flattened,
-    oriented,
-    pieces_of_rings,
-)
-from cubicsplat_cli.artwork.geometry.stroke import (
-    BUTT,
-    EVEN_PX,
-    EVEN_SHARE,
-    MITER,
-    ROUND,
-    Stroke,
-    line_chain,
-    outlines_of_stroke,
-    pieces_of,
-)
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle, Ring, flattened, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE, ROUND, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
@@ -104,7 +86,7 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
     if len(outlines) == 2 and isinstance(first, Circle) and isinstance(hole := outlines[1], Circle):
         width = first.r - hole.r
         if math.hypot(first.cx - hole.cx, first.cy - hole.cy) < PRECISION and width < hole.r:
-            return Stroke(Circle(first.cx, first.cy, 0.5 * (first.r + hole.r)), width, BUTT, MITER)
+            return Stroke(Circle(first.cx, first.cy, 0.5 * (first.r + hole.r)), width)
     if len(outlines) == 1 and isinstance(first, Rectangle):
         long, short = max(first.width, first.height), min(first.width, first.height)
         rounded = first.radius > 0.45 * short
@@ -113,7 +95,7 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
             half = 0.5 * (long - short if rounded else long) * np.array([math.cos(angle), math.sin(angle)])
             middle = np.array([first.x + 0.5 * first.width, first.y + 0.5 * first.height])
             path = line_chain(np.stack([middle - half, middle + half]))
-            return Stroke(path, short, *((ROUND, ROUND) if rounded else (BUTT, MITER)))
+            return Stroke(path, short, ROUND, ROUND) if rounded else Stroke(path, short)
     return None
 
 
@@ -128,7 +110,7 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     size = high - low
     if (first < low - size).any() or (last > high + size).any():
         return False
-    drawn = [oriented([outline.ring() for outline in outlines_of_stroke(stroke)]) for stroke in strokes]
+    drawn = [shape.stroked(stroke).oriented() for stroke in strokes]
     margin = math.ceil(2.0 * max(stroke.width for stroke in strokes))
     low, high = low - margin, high + margin
     off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))

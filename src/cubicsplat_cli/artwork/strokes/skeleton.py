@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import cached_property
 from operator import itemgetter
 
 import numpy as np
@@ -167,14 +169,22 @@ class Centres:
     points: np.ndarray
     widths: np.ndarray
     true: np.ndarray
-    slack: float = 0.0
+    slack: float
 
-    def even(self, width: float) -> np.ndarray:
-        """(n,) bool: points where the stroke has a width."""
-        return self.true & (np.abs(self.widths - width) <= EVEN_SHARE * width + EVEN_PX + 2.0 * self.slack)
+    @cached_property
+    def width(self) -> float:
+        """The usual one, NaN where its sides are nowhere opposite."""
+        good = self.widths[self.true]
+        return float(np.median(good)) if len(good) >= 3 else math.nan
+
+    @cached_property
+    def even(self) -> np.ndarray:
+        """(n,) bool: points where the stroke has its usual width."""
+        off = np.abs(self.widths - self.width)
+        return self.true & (off <= EVEN_SHARE * self.width + EVEN_PX + 2.0 * self.slack)
 
 
-def centres_of(places: np.ndarray, sides: Sides, slack: float = 0.0) -> Centres:
+def centres_of(places: np.ndarray, sides: Sides, slack: float) -> Centres:
     """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side.
 
     slack: px by which the outline may be off.
