@@ -111,14 +111,12 @@ class Visibility:
         return np.where((self.piece[near] == piece) & self.seen[near], self.sigma**-2, HIDDEN_SIGMA**-2)
 
 
-def samples_along(
-    ring: Ring, visibility: Visibility, most: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points (n, 2), px, along a ring, of each piece one per px, but at least 4 and at most so many; their weights
-    (n,), 1/px^2, the px (n,) that each stands for, and where those of each piece end (pieces,).
+def samples_along(ring: Ring, visibility: Visibility) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points (n, 2), px, along a ring, of each piece one per px, but at least 4 and at most FEW; their weights (n,),
+    1/px^2, the px (n,) that each stands for, and where those of each piece end (pieces,).
     """
     lengths = polygon_lengths(ring.cubics)
-    counts = np.clip(np.ceil(lengths), 4, most).astype(int)
+    counts = np.clip(np.ceil(lengths), 4, FEW).astype(int)
     piece, u = feet_of(counts)
     points = np.einsum("nk,nkc->nc", bernstein(u), ring.cubics[piece])
     return points, visibility.weights(piece, u), (lengths / counts)[piece], np.cumsum(counts)
@@ -126,7 +124,7 @@ def samples_along(
 
 def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: float) -> list[Merge]:
     """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
-    points, weights, px, ends = samples_along(ring, visibility, FEW)
+    points, weights, px, ends = samples_along(ring, visibility)
     border = np.array([constraints.width, constraints.height])
     fixed = (np.abs(ring.anchors) < MEAN_ERROR).any(axis=1) | (np.abs(ring.anchors - border) < MEAN_ERROR).any(axis=1)
     shows = np.isin(np.arange(ring.pieces), visibility.piece[visibility.seen])

@@ -17,15 +17,7 @@ from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
 from cubicsplat_cli.artwork.finish.state import UNSEEN, State, begin, drawn
-from cubicsplat_cli.artwork.geometry.outlines import (
-    Circle,
-    Ellipse,
-    Rectangle,
-    Ring,
-    cubic_parts,
-    divided,
-    polygon_lengths,
-)
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, cubic_parts, divided, polygon_lengths
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.progress import log, nothing, work
 from cubicsplat_cli.raster.stack import Goal
@@ -165,7 +157,7 @@ def with_moves(state: State, constraints: Constraints, detail: float) -> State:
     return _tried(state, better, detail)
 
 
-def as_path(shape: Circle | Ellipse | Rectangle, chi: float, crossed: int) -> Ring | None:
+def as_path(shape: Outline, chi: float, crossed: int) -> Ring | None:
     """The ring to try in a primitive's place; None where all that its pixels hold against it, half of the excess of
     chi^2, is worth less than the ring's further parameters, or is little for the pixels crossed.
 
@@ -219,5 +211,4 @@ def rounded(ring: Ring, anchor: int, reach: float) -> Ring:
 
 def _parameter(cubic: np.ndarray, reach: float) -> float:
     """The parameter at which a cubic is about `reach` px from its start, at most two fifths."""
-    length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
-    return min(reach / max(length, 1e-9), 0.4)
+    return min(reach / max(float(polygon_lengths(cubic[None])[0]), 1e-9), 0.4)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.merges import FEW, SEEN_SIGMA, Visibility, samples_along
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples_along
 from cubicsplat_cli.artwork.finish.parameters import LEAST, MEAN_ERROR, RigidTransform
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
@@ -39,7 +39,7 @@ class Track:
     @classmethod
     def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
-        samples, weights, _, _ = samples_along(ring, visibility, FEW)
+        samples, weights, _, _ = samples_along(ring, visibility)
         return cls(points, PointTree(points), samples[visibility.shows(weights)])
 
     @cached_property

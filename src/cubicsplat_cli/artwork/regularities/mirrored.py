@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR, Constraints, RingParameters, ring_pieces
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
-from cubicsplat_cli.artwork.geometry.outlines import Ring, divided, points_at, thirds, with_thirds
+from cubicsplat_cli.artwork.geometry.outlines import EXACT, Ring, divided, points_at, thirds, with_thirds
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.layers.translucent import SIGMAS
 from cubicsplat_cli.artwork.regularities.alike import FEWEST, Track, lines_of
@@ -209,9 +209,22 @@ def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
     return MirroredRing(replace(found.ring, controls=controls).chosen(rest), found.axis, number[found.partner[rest]])
 
 
-def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> RingParameters:
-    """Return the parameters of a ring that stays its own mirror image: those of one half. Its axis is fixed."""
+def as_mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameters | None:
+    """Return the parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot
+    be one, or only with more than two further coordinates.
+    """
+    sides = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis)]
+    short = [one for one in sides if one is not None and one.outline().coordinates <= ring.coordinates + 2]
+    return min(short, key=lambda one: one.jacobian.count, default=None)
+
+
+def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> RingParameters | None:
+    """Return the parameters of a ring that stays its own mirror image: those of one half. Its axis is fixed. None where
+    it is none with what is held where it must be, such as the canvas's border.
+    """
     pieces = ring_pieces(found.ring, constraints)
+    if not np.abs(found.axis.mirrored(pieces.anchors)[found.partner] - pieces.anchors).max() < EXACT:
+        return None
     return RingParameters(pieces, ties=null_basis(pieces.joints.variables, _equations(pieces, found)))
 
 

@@ -22,25 +22,17 @@ from cubicsplat_cli.artwork.finish.parameters import (
     CopyParameters,
     Parameters,
     PrimitiveParameters,
-    RingParameters,
     parametrised,
-    ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
 from cubicsplat_cli.artwork.finish.state import UNSEEN, State, begin, drawn, layer_of
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
-from cubicsplat_cli.artwork.geometry.outlines import EXACT, FINE, Circle, Ellipse, Ring, level_box
+from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.limits import few_enough
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, Track, found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
-from cubicsplat_cli.artwork.regularities.mirrored import (
-    Axis,
-    MirroredRing,
-    axes_of,
-    mirrored_parameters,
-    mirrored_rings,
-)
+from cubicsplat_cli.artwork.regularities.mirrored import as_mirrored, axes_of
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
@@ -85,25 +77,8 @@ def with_symmetries(state: State, constraints: Constraints, detail: float) -> St
     }
     tracks = {k: Track.of(ring, Visibility.of(state, k)) for k, ring in rings.items()}
     axes = axes_of(tracks, (constraints.width, constraints.height))
-    mirrored = {k: _mirrored(rings[k], axis, constraints) for k, axis in axes.items()}
+    mirrored = {k: as_mirrored(rings[k], axis, constraints) for k, axis in axes.items()}
     return _tied(state, {k: parameters for k, parameters in mirrored.items() if parameters is not None}, detail)
-
-
-def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameters | None:
-    """Return the parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot
-    be one, or only with more than two further coordinates.
-    """
-    sides = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis) if _fits(one, constraints)]
-    sides = [one for one in sides if one.outline().coordinates <= ring.coordinates + 2]
-    return min(sides, key=_variables, default=None)
-
-
-def _fits(found: MirroredRing, constraints: Constraints) -> bool:
-    """Return whether a ring is still its own mirror image with what is held where it must be, such as the canvas's
-    border.
-    """
-    anchors = ring_pieces(found.ring, constraints).anchors
-    return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 
 
 def with_copies(state: State, constraints: Constraints, detail: float) -> State:

@@ -137,7 +137,7 @@ class Caster:
     box: Box
 
 
-def silhouettes_of(shaded: Shaded, share: np.ndarray) -> list[Patch]:
+def _silhouettes(shaded: Shaded, share: np.ndarray) -> list[Patch]:
     """Return the shapes on shaded grounds that are shaded around, and may cast the shadow, with their holes, up to 2 px
     too large. share: (H, W) as of `Shaded.share`.
     """
@@ -152,13 +152,13 @@ def silhouettes_of(shaded: Shaded, share: np.ndarray) -> list[Patch]:
     return found
 
 
-def casters_of(shaded: Shaded, silhouettes: list[Patch], even: np.ndarray) -> list[list[Caster]]:
+def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list[Caster]]:
     """Return the boxes that may cast the shadow, in a few readings of at most MOST_CASTERS each: the silhouettes; the
     even part of each silhouette, since a steep shadow looks like a part of its caster; grounds on others too.
 
-    even: (H, W) bool, pixels in which colours change evenly.
+    share: (H, W) as of `Shaded.share`. even: (H, W) bool, pixels in which colours change evenly.
     """
-    if len(silhouettes) > MOST_CASTERS:
+    if len(silhouettes := _silhouettes(shaded, share)) > MOST_CASTERS:
         return []
     rest, whole = shaded.rest, [_filled(patch) for patch in silhouettes]
     first = _boxes(whole, rest.shape)

@@ -13,14 +13,7 @@ from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.artwork.regions.sampling import EXAMINED, ROUNDING
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, nearest_layers, numbers_of, reached, shaded, too_dark
-from cubicsplat_cli.artwork.shadows.casters import (
-    LEAST_RANGE,
-    Caster,
-    Shaded,
-    casters_of,
-    shaded_grounds,
-    silhouettes_of,
-)
+from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shades import ShadowSamples
 from cubicsplat_cli.record import record
 
@@ -79,10 +72,9 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
     scale = float(np.abs(grounds.colour - grounds.grounds[0].fill).max())
     if scale * float(seen.max()) < LEAST_RANGE:
         return None
-    silhouettes = silhouettes_of(grounds, seen)
     best = tuple[Cast, ...]()
     tried: set[tuple[Box, ...]] = set()
-    for casters in casters_of(grounds, silhouettes, parts > 0):
+    for casters in casters_of(grounds, seen, parts > 0):
         boxes = tuple(caster.box for caster in casters)
         if boxes in tried:
             continue
