@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.finish import added
 from cubicsplat_cli.artwork.finish.state import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
+from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -22,6 +22,7 @@ from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.files.load import as_picture
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
+CLEAN = Condition()
 WHITE, BLUE, RED = (255, 255, 255, 255), (20, 60, 200, 255), (220, 30, 20, 255)
 GROUND = '<rect width="64" height="48" fill="#fff"/><rect x="4" y="4" width="24" height="40" fill="#143cc8"/>'
 RED_BOX = '<rect x="44" y="32" width="16" height="12" fill="#dc1e14"/>'
@@ -65,7 +66,7 @@ def painted(drawing: Drawing) -> np.ndarray:
 
 
 def explained(drawing: Drawing, target: np.ndarray, condition: Condition = CLEAN, **asked: Any) -> Drawing:
-    return added.with_added(drawing, goal_of(target, condition.blur), condition, **asked)
+    return added.with_added(drawing, goal_of(target, condition.blur), condition, **{"detail": 1.0, **asked})
 
 
 def new_shapes(drawing: Drawing) -> list[Shape]:

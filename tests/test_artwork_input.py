@@ -19,7 +19,7 @@ from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import plan
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input import prepare
-from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, blurred_everywhere, condition_of, rippled
+from cubicsplat_cli.artwork.input.condition import Condition, blurred_everywhere, condition_of, rippled
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.palette import noisy_fills
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
@@ -116,8 +116,8 @@ def test_soft_shading_is_no_noise():
 
 def test_clean_pictures_are_known_as_such():
     for kind in ("clean", "palette"):
-        assert condition_of(as_levels(target(kind))) == CLEAN, kind
-    assert CLEAN.description == ""
+        assert condition_of(as_levels(target(kind))) == Condition(), kind
+    assert Condition().description == ""
 
 
 def test_a_clean_picture_is_drawn_as_it_is(monkeypatch):
@@ -205,7 +205,7 @@ def test_pale_stripes_and_marks_on_a_grid_of_8_px_are_no_jpeg():
     for top in range(8, 256, 32):
         for left in range(8, 256, 16):
             levels[top : top + 8, left : left + 8][np.eye(8, dtype=bool)] = 0
-    assert condition_of(as_levels(as_picture(levels).target())) == CLEAN
+    assert condition_of(as_levels(as_picture(levels).target())) == Condition()
     assert condition_of(as_levels(as_picture(recoded(levels, quality=90)).target())).jpeg
 
 
@@ -489,7 +489,7 @@ def test_an_outline_between_two_areas_is_no_wide_edge(ground, fill, outline):
     # Its colour is no blend of those beside it; or it is one, and the steps to either side of it are two edges.
     body = f'<path d="M0 0H160V160H0z" fill="{ground}"/>'
     body += f'<rect x="20.3" y="30.4" width="110" height="90" fill="{fill}" stroke="{outline}" stroke-width="3"/>'
-    assert condition_of(as_levels(target("clean", body))) == CLEAN
+    assert condition_of(as_levels(target("clean", body))) == Condition()
 
 
 def blurred(body: str, blur: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
@@ -525,7 +525,7 @@ def test_a_blur_is_told_under_noise(noise):
 
 def test_a_blur_that_is_measured_but_not_there_is_not_drawn_through(monkeypatch):
     monkeypatch.setattr(prepare, "condition_of", lambda _, **__: Condition(blur=1.5))
-    assert analysed(target("clean")).condition == CLEAN
+    assert analysed(target("clean")).condition == Condition()
     assert analysed(target("blurred")).condition == Condition(blur=1.5)
 
 

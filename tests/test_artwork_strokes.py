@@ -145,13 +145,13 @@ def test_widths_that_are_alike_become_one():
 def test_what_no_pen_drew_stays_a_shape():
     wedge = polygon(np.array([[20.0, 20.0], [200.0, 30.0], [60.0, 180.0]]))
     drawing = Drawing(SIZE, SIZE, (Shape(FILL, (wedge,), "wedge"), Shape(FILL, (Circle(200.0, 200.0, 20.0),), "disc")))
-    assert as_strokes(drawing) == [(shape,) for shape in drawing.shapes]
+    assert as_strokes(drawing, 1.0, 0.0) == [(shape,) for shape in drawing.shapes]
 
 
 def test_rings_and_bars_are_strokes_as_they_stand():
     ring = Shape(FILL, (Circle(60.0, 60.0, 40.0), Circle(60.0, 60.0, 34.0)), "ring")
     bar = Shape(FILL, (Rectangle(20.0, 150.0, 100.0, 8.0, 4.0),), "bar")
-    found = [shape.stroke for (shape,) in as_strokes(Drawing(SIZE, SIZE, (ring, bar)))]
+    found = [shape.stroke for (shape,) in as_strokes(Drawing(SIZE, SIZE, (ring, bar)), 1.0, 0.0)]
     assert found[0] is not None and found[0].path == Circle(60.0, 60.0, 37.0) and found[0].width == 6.0
     assert found[1] is not None and found[1].cap == "round"
     assert isinstance(found[1].path, Chain)

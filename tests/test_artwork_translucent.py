@@ -133,22 +133,22 @@ def shown(names) -> tuple[Regions, EdgePositions]:
 
 def test_both_edges_must_go_straight_on():
     straight = shown(lambda x, y: (y > 0.3 * x) + 2 * (x > 0.2 * y))
-    assert len(without_overlays(*straight)[1]) == 1
+    assert len(without_overlays(*straight, np.zeros(straight[0].count, bool))[1]) == 1
     # The grounds' edge turns where it crosses the film's.
     bent = shown(lambda x, y: (y > np.where(x > 0.2 * y, 0.6 * x, 0.0)) + 2 * (x > 0.2 * y))
-    assert without_overlays(*bent)[1] == ()
+    assert without_overlays(*bent, np.zeros(bent[0].count, bool))[1] == ()
     # The film's edge turns where it crosses the grounds'.
     broken = shown(lambda x, y: (y > 0.0) + 2 * (x > np.where(y > 0.0, 0.5 * y, 0.0)))
-    assert without_overlays(*broken)[1] == ()
+    assert without_overlays(*broken, np.zeros(broken[0].count, bool))[1] == ()
 
 
 def test_a_meeting_is_found_once_and_its_edges_go_on():
     regions, found = shown(lambda x, y: (y > 0.3 * x) + 2 * (x > 0.2 * y))
     ((at, _),) = meetings(regions.labels)
     assert at == pytest.approx((60.0, 60.0), abs=1.5)
-    assert goes_on(regions.labels, found, at, ((0, 1), (2, 3))) is True
-    assert goes_on(regions.labels, found, at, ((0, 2), (1, 3))) is True
-    assert goes_on(regions.labels, found, at, ((0, 1), (1, 3))) is False
+    assert goes_on(regions.labels, found, at, (0, 1), (2, 3)) is True
+    assert goes_on(regions.labels, found, at, (0, 2), (1, 3)) is True
+    assert goes_on(regions.labels, found, at, (0, 1), (1, 3)) is False
 
 
 def test_a_paint_follows_from_two_grounds():

@@ -45,9 +45,7 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
     return in_blocks(padded, factor).mean(axis=(2, 3), dtype=np.float32)
 
 
-def bounded_regions(
-    picture: FlatPicture, min_area: float, most: int | None = None, limit: int = MOST_REGIONS
-) -> tuple[PixelFills, Regions]:
+def bounded_regions(picture: FlatPicture, min_area: float, most: int | None, limit: int) -> tuple[PixelFills, Regions]:
     """Return the fills of a picture's pixels (`pixel_fills`), and at most `limit` regions: the smallest ones join their
     neighbours, with a warning.
     """

@@ -45,12 +45,7 @@ LEFT = 0.5  # share of the squared error that shapes may leave which explain it 
 
 
 def with_added(
-    drawing: Drawing,
-    goal: Goal,
-    condition: Condition,
-    detail: float = 1.0,
-    min_area: float = 0.0,
-    most: int | None = None,
+    drawing: Drawing, goal: Goal, condition: Condition, detail: float, min_area: float = 0.0, most: int | None = None
 ) -> Drawing:
     """The drawing with shapes where it does not explain its goal, a picture in some condition, and of a damaged one
     without those that explain less than they cost; the same where that needs none.
@@ -82,9 +77,7 @@ def with_added(
 
 @record
 class _Change:
-    """Effect of a new shape. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
-    shape, nats.
-    """
+    """Effect of a new shape. fall: of half of the misfit; floor: what a pixel of it has by chance; price: nats."""
 
     fall: float
     floor: float
@@ -176,10 +169,8 @@ class _Trials:
 
     def _tried(self, new: list[Placed], rounds: int) -> tuple[list[Placed], list[_Change], np.ndarray]:
         """New shapes after so many rounds, what each changes, and by how much half of the misfit falls, (H, W)."""
-        layers = [self._still(each.shape) for each in new]
-        if rounds:
-            free = replace(self.drawing, shapes=tuple(each.shape for each in new))
-            layers = layers_of(free, self.goal)
+        shapes = tuple(each.shape for each in new)
+        layers = layers_of(replace(self.drawing, shapes=shapes), self.goal) if rounds else [*map(self._still, shapes)]
         over = self.before.stack, np.array([each.beneath for each in new], np.int32)
         after = settle(State.of(layers, self.goal, over=over), rounds)
         new = [replace(placed, shape=layer.drawn()) for placed, layer in zip(new, after.layers, strict=True)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Protocol
 
@@ -124,6 +124,7 @@ def _speck_lengths(cubics: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     return np.asarray(polygon_lengths(cubics) / least)
 
 
+@dataclass(eq=False)
 class RingParameters:
     """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners.
 
@@ -132,24 +133,20 @@ class RingParameters:
     that are free, None where all are.
     """
 
-    def __init__(
-        self,
-        pieces: Pieces,
-        constraints: Constraints | None = None,
-        ties: SparseRows | None = None,
-        *,
-        is_box: bool = False,
-    ) -> None:
-        self.pieces, self.constraints, self.ties, self.is_box = pieces, constraints, ties, is_box
-        self.cubics, self.lines = pieces.cubics, pieces.lines
+    pieces: Pieces
+    constraints: Constraints | None = None
+    ties: SparseRows | None = None
+    is_box: bool = False
+
+    def __post_init__(self) -> None:
+        self.cubics, self.lines = self.pieces.cubics, self.pieces.lines
 
     @cached_property
     def jacobian(self) -> SparseRows:
         return self.pieces.jacobian if self.ties is None else self.pieces.jacobian.after(self.ties)
 
     def moved(self, step: np.ndarray) -> RingParameters:
-        pieces = self.pieces.moved(step if self.ties is None else self.ties.times(step))
-        return RingParameters(pieces, self.constraints, self.ties, is_box=self.is_box)
+        return replace(self, pieces=self.pieces.moved(step if self.ties is None else self.ties.times(step)))
 
     def trimmed(self) -> RingParameters:
         """Return the ring without pieces that have become too short to matter, itself where there are none."""

@@ -31,6 +31,7 @@ WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so th
 FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # of a new fill, and of a shape besides its outlines'
 UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 FAINT = 0.01  # change of a picture with a pixel's coverage: fainter edges than that count as this
+Over = tuple[DrawnStack, np.ndarray]  # the layers of another state, and where among them those of one lie
 
 
 @dataclass(eq=False)
@@ -51,24 +52,17 @@ class Layer:
 @record
 class State:
     """A drawing against its picture. layers: back to front; goal: what they are fitted to; drawn: their pieces, and
-    stack: they, as drawn. over: where they lie among the layers of another state, which stay as they are; see
-    `DrawnStack`.
+    stack: they, as drawn. over: layers that stay as they are, see `DrawnStack`.
     """
 
     layers: list[Layer]
     goal: Goal
     drawn: StackPieces
     stack: DrawnStack
-    over: tuple[DrawnStack, np.ndarray] | None = None
+    over: Over | None = None
 
     @classmethod
-    def of(
-        cls,
-        layers: list[Layer],
-        goal: Goal,
-        previous: State | None = None,
-        over: tuple[DrawnStack, np.ndarray] | None = None,
-    ) -> State:
+    def of(cls, layers: list[Layer], goal: Goal, previous: State | None = None, over: Over | None = None) -> State:
         """Return the state of some layers. previous: of the same goal; its unchanged parts are not drawn again."""
         pieces = _pieces_of(layers)
         return cls(layers, goal, pieces, DrawnStack(pieces, goal, previous.stack if previous else None, over), over)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -102,11 +102,11 @@ def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def ring_of_cubics(cubics: np.ndarray) -> Ring:
-    """A ring of the cubics (A, 4, 2) of which each starts where the one before ends, all joints smooth (G1)."""
-    count = len(cubics)
-    joints = np.ones(count, dtype=bool)
-    return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), np.zeros(count, dtype=bool), joints)
+def ring_of_cubics(cubics: np.ndarray, lines: np.ndarray | bool = False, smooth: np.ndarray | bool = True) -> Ring:
+    """A ring of the cubics (A, 4, 2) of which each starts where the one before ends. lines, smooth: (A,) bool, or of
+    all, as of `Ring`."""
+    straight, joints = (np.broadcast_to(each, len(cubics)).copy() for each in (lines, smooth))
+    return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), straight, joints)
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class Rectangle:
         starts, ends = np.roll(bends[:, -1, 3:], 1, axis=0), bends[:, 0, :1]
         sides = np.concatenate([starts, thirds(starts[:, 0], ends[:, 0]), ends], axis=1)
         cubics = np.concatenate([sides[:, None], bends], axis=1).reshape(-1, 4, 2) @ turn + middle
-        return replace(ring_of_cubics(cubics), lines=np.arange(len(cubics)) % (len(cubics) // 4) == 0)
+        return ring_of_cubics(cubics, np.arange(len(cubics)) % (len(cubics) // 4) == 0)
 
 
 def polygon(anchors: np.ndarray) -> Ring:

@@ -7,14 +7,13 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import (
-    Circle,
-    Ellipse,
     Outline,
     Rectangle,
     Ring,
     arc,
     path_numbers,
     polygon_lengths,
+    ring_of_cubics,
     signed_area,
     thirds,
 )
@@ -56,7 +55,7 @@ class Chain:
         return 2 + int(path_numbers(np.diff(self.anchors, axis=0), self.lines).sum())
 
 
-Path = Chain | Ring | Circle | Ellipse | Rectangle
+Path = Chain | Outline
 
 
 @record
@@ -125,12 +124,12 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     rings = np.split(found.cubics, found.ends[:-1])
     straight = np.split(found.lines, found.ends[:-1])
     if not stroke.closed or abs(_winding(cubics)) == 1:
-        made = [_ring(own, lines) for own, lines in zip(rings, straight, strict=True)]
+        made = [ring_of_cubics(*own, smooth=False) for own in zip(rings, straight, strict=True)]
         return tuple(sorted(made, key=lambda ring: -abs(signed_area(ring))))
     # It crosses itself: once around it on one side and back on the other, cut open where it begins.
     there = line_chain(np.stack([rings[0][0, 0], rings[1][0, 0]])).cubics
     whole = np.concatenate([rings[0], there, rings[1], there[:, ::-1]])
-    return (_ring(whole, np.concatenate([straight[0], [True], straight[1], [True]])),)
+    return (ring_of_cubics(whole, np.concatenate([straight[0], [True], straight[1], [True]]), smooth=False),)
 
 
 def offset_ring(ring: Ring, reach: float) -> Ring:
@@ -139,7 +138,7 @@ def offset_ring(ring: Ring, reach: float) -> Ring:
     """
     cubics, lines = _lasting(ring.cubics, ring.lines)
     found = OffsetPlan.of(cubics, lines, "one side", MITER).outline(cubics, -reach)
-    return _ring(found.cubics, found.lines)
+    return ring_of_cubics(found.cubics, found.lines, smooth=False)
 
 
 def _winding(cubics: np.ndarray) -> int:
@@ -157,13 +156,9 @@ def _lasting(cubics: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndar
     return cubics[long], lines[long]
 
 
-def _ring(cubics: np.ndarray, lines: np.ndarray) -> Ring:
-    return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), lines, np.zeros(len(lines), dtype=bool))
-
-
 def _dot(at: np.ndarray, half: float, cap: str) -> Ring:
     """A stroke of no length: a disc or, with square caps, a square."""
     if cap == ROUND:
-        return _ring(at + half * arc(0.0, 2.0 * np.pi, 8), np.zeros(8, dtype=bool))
+        return ring_of_cubics(at + half * arc(0.0, 2.0 * np.pi, 8), smooth=False)
     x, y = (at - half).tolist()
     return Rectangle(x, y, 2.0 * half, 2.0 * half).ring()

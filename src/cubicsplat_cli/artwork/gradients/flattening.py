@@ -29,6 +29,7 @@ from cubicsplat_cli.scene.paint import Gradient, painted
 # Levels by which a placeholder may differ from the mean of its gradient, the least first.
 SHIFTS = APART * np.array(sorted(range(5, -6, -1), key=abs))
 MOST_COLOURS = 4096  # of a picture, from which placeholders stay apart
+Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]  # a paint's, (n, 4) in levels at columns and rows (n,)
 
 
 @record
@@ -90,18 +91,12 @@ def without_areas(
 
 
 def with_placeholders(
-    levels: np.ndarray,
-    paint: np.ndarray,
-    colours: Sequence[Callable[[np.ndarray, np.ndarray], np.ndarray]],
-    fills: np.ndarray,
-    line: float = SEEN,
-    blur: float = 0.0,
+    levels: np.ndarray, paint: np.ndarray, colours: Sequence[Colours], fills: np.ndarray, line: float, blur: float = 0.0
 ) -> np.ndarray:
     """Return (H, W, 4) levels of a picture with its G varying paints replaced by placeholders.
 
-    paint: (H, W) int32 the paint of every pixel: a varying one below G, an even one from G on, -1 on edges. colours:
-    for each varying paint its colours (n, 4) in levels at columns and rows (n,). fills: (G, 4) levels of the
-    placeholders. line, blur: as of `without_areas`.
+    paint: (H, W) int32 the paint of every pixel: a varying one below G, an even one from G on, -1 on edges. colours: of
+    each varying paint. fills: (G, 4) levels of the placeholders. line, blur: as of `without_areas`.
     """
     inside = (paint >= 0) & (paint < len(colours))
     out = levels.copy()

@@ -39,20 +39,17 @@ TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradien
 
 
 def without_noisy_gradients(
-    levels: np.ndarray,
-    condition: Condition,
-    new: Sequence[ShadedArea] | None = None,
-    earlier: Sequence[ShadedArea] = (),
+    levels: np.ndarray, condition: Condition, new: Sequence[ShadedArea] | None = None, old: Sequence[ShadedArea] = ()
 ) -> Flattened:
     """Return a picture (H, W, 4), premultiplied levels, of a condition, without its gradients.
 
-    new: areas of gradients, by default those that windows show. earlier: the areas of an earlier result; those of which
-    new ones cover half are left out.
+    new: areas of gradients, by default those that windows show. old: the areas of an earlier result; those of which new
+    ones cover half are left out.
     """
     calm, _ = calm_pixels(levels, condition.noise)
     even, new = ndimage.large_parts(calm, LEAST_AREA)[0], plane_areas(levels, condition) if new is None else new
     taken = covered(new, levels.shape)
-    areas = [area for area in earlier if 2 * taken[area.patch.window][area.patch.mask].sum() < area.patch.size]
+    areas = [area for area in old if 2 * taken[area.patch.window][area.patch.mask].sum() < area.patch.size]
     kinds = np.zeros(even.shape, dtype=np.uint8)
     if condition.jpeg:
         kind_of = np.where(np.bincount(even.ravel()) >= LARGE_AREA, IN_LARGE, 0).astype(np.uint8)

@@ -149,10 +149,8 @@ class Part:
 
     def around(self, piece: Part) -> Part:
         """Return a piece of this part with the pixels of the part within RING px."""
-        wide = piece.patch.grown(RING, self.levels.shape)
-        mask = wide.mask.copy()
-        mask[wide.mask] = self.patch.at(*wide.places())
-        return Part(self.levels, Patch(wide.top, wide.left, mask))
+        wide = Part(self.levels, piece.patch.grown(RING, self.levels.shape))
+        return Part(self.levels, wide.within(self.patch.at(wide.rows, wide.columns)))
 
     def range(self) -> float:
         """Return the range of the channel that varies most, in levels, without a few outliers."""

@@ -107,20 +107,17 @@ class Condition:
         return " and ".join(parts)
 
 
-CLEAN = Condition()
-
-
 def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
     """Return the condition of a picture. lossy: True if its file was compressed with loss, which then needs no further
     evidence than a rough pixel.
     """
     if min(levels.shape[:2]) < (BLOCK if lossy else 2 * BLOCK):
-        return CLEAN
+        return Condition()
     second = second_differences(levels)
     spans = spread(levels, 5, 5)
     quiet = _quiet(spans)
     if not quiet.any():
-        return CLEAN
+        return Condition()
     # Spans within those of an even area, such as dither between two neighbouring levels, are no noise.
     noise = _white_noise(second[quiet]) if (spans[quiet] > FLAT_RANGE).mean() > 0.5 else 0.0
     rough = quiet & (second >= ROUGH)

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.input.restore import (
     THIN,
     depth_in,
     labelled,
-    rounded_as_in_jpegs,
+    rounded_as_jpegs,
     seen_as,
 )
 from cubicsplat_cli.artwork.regions.fills import SAME
@@ -94,7 +94,7 @@ def _told_apart(
         off = largest(np.abs((np.array([fills[k] for k in shades[fill]]) - colour) @ space))
         if shows and off.min() > SAME:
             shades[fill].append(len(fills))
-            fills.append(rounded_as_in_jpegs(np.rint(colour)[None])[0])
+            fills.append(rounded_as_jpegs(np.rint(colour)[None])[0])
             off = np.append(off, 0.0)
         new[box][own] = shades[fill][int(off.argmin())]
     palette = np.array(fills)

@@ -100,7 +100,7 @@ def restored(
     if condition.jpeg:
         palette, labels = _with_small_parts(stored, seen, palette, labels, sigma, thick, squares, condition)
         near = np.where(_shows_inside(labels, len(palette)), np.inf, ONE_COLOUR)
-        palette = rounded_as_in_jpegs(_median_fills(levels, palette, labels, near))
+        palette = rounded_as_jpegs(_median_fills(levels, palette, labels, near))
     elif condition.rounded:
         palette = _commonest_colours(levels, palette, labels)
     else:
@@ -219,7 +219,7 @@ class _Labelling:
     missing: np.ndarray
 
 
-def rounded_as_in_jpegs(palette: np.ndarray) -> np.ndarray:
+def rounded_as_jpegs(palette: np.ndarray) -> np.ndarray:
     """Return the palette (P, 4) of a JPEG in levels with likely colours in place of those that round to them.
 
     Channels within 3 levels of 0 or 255 become that, since luma and chroma of quality 70 are rounded by as much: of

@@ -36,7 +36,8 @@ MOST_WRONG = 20  # px of the picture that an outline may enclose or leave wrongl
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
 
 # Finds an outline; on the way it has others fitted to points with standard errors, and corners where some are known.
-_Search = Generator[tuple[np.ndarray, np.ndarray, np.ndarray | None], Outline, Outline]
+_Points = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+_Search = Generator[_Points, Outline, Outline]
 
 
 def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
@@ -126,7 +127,7 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
     open_runs = np.ones(len(runs), dtype=bool)
     best, least = None, np.inf
     for _ in range(24):  # trials
-        outline = yield guided(contour, runs, ways)
+        outline = yield _guided(contour, runs, ways)
         bad = window.wrong(outline)
         count = len(bad) + (0 if _every_side_shows(contour, outline) else contour.points.size)
         if count < least:
@@ -207,7 +208,7 @@ def _with_corners(
     if not any(meeting):
         return found
     ways = [other or way for other, way in zip(meeting, ways, strict=True)]
-    outline = yield guided(contour, runs, ways)
+    outline = yield _guided(contour, runs, ways)
     good = outline.coordinates <= found.coordinates and len(window.wrong(outline)) <= ALLOWED
     return outline if good else found
 
@@ -235,9 +236,7 @@ def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
     return [np.arange(a, a + (b - a) % n + 1) % n for a, b in zip(starts, stops, strict=True)]
 
 
-def guided(
-    contour: Contour, runs: list[np.ndarray], ways: list[Completion]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _guided(contour: Contour, runs: list[np.ndarray], ways: list[Completion]) -> _Points:
     """Points, standard errors, and which points are corners, with every hidden run guided in its way."""
     points, sigma, corners = contour.points.copy(), contour.sigma.copy(), np.zeros(len(contour.points), dtype=bool)
     for run, way in zip(runs, ways, strict=True):

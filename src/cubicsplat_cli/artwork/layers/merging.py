@@ -8,9 +8,9 @@ is a channel like the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from itertools import permutations
 
 import numpy as np
@@ -60,12 +60,11 @@ def with_covered(
 
     What lies beneath one overlay only where another one lies too meets it in no X of its own.
     """
-    orders = cache(_orders)
     while overlays:
         boxes = ndimage.find_objects(regions.labels + 1)
         beside = cache(partial(_beside, regions, overlays, boxes))
         for above, below in zip(regions.borders.first.tolist(), regions.borders.second.tolist(), strict=True):
-            over = () if fixed[[above, below]].any() else _over(regions, overlays, beside(above), above, below, orders)
+            over = () if fixed[[above, below]].any() else _over(regions, overlays, beside(above), above, below)
             if over:
                 mask = regions.labels == above
                 overlays = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(overlays, over)]
@@ -85,20 +84,13 @@ def _beside(regions: Regions, overlays: list[Overlay], boxes: list[tuple[slice, 
 
 
 def _over(
-    regions: Regions,
-    overlays: list[Overlay],
-    beside: list[Overlay],
-    region: int,
-    ground: int,
-    orders: Callable[[tuple[Rgba, ...]], Orders],
+    regions: Regions, overlays: list[Overlay], beside: list[Overlay], region: int, ground: int
 ) -> tuple[Overlay, ...]:
-    """Those of the overlays beside a region that make its colour of another one's, uppermost first; () where none
-    do. orders: `_orders`, which is asked for the same paints often.
-    """
+    """Those of the overlays beside a region that make its colour of another one's, uppermost first; () without such."""
     if not 0 < len(beside) <= MOST_BESIDE:
         return ()
     fill, under = regions.fills[region], regions.fills[ground]
-    of, left, added = orders(tuple(each.paint for each in beside))
+    of, left, added = _orders(tuple(each.paint for each in beside))
     off = np.abs(added + left[:, None] * under - fill).max(axis=1)
     for k in np.flatnonzero(off <= ROUNDED).tolist():
         some = tuple(beside[i] for i in of[k])
@@ -115,6 +107,7 @@ def _over(
 Orders = tuple[list[tuple[int, ...]], np.ndarray, np.ndarray]
 
 
+@lru_cache(maxsize=256)  # of the same paints it is asked often
 def _orders(paints: tuple[Rgba, ...]) -> Orders:
     """The orders of overlays that were seen to overlap nowhere, so that they may lie over each other in any."""
     of = [some for count in range(1, len(paints) + 1) for some in permutations(range(len(paints)), count)]

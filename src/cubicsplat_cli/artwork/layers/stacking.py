@@ -55,8 +55,7 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: S
     be one beneath what hides it. shaded: the sides of shadows that were removed from the picture. Of more than
     MOST_COMPLETED regions only those that enclose others are known to lie beneath these, and all others lie in the
     order of their sizes."""
-    clear = regions.fills[:, 3] <= CLEAR
-    facts = _Facts(regions, found, clear, shaded)
+    facts = _Facts(regions, found, shaded)
     group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
     order = _ordered(facts, group)
     rank = np.full(regions.count, -1)
@@ -69,10 +68,8 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: S
 class _Facts:
     """Measurements of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
 
-    def __init__(
-        self, regions: Regions, found: EdgePositions, clear: np.ndarray, shaded: Sequence[ShadowSides]
-    ) -> None:
-        self.regions, self.clear = regions, clear
+    def __init__(self, regions: Regions, found: EdgePositions, shaded: Sequence[ShadowSides]) -> None:
+        self.regions, self.clear = regions, regions.fills[:, 3] <= CLEAR
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
         self.labels = np.ascontiguousarray(regions.labels, np.int32)

@@ -79,15 +79,12 @@ def _with_overlays(
     return out
 
 
-def without_overlays(
-    regions: Regions, found: EdgePositions, fixed: np.ndarray | None = None
-) -> tuple[Regions, tuple[Overlay, ...]]:
+def without_overlays(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> tuple[Regions, tuple[Overlay, ...]]:
     """The regions as they are without translucent overlays, and the overlays, the uppermost first.
 
     found: where the outlines of the regions run. fixed: (R,) bool, regions whose fill is not what is seen.
     """
     overlays: list[Overlay] = []
-    fixed = np.zeros(regions.count, dtype=bool) if fixed is None else fixed
     while (grounds := _uppermost(regions, found, fixed)) is not None:
         pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in grounds.items()], axis=0)
         paint = likeliest(pairs[:, 0], pairs[:, 1])
@@ -123,8 +120,8 @@ def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> lis
             c1, c2, g2, g1 = around[k:] + around[:k]
             if paint_of(regions.fills[[c1, c2]], regions.fills[[g1, g2]]) is None:
                 continue
-            own = goes_on(regions.labels, found, at, ((g1, c1), (g2, c2)))
-            beneath = goes_on(regions.labels, found, at, ((g1, g2), (c1, c2)))
+            own = goes_on(regions.labels, found, at, (g1, c1), (g2, c2))
+            beneath = goes_on(regions.labels, found, at, (g1, g2), (c1, c2))
             if own is not False and beneath is not False:
                 out.append(({c1: g1, c2: g2}, int(bool(own and beneath))))
     return out
@@ -183,9 +180,7 @@ def _around(labels: np.ndarray, at: np.ndarray) -> list[int]:
     return []
 
 
-def goes_on(
-    labels: np.ndarray, found: EdgePositions, at: np.ndarray, edges: tuple[tuple[int, int], ...]
-) -> bool | None:
+def goes_on(labels: np.ndarray, found: EdgePositions, at: np.ndarray, *edges: tuple[int, int]) -> bool | None:
     """True if the edge between one pair of regions goes straight on as that between another pair at a meeting; None
     where one of the two is too short or too rough to tell.
     """

@@ -19,27 +19,29 @@ from cubicsplat_cli.raster.cubics import ROUNDS, newton_steps
 from cubicsplat_cli.record import record
 
 ASTRAY = 0.25  # px that a node may lie off the vertex of the map
+Step = tuple[int, bool]  # the number of an edge or a run, and whether along it
+Cycles = dict[int, list[list[Step]]]  # of each region its closed borders, each a list of runs
 
 
 @dataclass(eq=False)
 class Run:
-    """A part of one piece between two vertices. edges: (edge, whether along it), in order; t: parameters at its ends;
-    loop: the number of the closed border without nodes that it is of, or -1."""
+    """A part of one piece between two vertices. edges: in order; t: parameters at its ends; loop: the number of the
+    closed border without nodes that it is of, or -1."""
 
     piece: int
     t: tuple[float, float]
-    edges: list[tuple[int, bool]]
+    edges: list[Step]
     loop: int = -1
 
 
 @record
 class Borders:
-    """runs: all of them. ends: (runs, 2) the vertices at which they begin and end. cycles: of each region (dictionary)
-    its closed borders, each a list of (run, whether along it), with the region on the left of it, y upwards."""
+    """runs: all of them. ends: (runs, 2) the vertices at which they begin and end. cycles: with the region on the left
+    of each, y upwards."""
 
     runs: list[Run]
     ends: np.ndarray
-    cycles: dict[int, list[list[tuple[int, bool]]]]
+    cycles: Cycles
 
 
 def borders_of(faces: Faces, region: np.ndarray, sources: Sources) -> Borders:
@@ -101,21 +103,19 @@ def _goes_on(before: tuple[float, float], after: tuple[float, float]) -> bool:
     return same_way and abs(after[0] - before[1]) < 0.5  # else a ring of one piece begins again
 
 
-def _cycles(
-    faces: Faces, region: np.ndarray, kept: np.ndarray, runs: list[Run]
-) -> dict[int, list[list[tuple[int, bool]]]]:
-    of_half: dict[int, tuple[int, bool]] = {}
+def _cycles(faces: Faces, region: np.ndarray, kept: np.ndarray, runs: list[Run]) -> Cycles:
+    of_half: dict[int, Step] = {}
     for number, run in enumerate(runs):
         for e, ahead in run.edges:
             of_half[2 * e + (not ahead)] = (number, True)
             of_half[2 * e + ahead] = (number, False)
     following = faces.following.tolist()
-    cycles: dict[int, list[list[tuple[int, bool]]]] = {}
+    cycles: Cycles = {}
     seen: set[int] = set()
     for start in sorted(of_half):
         if start in seen:
             continue
-        row: list[tuple[int, bool]] = []
+        row: list[Step] = []
         h = start
         while h not in seen:
             seen.add(h)
@@ -138,13 +138,13 @@ class Edges:
     cubics: np.ndarray
     lines: np.ndarray
     gone: np.ndarray
-    smooth: list[tuple[tuple[int, int], tuple[int, int]]]
+    smooth: list[tuple[Link, Link]]
 
 
 def edges_of_borders(borders: Borders, faces: Faces, sources: Sources) -> Edges:
     """Every run of the borders as a line or cubic between exact nodes."""
     cluster, gone = _clusters(borders, faces)
-    ends: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    ends: dict[int, list[Link]] = defaultdict(list)
     for number in np.flatnonzero(~gone).tolist():
         for k in (0, 1):
             ends[int(cluster[borders.ends[number, k]])].append((number, k))
@@ -153,8 +153,7 @@ def edges_of_borders(borders: Borders, faces: Faces, sources: Sources) -> Edges:
     lines = np.zeros(len(borders.runs), dtype=bool)
     for number in np.flatnonzero(~gone).tolist():
         a, b = (places[int(cluster[borders.ends[number, k]])] for k in (0, 1))
-        run = borders.runs[number]
-        cubics[number], lines[number] = _between(run.piece, run.t, a, b, sources)
+        cubics[number], lines[number] = _between(borders.runs[number], a, b, sources)
     pairs = [pair for found in ends.values() for pair in _smooth_pairs(found, borders, sources)]
     return Edges(cubics, lines, gone, pairs)
 
@@ -182,7 +181,7 @@ def _clusters(borders: Borders, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
     return np.array([root(v) for v in range(len(name))]), gone
 
 
-def _place(node: int, ends: list[tuple[int, int]], borders: Borders, faces: Faces, sources: Sources) -> np.ndarray:
+def _place(node: int, ends: list[Link], borders: Borders, faces: Faces, sources: Sources) -> np.ndarray:
     """(2,) px: an anchor of the uppermost shape that runs through a node, else where that crosses another."""
     vertex = faces.vertices[node] / GRID
     found = [(borders.runs[n].piece, borders.runs[n].t[k]) for n, k in ends]
@@ -232,13 +231,11 @@ def _crossing(cubics: np.ndarray, t: np.ndarray) -> np.ndarray | None:
     return place[0] if np.hypot(*(place[1] - place[0])) < 1e-3 else None
 
 
-def _between(
-    piece: int, t: tuple[float, float], a: np.ndarray, b: np.ndarray, sources: Sources
-) -> tuple[np.ndarray, bool]:
-    """The part of a piece between two nodes, and whether it is a line."""
-    cubic = sources.cubics[piece]
-    t0, t1 = (_foot(sources, piece, u, place) for u, place in zip(t, (a, b), strict=True))
-    if sources.lines[piece] or abs(t1 - t0) < EXACT:
+def _between(run: Run, a: np.ndarray, b: np.ndarray, sources: Sources) -> tuple[np.ndarray, bool]:
+    """The part of a run's piece between two nodes, and whether it is a line."""
+    cubic = sources.cubics[run.piece]
+    t0, t1 = (_foot(sources, run.piece, u, place) for u, place in zip(run.t, (a, b), strict=True))
+    if sources.lines[run.piece] or abs(t1 - t0) < EXACT:
         return line_chain(np.stack([a, b])).cubics[0], True
     low, high = sorted((t0, t1))
     part = cubic_parts(cubic_parts(cubic, high)[0], low / high)[1]
@@ -249,9 +246,7 @@ def _between(
     return part, False
 
 
-def _smooth_pairs(
-    ends: list[tuple[int, int]], borders: Borders, sources: Sources
-) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+def _smooth_pairs(ends: list[Link], borders: Borders, sources: Sources) -> list[tuple[Link, Link]]:
     """Pairs of ends at a node that go on smoothly: of one piece that was cut, or of two that were joined so."""
     places = [(borders.runs[n].piece, borders.runs[n].t[k]) for n, k in ends]
     return [

@@ -15,7 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import EXACT, Circle, Ellipse, Outline, Ring, level_box, signed_area
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import offset_ring
-from cubicsplat_cli.artwork.planar.borders import Borders, Edges, borders_of, edges_of_borders
+from cubicsplat_cli.artwork.planar.borders import Borders, Edges, Step, borders_of, edges_of_borders
 from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces, connected, faces_of, visible_regions
 from cubicsplat_cli.artwork.planar.snapping import EIGHTHS, Sources, snapped_segments, sources_from, sources_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -85,9 +85,7 @@ def _whole_outlines(borders: Borders, sources: Sources) -> dict[int, Outline]:
     return whole
 
 
-def _outline(
-    cycle: list[tuple[int, bool]], edges: Edges, borders: Borders, whole: dict[int, Outline]
-) -> Outline | None:
+def _outline(cycle: list[Step], edges: Edges, borders: Borders, whole: dict[int, Outline]) -> Outline | None:
     """The outline along a border; None where it has no extent."""
     loop = borders.runs[cycle[0][0]].loop
     if loop in whole:

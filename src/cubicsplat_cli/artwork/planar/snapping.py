@@ -31,6 +31,7 @@ GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
 # A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
 _NEAR = (9, 16)
+_Cuts = tuple[np.ndarray, np.ndarray, np.ndarray]  # segments (k,), the grid points (k, 2), and shares (k,) of lengths
 
 
 @record
@@ -129,7 +130,7 @@ def _chords(sources: Sources, live: np.ndarray) -> Segments:
     return found.chosen((found.start != found.end).any(axis=1))
 
 
-def _cuts(segments: Segments, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cuts(segments: Segments, fresh: np.ndarray) -> _Cuts:
     """Segments (k,) that are to be cut, the grid points (k, 2) there, and shares (k,) of their length."""
     a, b = segments.start, segments.end
     reach = float(np.hypot(*(b - a).T).max()) + 4.0
@@ -140,9 +141,7 @@ def _cuts(segments: Segments, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return tuple(np.concatenate(part) for part in zip(*out, strict=True))  # type: ignore[return-value]
 
 
-def _near_vertices(
-    a: np.ndarray, b: np.ndarray, seg: np.ndarray, vertex: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _near_vertices(a: np.ndarray, b: np.ndarray, seg: np.ndarray, vertex: np.ndarray) -> _Cuts:
     way, off = b[seg] - a[seg], vertex - a[seg]
     dot, square = (way * off).sum(axis=1), (way * way).sum(axis=1)
     cross = way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0]
@@ -150,9 +149,7 @@ def _near_vertices(
     return seg[near], vertex[near], dot[near] / square[near]
 
 
-def _crossings(
-    a: np.ndarray, b: np.ndarray, i: np.ndarray, j: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _crossings(a: np.ndarray, b: np.ndarray, i: np.ndarray, j: np.ndarray) -> list[_Cuts]:
     """Proper crossings, as cuts of both segments but where the grid point is an end."""
     ab, cd, ac = b[i] - a[i], b[j] - a[j], a[j] - a[i]
     turn = _cross(ab, cd)

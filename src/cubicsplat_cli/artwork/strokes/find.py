@@ -26,9 +26,7 @@ LEAST_ASPECT = 3.0  # of a bar that is a stroke
 ALIKE = 0.08  # px; widths that differ by less are one
 
 
-def as_strokes(
-    drawing: Drawing, detail: float = 1.0, error: float = 0.0, *, shorter: bool = False
-) -> list[tuple[Shape, ...]]:
+def as_strokes(drawing: Drawing, detail: float, error: float, *, shorter: bool = False) -> list[tuple[Shape, ...]]:
     """For each shape of a drawing its strokes if it is of even width, one for each line that a pen would draw, else
     itself.
 
