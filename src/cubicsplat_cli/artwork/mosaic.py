@@ -158,8 +158,7 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     own = (loops.owners == 1)[owner]
     (x, y, way), owner = loops.cracks[own].T, owner[own]
     # The last crack of a loop comes before its first one.
-    before = _shifted(owner, -1)
-    turns = way != way[before]
+    turns = way != way[_shifted(owner, -1)]
     x, y, level, owner = x[turns], y[turns], way[turns] % 2 == 0, owner[turns]
     # Each begins with its uppermost horizontal side, the leftmost of several.
     low = np.minimum(x, x[_shifted(owner, 1)])

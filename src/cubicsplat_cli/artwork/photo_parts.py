@@ -135,8 +135,7 @@ def _even_areas(levels: np.ndarray) -> np.ndarray:
     px; 0 elsewhere.
     """
     areas, count = ndimage.large_parts(flat_pixels(levels), TILE**2)
-    off = _off_planes(levels, areas, count)
-    kept = np.concatenate([[False], off <= GRAIN])
+    kept = np.concatenate([[False], _off_planes(levels, areas, count) <= GRAIN])
     return np.asarray((np.cumsum(kept) * kept)[areas], np.int32)
 
 

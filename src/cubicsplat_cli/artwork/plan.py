@@ -94,8 +94,7 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
         colours, becomes = nearest_colours(colours, settings.palette, settings.palette_tolerance)
         owner = becomes[owner]
     # Blends keep their shares.
-    mixture = mixture_of(levels, fills, labels, MISFIT, 0.0, snap=0.0)
-    return FlatPicture(mixture.painted(colours[owner]), colours)
+    return FlatPicture(mixture_of(levels, fills, labels, MISFIT, 0.0, snap=0.0).painted(colours[owner]), colours)
 
 
 @record

@@ -127,8 +127,7 @@ def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
     y, x = np.nonzero(~inside)
     if len(y):
         paint = np.where(inside, labels, -1).astype(np.int32)
-        at = y * labels.shape[1] + x
-        paints, places = nearest_paints(paint, at, REACH, SLOTS)
+        paints, places = nearest_paints(paint, y * labels.shape[1] + x, REACH, SLOTS)
         colours = _continued(levels, paint, y, x, places)
         flat, _ = blends(levels[y, x] * SURE, paints, colours * SURE, fills[np.maximum(paints, 0)], True)
         out[y, x] = np.clip(flat, 0.0, 255.0)

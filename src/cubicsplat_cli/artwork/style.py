@@ -155,8 +155,7 @@ def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
     """
     longer = max(rough.shape)
     block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *(side - 1 + side % 2 for side in rough.shape))
-    uneven = ndimage.binary_opening(rough, np.ones((block, block), dtype=bool))
-    return float((uneven & drawn).sum() / drawn.sum())
+    return float((ndimage.binary_opening(rough, np.ones((block, block), dtype=bool)) & drawn).sum() / drawn.sum())
 
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:

@@ -53,8 +53,8 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
     ]
     if not any(plans):
         return state
-    changed = np.array([bool(plan) for plan in plans])
-    trial = settle(_with(state, plans, constraints), TRIAL_ROUNDS, trim=False, changed=changed)
+    trial = _with(state, plans, constraints)
+    trial = settle(trial, TRIAL_ROUNDS, trim=False, changed=np.array([*map(bool, plans)]))
     paying = _paying(state, trial, plans, detail)
     if not any(paying):
         return state
@@ -62,8 +62,7 @@ def with_merges(state: State, constraints: Constraints, detail: float) -> State:
     if differ.any():
         fewer = trial.taken_back(_with(state, paying, constraints), differ)
         trial = settle(fewer, TRIAL_ROUNDS, changed=differ)
-    changed = np.array([bool(plan) for plan in paying])
-    return judged(state, trimmed(trial, changed), detail)
+    return judged(state, trimmed(trial, np.array([*map(bool, paying)])), detail)
 
 
 def merged(ring: Ring, plan: list[Merge]) -> Ring:

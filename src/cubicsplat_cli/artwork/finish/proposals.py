@@ -68,14 +68,11 @@ class TargetPicture:
     @classmethod
     def of(cls, levels: np.ndarray, condition: Condition, min_area: float) -> TargetPicture:
         """The picture in a condition. min_area: px^2 that a shape has at least."""
-        seen, rings = levels @ LUMA_CHROMA, condition.jpeg or condition.sharpened
-        sharp = condition.clean and not (condition.aliased or condition.jpeg)
-        share = 0.0 if sharp else 1.0
+        seen, share = levels @ LUMA_CHROMA, 0.0 if condition.clean and not condition.aliased else 1.0
         if condition.jpeg:
             share = min(condition.edge_error / RINGING, 1.0)
-        least, smallest = max(LEAST_CLEAN, share * LEAST), max(1, round(share * SMALLEST))
-        off = ringing(seen) if rings else np.zeros(seen.shape, np.float32)
-        return cls(levels, condition, least, max(smallest, min_area), off)
+        off = ringing(seen) if condition.jpeg or condition.sharpened else np.zeros(seen.shape, np.float32)
+        return cls(levels, condition, max(LEAST_CLEAN, share * LEAST), max(1, round(share * SMALLEST), min_area), off)
 
 
 def areas(picture: TargetPicture, painted: np.ndarray) -> list[Area]:

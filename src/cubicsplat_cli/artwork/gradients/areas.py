@@ -272,8 +272,7 @@ def _with_small_parts(
 def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
     """Add to a group the even parts beside it in which its ramp ends, and the pixels between that it explains."""
     near = group.near
-    beside = near.mask & ~claimed[near.window]
-    numbers, sizes = np.unique(parts[near.window][beside], return_counts=True)
+    numbers, sizes = np.unique(parts[near.window][near.mask & ~claimed[near.window]], return_counts=True)
     for number in numbers[(sizes >= CONTACT) & (numbers > 0)]:
         part = part_of(levels, parts, number, boxes, claimed)
         touching = group.near.at(part.rows, part.columns)

@@ -97,8 +97,7 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
         left -= spread * square
         slope += square
     most = LEFT * condition.noise + LEFT_LEVELS
-    plane = (left <= most**2) & (slope <= STEEPEST**2)
-    return means.astype(np.float32), plane.all(axis=-1)
+    return means.astype(np.float32), ((left <= most**2) & (slope <= STEEPEST**2)).all(axis=-1)
 
 
 def is_step(shade: Shade, shortest: float = WINDOW) -> bool:

@@ -224,5 +224,4 @@ def _frame(
     turn: np.ndarray, centre: np.ndarray, middle: np.ndarray, reach: float, lean: Sequence[float] | np.ndarray = (0, 0)
 ) -> np.ndarray:
     """Return the frame (2, 4) around a centre (2,), which is given in units of `reach` px from the middle."""
-    place = middle + centre * reach
-    return np.column_stack([turn, -turn @ place, lean])
+    return np.column_stack([turn, -turn @ (middle + centre * reach), lean])

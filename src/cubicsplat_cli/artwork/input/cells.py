@@ -252,8 +252,7 @@ def _medians(levels: np.ndarray, grid: Grid) -> np.ndarray:
     offsets = np.arange(-reach, reach + 1) * 0.999
     at = [np.rint(np.add.outer(middles, offsets)).astype(int) for middles in (rows, columns)]
     at = [np.clip(index, 0, length - 1) for index, length in zip(at, levels.shape[:2], strict=True)]
-    blocks = levels[at[0][:, None, :, None], at[1][None, :, None, :]]
-    return np.median(blocks, axis=(2, 3))
+    return np.median(levels[at[0][:, None, :, None], at[1][None, :, None, :]], axis=(2, 3))
 
 
 def _inner(grid: Grid) -> np.ndarray:

@@ -174,8 +174,7 @@ class Mixture:
 
     def coverage(self, fill: int) -> np.ndarray:
         """Return (H, W): the share of a fill."""
-        own = np.where(self.labels == fill, 1.0 - self.share, 0.0)
-        return own + np.where(self.other == fill, self.share, 0.0)
+        return np.where(self.labels == fill, 1.0 - self.share, 0.0) + np.where(self.other == fill, self.share, 0.0)
 
     def painted(self, palette: np.ndarray) -> np.ndarray:
         """Return the picture (H, W, 4) float32 in fills (P, 4)."""

@@ -330,8 +330,7 @@ def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     At most EXAMINED edges are measured each way; their pixels may be off the line between the colours that they blend
     by a tenth of the contrast.
     """
-    even = max(2.0, 3.0 * noise)
-    variances = _variances(levels, even)
+    variances = _variances(levels, max(2.0, 3.0 * noise))
     if len(variances) < FEWEST:
         return None
     quarter, half, rest = np.maximum(np.quantile(variances, [0.25, 0.5, 0.75]), 0.0)

@@ -59,15 +59,13 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
         length, kernel = found
         lines = _inverse(lines, _enlarging(len(lines), length, kernel)).swapaxes(0, 1)
     height, width = lines.shape[:2]
-    factors = levels.shape[1] / width, levels.shape[0] / height
-    return np.ascontiguousarray(lines, dtype=np.float32), factors
+    return np.ascontiguousarray(lines, dtype=np.float32), (levels.shape[1] / width, levels.shape[0] / height)
 
 
 def _blends(levels: np.ndarray) -> int:
     """Count the pixels whose colour lies between those of their neighbours to either side, as on smoothed edges."""
     before, here, after = levels[:, :-2], levels[:, 1:-1], levels[:, 2:]
-    between = (np.minimum(before, after) < here) & (here < np.maximum(before, after))
-    return int(between.any(axis=-1).sum())
+    return int(((np.minimum(before, after) < here) & (here < np.maximum(before, after))).any(axis=-1).sum())
 
 
 def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:

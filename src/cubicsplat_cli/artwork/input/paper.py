@@ -201,8 +201,7 @@ def _surface(channel: np.ndarray, paper: np.ndarray, cell: int) -> np.ndarray:
     counts as a twentieth of a cell's pixels.
     """
     count = _cells(paper, cell).mean(axis=-1)
-    total = _cells(np.where(paper, channel, 0.0), cell).mean(axis=-1)
-    means = total / np.maximum(count, 1e-6)
+    means = _cells(np.where(paper, channel, 0.0), cell).mean(axis=-1) / np.maximum(count, 1e-6)
     measured = count > 0.1
     coarse = _polynomial(np.where(measured, means, np.median(means[measured]) if measured.any() else 0.0))
     weight = ndimage.gaussian_filter(count, 2.0, mode="nearest")

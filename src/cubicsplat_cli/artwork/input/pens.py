@@ -128,8 +128,7 @@ def pens_of(bare: np.ndarray, paper: np.ndarray, grain: float) -> Pens | None:
     inks = np.rint(np.clip(paper - depths[first][:, None] * tints[first], 0.0, 255.0))
     owner = owners[kinds[own]]
     widths = lines.masses[own] / ((paper - inks) @ LUMA)[owner]
-    pens = Pens(blur, paper, inks, lines.places[own], owner, widths)
-    return _with_areas(pens, bare, OUTLIER * grain)
+    return _with_areas(Pens(blur, paper, inks, lines.places[own], owner, widths), bare, OUTLIER * grain)
 
 
 def _with_areas(pens: Pens, bare: np.ndarray, least: float) -> Pens | None:

@@ -96,15 +96,16 @@ def restored(
             palette = np.vstack([palette, squares])
             thin = _line_fills(seen, palette @ space, sigma, (OUTLIER if condition.rounded else NO_BLEND) * sigma)
             palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
-    labels = labelled(seen, palette @ space, sigma, thick, bounded=condition.jpeg)
     if condition.jpeg:
-        palette, labels = _with_small_parts(stored, seen, palette, labels, sigma, thick, squares, condition)
+        palette, labels = _with_small_parts(stored, seen, palette, sigma, thick, squares, condition)
         near = np.where(_shows_inside(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = rounded_as_jpegs(_median_fills(levels, palette, labels, near))
-    elif condition.rounded:
-        palette = _commonest_colours(levels, palette, labels)
     else:
-        palette = _median_fills(levels, palette, labels, np.full(len(palette), np.inf))
+        labels = labelled(seen, palette @ space, sigma, thick)
+        if condition.rounded:
+            palette = _commonest_colours(levels, palette, labels)
+        else:
+            palette = _median_fills(levels, palette, labels, np.full(len(palette), np.inf))
     for fill in placeholders:
         off = np.abs(palette - fill).max(axis=1)
         if off.min() < 0.5 * APART:
@@ -140,7 +141,6 @@ def _with_small_parts(
     levels: np.ndarray,
     seen: np.ndarray,
     palette: np.ndarray,
-    labels: np.ndarray,
     sigma: float,
     thick: int,
     proposed: np.ndarray,
@@ -160,7 +160,8 @@ def _with_small_parts(
         lines = _nearby_line_fills(seen, palette @ space, np.where(odd, -1, nearest).astype(np.int32), sigma)
         proposed = np.vstack([proposed, np.clip(lines @ np.linalg.inv(space), 0.0, 255.0)])
 
-    def fitted(palette: np.ndarray, labels: np.ndarray) -> _Labelling:
+    def fitted(palette: np.ndarray, thick: int) -> _Labelling:
+        labels = labelled(seen, palette @ space, sigma, thick, bounded=True)
         lined = with_lines(seen, palette @ space, labels, OUTLIER * sigma, THIN)
         mixture = mixture_of(seen, palette @ space, lined, sigma, condition.blur, sharp=False)
         free = ~_shows_inside(labels, len(palette))
@@ -168,15 +169,12 @@ def _with_small_parts(
         fills, missing = fills @ RGB, missing @ RGB
         return _Labelling(np.clip(fills, 0.0, 255.0), labels, cost + NEIGHBOUR * _borders(lined), missing)
 
-    def fitted_of(palette: np.ndarray, thick: int) -> _Labelling:
-        return fitted(palette, labelled(seen, palette @ space, sigma, thick, bounded=True))
-
-    best = fitted(palette, labels)
+    best = fitted(palette, thick)
     for fill in proposed:
         if len(best.palette) <= MOST_SEEN and _is_apart(fill, best.palette):
             # First as the fill of thin lines, which edges may look like; then as that of a small part.
             for place, solid in ((len(best.palette), thick), (thick, thick + 1)):
-                trial = fitted_of(np.insert(best.palette, place, fill, axis=0), solid)
+                trial = fitted(np.insert(best.palette, place, fill, axis=0), solid)
                 shown = solid == thick or (ndimage.alike(trial.labels, 3) & (trial.labels == place)).sum() >= TOGETHER
                 # Smeared chroma makes a colour of its own of a fill, which the fitted one is again.
                 others = np.delete(trial.palette, place, axis=0)
@@ -188,7 +186,7 @@ def _with_small_parts(
         new = hidden_fills(np.clip(best.missing, 0.0, 255.0), best.palette, APART, 20.0, 8)
         if not len(new) or len(best.palette) > MOST_SEEN:
             break
-        trial = fitted_of(np.vstack([best.palette, new]), thick)
+        trial = fitted(np.vstack([best.palette, new]), thick)
         if trial.cost >= best.cost:
             break
         best = trial
@@ -196,7 +194,7 @@ def _with_small_parts(
         others = np.delete(best.palette, fill, axis=0)
         if overshoots(best.palette[fill], others) or smeared(best.palette[fill], others):
             fewer = thick - (fill < thick)
-            trial = fitted_of(others, fewer)
+            trial = fitted(others, fewer)
             if trial.cost <= best.cost:
                 best, thick = trial, fewer
     return best.palette, best.labels
@@ -229,8 +227,7 @@ def rounded_as_jpegs(palette: np.ndarray) -> np.ndarray:
     digit = 255.0 / 15.0
     short = np.rint(palette / digit) * digit
     same = (np.rint(short @ LUMA_CHROMA) == np.rint(palette @ LUMA_CHROMA)).all(axis=1, keepdims=True)
-    likely = np.where(same, short, palette)
-    return np.where(palette <= 3.0, 0.0, np.where(palette >= 252.0, 255.0, likely))
+    return np.where(palette <= 3.0, 0.0, np.where(palette >= 252.0, 255.0, np.where(same, short, palette)))
 
 
 def _borders(labels: np.ndarray) -> int:

@@ -147,8 +147,7 @@ def _bending(cubics: np.ndarray) -> np.ndarray:
     first, second = derivatives(cubics, np.broadcast_to(np.linspace(0.0, 1.0, SAMPLES), (len(cubics), SAMPLES)))
     speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
     cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
-    chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
-    return (cross**2 / speed**5).mean(axis=1) * chord
+    return (cross**2 / speed**5).mean(axis=1) * np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
 
 
 def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:

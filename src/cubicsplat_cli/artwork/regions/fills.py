@@ -77,8 +77,7 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
         return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, APART))
     fills, weights = part_fills(levels, ndimage.label(flat)[0], BLEND, APART)
-    near = ndimage.binary_dilation(flat, ndimage.SQUARE)
-    colours, sizes = _small_fills(levels, near)
+    colours, sizes = _small_fills(levels, ndimage.binary_dilation(flat, ndimage.SQUARE))
     fills, weights = np.concatenate([fills, colours]), np.concatenate([weights, sizes])
     clear = np.count_nonzero(levels[..., 3] <= CLEAR)
     if clear and not (fills[:, 3] <= CLEAR).any():

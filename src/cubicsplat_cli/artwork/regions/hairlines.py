@@ -114,8 +114,7 @@ def with_lines(
     far = away.copy()
     far[y, x] = best_blend(levels[y, x], palette, near_fills(labels, y, x, 1))[1] > off
     seen = ndimage.binary_dilation(far | (solid < 0), ndimage.SQUARE)
-    place = _long_parts(seen, seen) & (away | (solid < 0))
-    y, x = np.nonzero(place)
+    y, x = np.nonzero(_long_parts(seen, seen) & (away | (solid < 0)))
     near = near_fills(solid, y, x, REACH)
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):

@@ -49,8 +49,7 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
     state = begin(drawing, goal)
     done, pins = on_grid(drawing, state, 1.0 / grid if grid else 0.0)
     if pins != NO_PINS:
-        goal = replace(goal, grid=grid)
-        state = settle(begin(done, goal, pins), TRIAL_ROUNDS)
+        state = settle(begin(done, replace(goal, grid=grid), pins), TRIAL_ROUNDS)
     constraints = Constraints(drawing.width, drawing.height, pins)
     state = with_circles(state, constraints, detail)
     state = with_symmetries(state, constraints, detail)

@@ -129,8 +129,7 @@ def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray)
 
 def too_dark(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> np.ndarray:
     """Return (n,) levels by which layers make each pixel of samples too dark."""
-    light = samples.light(numbers_of(layers))
-    return np.asarray(samples.scale * (1.0 - samples.through * light - samples.seen))
+    return np.asarray(samples.scale * (1.0 - samples.through * samples.light(numbers_of(layers)) - samples.seen))
 
 
 def nearest_layers(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:

@@ -191,14 +191,12 @@ class _ShadowSearch:
     def _explained(self, found: Sequence[Layers | None]) -> np.ndarray:
         """Return (n,) bool: True for shaded pixels that the shadows explain."""
         at = np.flatnonzero(self.dark)[:EXAMINED]
-        light = self._light(found, at)
-        return np.asarray(self.scale * np.abs(1.0 - light - self.seen[at]) <= CLOSE)
+        return np.asarray(self.scale * np.abs(1.0 - self._light(found, at) - self.seen[at]) <= CLOSE)
 
     def _faint(self, found: Sequence[Layers | None]) -> bool:
         """Return True if the shadows leave unshaded pixels alone."""
         at = np.flatnonzero(~self.dark)[: 4 * LIGHT]
-        light = self._light(found, at)
-        return len(at) == 0 or bool((self.scale * (1.0 - light) <= CLOSE).mean() >= EXPLAINED)
+        return len(at) == 0 or bool((self.scale * (1.0 - self._light(found, at)) <= CLOSE).mean() >= EXPLAINED)
 
 
 def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:

@@ -136,9 +136,7 @@ def _layers(drawing: Drawing, shapes: Iterable[Shape], goal: Goal) -> list[Layer
 def _drawn(layer: Layer) -> Shape:
     """The shape of a layer, as its stroke stands."""
     own = layer.outlines[0]
-    if not isinstance(own, StrokeParameters):
-        return layer.shape
-    return layer.shape.stroked(own.stroke)
+    return layer.shape.stroked(own.stroke) if isinstance(own, StrokeParameters) else layer.shape
 
 
 def _fitted(state: State, drawing: Drawing) -> State:
