@@ -10,12 +10,10 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.gradients.shade import Ramp, Shade, gradient_of
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_paints
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
@@ -185,7 +183,7 @@ def shown(drawing: Drawing) -> list[np.ndarray]:
     clear = np.ones((drawing.height, drawing.width))
     shares = []
     for shape in reversed(drawing.shapes):
-        own = coverage(*pieces_of_rings(shape.oriented()), 0, 0, drawing.height, drawing.width)
+        own = shape.coverage(0, 0, drawing.height, drawing.width)
         shares.append(own * clear)
         clear = clear * (1.0 - own)
     return shares[::-1]

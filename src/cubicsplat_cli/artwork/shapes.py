@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, oriented, pieces_of_rings
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke, outlines_of_stroke
+from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
@@ -53,6 +54,10 @@ class Shape:
     def stroked(self, stroke: Stroke) -> Shape:
         """Return the shape as a stroke."""
         return replace(self, outlines=outlines_of_stroke(stroke), stroke=stroke)
+
+    def coverage(self, top: int, left: int, height: int, width: int) -> np.ndarray:
+        """Return (height, width) the share of each pixel from a row and a column on that the outlines cover."""
+        return coverage(*pieces_of_rings(self.oriented()), top, left, height, width)
 
     def box(self) -> Rectangle:
         """Return the box of whole px around the outlines."""

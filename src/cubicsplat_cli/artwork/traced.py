@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.polish import MOST
 from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS, State, begin
 from cubicsplat_cli.artwork.geometry.fitting import few_lines
-from cubicsplat_cli.artwork.geometry.outlines import Outline, pieces_of_rings, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.condition import OUTLIER
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all
@@ -31,7 +31,6 @@ from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape, scaled_outline,
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.borders import border_map
-from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.unmix import REACH, blend_pairs, components, finer_labels, near_fills
 
@@ -169,7 +168,7 @@ def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarra
     height, width = extent.shown.shape
     off = np.abs(levels[extent.top : extent.top + height, extent.left : extent.left + width] - fill).max(axis=2)
     own = extent.shown & (off <= 0.5 * off.max())
-    drawn = coverage(*pieces_of_rings(shape.oriented()), extent.top, extent.left, height, width)
+    drawn = shape.coverage(extent.top, extent.left, height, width)
     if not own.any() or (np.abs(drawn - own) > MOST_OFF).sum() <= FEW_OFF * own.sum():
         return shape
     corner = np.array([extent.left, extent.top], dtype=float)

@@ -27,14 +27,12 @@ from cubicsplat_cli.artwork.finish.state import (
     layers_of,
     premultiplied,
 )
-from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
 
@@ -228,5 +226,5 @@ def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[sli
     """
     rows, columns = window = widened(shape.window(), reach, size)
     sides = [max(side.stop - side.start, 0) for side in window]  # beyond the canvas it changes nothing
-    own = coverage(*pieces_of_rings(shape.oriented()), rows.start, columns.start, *sides) > 0.0
+    own = shape.coverage(rows.start, columns.start, *sides) > 0.0
     return window, ndimage.binary_dilation(own, ndimage.SQUARE, reach) if reach else own

@@ -12,13 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS
-from cubicsplat_cli.artwork.geometry.outlines import pieces_of_rings
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.palette import UNLIKE
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.scene.paint import painted
 
 ROUNDED = 1.0 / 12.0  # levels^2 by which a picture's pixels are off at the least
@@ -37,7 +35,7 @@ def recoloured(drawing: Drawing, levels: np.ndarray, flat: Flattened | None) -> 
     for k, shape in reversed(list(enumerate(shapes))):
         window = shape.window()
         top, left = window[0].start, window[1].start
-        own = coverage(*pieces_of_rings(shape.oriented()), top, left, *seen[window].shape)
+        own = shape.coverage(top, left, *seen[window].shape)
         share = own * seen[window]
         seen[window] *= 1.0 - own * (shape.fill[3] / 255.0)
         if shape.gradient is not None or shape.fill[3] < 255 or not share.any():

@@ -94,10 +94,6 @@ class Visibility:
         seen = summed((c.slope[own] * WHITE) ** 2) * SEEN_SIGMA**2 > UNSEEN
         return cls(piece[order], t[order], seen[order], state.goal.share_error)
 
-    def shows(self, weights: np.ndarray) -> np.ndarray:
-        """Return (n,) bool, which weights of `weights` are those of points that show."""
-        return weights > 0.5 * self.sigma**-2
-
     def weights(self, piece: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Return (n,) 1/px^2 at parameters (n,) of pieces (n,): that of the nearest crossing."""
         if not len(self.piece):

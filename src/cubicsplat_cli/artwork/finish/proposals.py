@@ -175,9 +175,7 @@ class _Drawn:
     canvas: Canvas
 
     def outlines(self, smallest: float, error: float, detail: float) -> Iterator[tuple[int, tuple[Outline, ...]]]:
-        """The outlines of each connected part of so many px and more, and the shape that it lies on. error: of the
-        shares.
-        """
+        """The outlines of connected parts of `smallest` px or more, and the shape each lies on; error: of shares."""
         found = share_positions(self.share, self.cover, 255.0 * error)
         parts, _ = ndimage.label(self.cover)
         sizes = np.bincount(parts.ravel())

@@ -72,9 +72,7 @@ class Cells:
 
 
 def cells_of(target: np.ndarray) -> Cells | None:
-    """Return the cells of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; None if it is not made of
-    cells.
-    """
+    """Return the cells of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; None if it has none."""
     return _exact_cells(target) or _noisy_cells(target) or _enlarged_cells(target)
 
 
@@ -257,12 +255,8 @@ def _medians(levels: np.ndarray, grid: Grid) -> np.ndarray:
 
 def _inner(grid: Grid) -> np.ndarray:
     """Return (H, W) bool: the pixels that are not beside a border of cells."""
-    inside = []
-    for ends in (grid.y, grid.x):
-        line = np.ones(int(ends[-1]), dtype=bool)
-        line[ends[1:-1]] = line[ends[1:-1] - 1] = False
-        inside.append(line)
-    return inside[0][:, None] & inside[1][None]
+    rows, columns = (~np.isin(np.arange(ends[-1]), [ends[1:-1], ends[1:-1] - 1]) for ends in (grid.y, grid.x))
+    return rows[:, None] & columns
 
 
 def _cell_means(values: np.ndarray, grid: Grid) -> np.ndarray:

@@ -304,9 +304,8 @@ def _rings(levels: np.ndarray, rough: np.ndarray, near: np.ndarray) -> bool:
     WebPs and small JPEGs may ring without showing blocks: 0.1 and more of the pixels in eight of ten WebPs, and in nine
     of ten reduced JPEGs, but in one of a hundred clip arts with soft shading.
     """
-    if _swinging(levels, rough).sum() < 0.1 * near.sum():
-        return False
-    return (edge_blur(levels) or 0.0) < LEAST_BLUR_OF_JPEG
+    swinging = bool(_swinging(levels, rough).sum() >= 0.1 * near.sum())
+    return swinging and (edge_blur(levels) or 0.0) < LEAST_BLUR_OF_JPEG
 
 
 def _swinging(levels: np.ndarray, rough: np.ndarray) -> np.ndarray:

@@ -81,8 +81,7 @@ def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
 
 
 def _repeated(colours: np.ndarray, dots: np.ndarray) -> float:
-    """Return the share of dots (H, W) bool whose colours (H, W) are those of the pixels a PERIOD away to all four
-    sides."""
+    """Return the share of dots (H, W) bool of the colours (H, W) of the pixels a PERIOD away to all four sides."""
     inner = (slice(PERIOD, -PERIOD),) * 2
     like = np.ones(colours[inner].shape, dtype=bool)
     for axis in (0, 1):

@@ -62,9 +62,7 @@ def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Ex
 
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:
-    """The parts of a translucent overlay, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
-    what hides it.
-    """
+    """The parts of a translucent overlay, of no layer. cover, above: (H, W) bool, where it shows, and what hides it."""
     rows, columns = _with_room(ndimage.find_objects(cover)[0], cover.shape)
     view = cover[rows, columns]
     yield from _parts(OVERLAY, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)

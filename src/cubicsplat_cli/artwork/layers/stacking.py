@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from heapq import heapify, heappop, heappush
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -164,7 +164,8 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
             between = _between(facts, members, window)
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
             above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
-            if above is not None and not _held(facts, above, members):
+            around = chain.from_iterable(map(facts.enclosing, members.tolist()))
+            if above is not None and set(above.tolist()).isdisjoint(around):
                 # What the joined shape runs beneath cannot be joined beneath it any more.
                 facts.assume(above, members)
                 joined = True
@@ -209,12 +210,6 @@ def _shows_through(facts: _Facts, a: int, b: int) -> bool:
             if between != inner and (outer in facts.ground or outer in facts.regions.borders.beside[between]):
                 return True
     return False
-
-
-def _held(facts: _Facts, outer: np.ndarray, inner: np.ndarray) -> bool:
-    """Return whether one of some regions encloses one of others."""
-    some = set(outer.tolist())
-    return any(not some.isdisjoint(facts.enclosing(i)) for i in inner.tolist())
 
 
 def _box_around(facts: _Facts, members: np.ndarray) -> tuple[slice, slice]:

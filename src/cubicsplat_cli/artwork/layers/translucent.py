@@ -150,9 +150,7 @@ def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> 
 
 
 def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
-    """The places (2,), x and y in px, where exactly four different regions of a map (H, W) meet, and these regions in
-    their order around it.
-    """
+    """The places (2,), x and y in px, where exactly four different regions of a map (H, W) meet, and these in order."""
     first, *others = labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]
     several = np.any([first != other for other in others], axis=0)
     corners = np.sort([each[several] for each in (first, *others)], axis=0)

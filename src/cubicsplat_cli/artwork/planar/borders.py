@@ -49,13 +49,10 @@ def borders_of(faces: Faces, region: np.ndarray, sources: Sources) -> Borders:
     left, right = region[faces.face[0::2]], region[faces.face[1::2]]
     kept = left != right
     runs: list[Run] = []
-    loops = 0
-    for chain, closed in _chains(faces, kept):
+    for number, (chain, closed) in enumerate(_chains(faces, kept)):
         found = _along_pieces(chain, faces, sources, closed)
-        if closed:
-            for run in found:
-                run.loop = loops
-            loops += 1
+        for run in found if closed else ():
+            run.loop = number
         runs += found
     ends = np.array([_ends(run, faces) for run in runs], dtype=np.int64).reshape(-1, 2)
     return Borders(runs, ends, _cycles(faces, region, kept, runs))
@@ -217,8 +214,7 @@ def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
 
 
 def _crossing(cubics: np.ndarray, t: np.ndarray) -> np.ndarray | None:
-    """The crossing of two cubics (2, 4, 2) near the parameters (2,), by Newton's method; None where they run
-    abreast."""
+    """The crossing of two cubics (2, 4, 2) near parameters (2,), by Newton's method; None where they run abreast."""
     for _ in range(ROUNDS):
         place, (way, _) = points_at(cubics, t[:, None])[:, 0], derivatives(cubics, t[:, None])
         (ax, ay), (bx, by) = way[:, 0]

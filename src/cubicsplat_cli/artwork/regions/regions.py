@@ -263,9 +263,7 @@ def _sure(
 
 
 def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
-    """Components below `area` px, and small ones without a pixel that is surely theirs, go to the neighbour that they
-    touch most.
-    """
+    """Components below `area` px, and small ones without a pixel surely theirs, go to the neighbour they touch most."""
     for _ in range(8):
         count = labels.max() + 1
         sizes = np.bincount(labels.ravel(), minlength=count)

@@ -40,7 +40,7 @@ class Track:
     def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
         samples, weights, _, _ = samples_along(ring, visibility)
-        return cls(points, PointTree(points), samples[visibility.shows(weights)])
+        return cls(points, PointTree(points), samples[weights > 0.5 * visibility.sigma**-2])
 
     @cached_property
     def extent(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
@@ -29,7 +29,6 @@ from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides_of
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Cast
 from cubicsplat_cli.artwork.shadows.soft import SoftArea
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.raster.outlines import coverage
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
@@ -243,5 +242,5 @@ def _owners(drawing: Drawing) -> np.ndarray:
     for number, shape in enumerate(drawing.shapes):
         rows, columns = shape.window()
         seen = out[rows, columns]
-        seen[coverage(*pieces_of_rings(shape.oriented()), rows.start, columns.start, *seen.shape) >= 0.5] = number
+        seen[shape.coverage(rows.start, columns.start, *seen.shape) >= 0.5] = number
     return out

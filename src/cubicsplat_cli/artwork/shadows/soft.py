@@ -6,7 +6,6 @@ pixel follows from the pixel's place on the line. Beneath the shapes that cover 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, cached_property
 
@@ -89,7 +88,13 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
     `smooth_parts`."""
     found, clear = list[tuple[Ground, np.ndarray]](), levels[..., 3] <= CLEAR
     smooth = cache(lambda: smooth_parts(levels, tip=np.inf)[0] > 0)  # needed in few pictures; shadows bend
-    for part, fill, piece in _pieces(levels, parts, count):
+    pieces = (
+        (part, fill, piece)
+        for part, fill, even in even_grounds(levels, parts, count)
+        for piece in part.pieces(~even)
+        if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE
+    )
+    for part, fill, piece in pieces:
         work().at()
         direction = direction_from(piece.pixels.values, fill)
         if direction is None or (fill[3] > CLEAR and _is_cut(clear, piece)) or _is_gradient(part, piece, smooth()):
@@ -109,14 +114,6 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
         if not any((mask & ground.mask).sum() > 0.5 * ground.mask.sum() for mask in others):
             areas.append(_area(levels, parts, ground, colour))
     return [area for area in areas if area.mask.any()]
-
-
-def _pieces(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, Part]]:
-    """Yield parts, their even grounds (4,), and the pieces of them that are not even."""
-    for part, fill, even in even_grounds(levels, parts, count):
-        for piece in part.pieces(~even):
-            if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE:
-                yield part, fill, piece
 
 
 def _is_cut(clear: np.ndarray, piece: Part) -> bool:

@@ -61,9 +61,7 @@ def length_of(*shapes: Shape) -> float:
 
 
 def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[Stroke]:
-    """The strokes that cover what a shape does; none where there are no such, and where they must be shorter and are
-    not.
-    """
+    """The strokes that cover what a shape does; none without such, or if they must be shorter and are not."""
     simple = _simple(shape.outlines)
     if simple is not None:
         return [simple]

@@ -26,8 +26,7 @@ REST = 0.46  # of a width, that the outline is from a point halfway across at th
 
 @dataclass(eq=False)
 class Branch:
-    """points: (n, 2) px along it, its ends included; nodes: the numbers of the junctions or ends at both, -1 of a
-    loop."""
+    """points: (n, 2) px along it, ends included; nodes: the numbers of the junctions or ends at both, -1 of a loop."""
 
     points: np.ndarray
     nodes: tuple[int, int]
