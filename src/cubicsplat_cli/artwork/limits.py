@@ -46,9 +46,7 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
 
 
 def bounded_regions(picture: FlatPicture, min_area: float, most: int | None, limit: int) -> tuple[PixelFills, Regions]:
-    """Return the fills of a picture's pixels (`pixel_fills`), and at most `limit` regions: the smallest ones join their
-    neighbours, with a warning.
-    """
+    """Return a picture's `pixel_fills`, and at most `limit` regions; the smallest join neighbours, with a warning."""
     fills = pixel_fills(picture, most)
     regions = fills.regions(min_area)
     count = regions.count

@@ -96,9 +96,7 @@ def _painted_alike(first: Shape, second: Shape) -> bool:
 
 @dataclass(eq=False)
 class _Tracker:
-    """All shapes so far. moves: for each shape, its offset in each frame that shows it. order: the numbers of shapes
-    from back to front.
-    """
+    """All shapes so far. moves: the offset of each, by frames that show it. order: numbers from back to front."""
 
     shapes: list[_Outline] = field(default_factory=list)
     moves: list[dict[int, np.ndarray]] = field(default_factory=list)
@@ -129,9 +127,7 @@ class _Tracker:
         return next(reversed(self.moves[number].values()))
 
     def _hidden(self, drawn: list[_Outline], matches: Matches, drawing: Drawing) -> Matches:
-        """Return further matches, of shapes whose visible parts are as they were last. Their hidden parts are guessed
-        anew in each frame, and may differ.
-        """
+        """Return further matches: shapes whose visible parts are as before; hidden ones, guessed anew, may differ."""
         canvas = drawing.width, drawing.height
         taken, more = {number for number, _ in matches.values()}, {}
         clear: np.ndarray = np.ones((drawing.height, drawing.width), np.float32)  # share that shows lower shapes

@@ -131,9 +131,7 @@ def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _even_areas(levels: np.ndarray) -> np.ndarray:
-    """Return (H, W) int32 the number of a pixel's connected area in one colour or linear gradient, with at least TILE^2
-    px; 0 elsewhere.
-    """
+    """Return (H, W) int32 numbers of connected areas in one colour or linear gradient, TILE^2 px and more; else 0."""
     areas, count = ndimage.large_parts(flat_pixels(levels), TILE**2)
     kept = np.concatenate([[False], _off_planes(levels, areas, count) <= GRAIN])
     return np.asarray((np.cumsum(kept) * kept)[areas], np.int32)
@@ -194,9 +192,7 @@ def _opened(mask: np.ndarray) -> np.ndarray:
 
 
 def _ended(levels: np.ndarray, window: Window) -> Window:
-    """Return a window with its sides moved inwards to the strongest changes of the picture, and beyond a frame, each by
-    at most 2 FRAME px.
-    """
+    """Return a window with sides moved inwards, by 2 FRAME px at most, to the strongest changes and beyond frames."""
     rows, columns = window
     grown = np.pad(levels, ((1, 1), (1, 1), (0, 0)), constant_values=-np.inf)  # the outside differs from any pixel
     part = grown[rows.start : rows.stop + 2, columns.start : columns.stop + 2]
@@ -208,9 +204,7 @@ def _ended(levels: np.ndarray, window: Window) -> Window:
 
 
 def _strongest(part: np.ndarray) -> int:
-    """Return the number of rows at the top of a part before its outermost strong step: a step from one row to the next
-    of at least half of the largest.
-    """
+    """Return how many rows of a part come before its outermost step, from row to row, of half the largest or more."""
     rows = part[: min(2 * FRAME, len(part) // 3) + 1]
     sizes = np.median(largest(np.abs(np.diff(rows, axis=0))), axis=1)
     return int(np.argmax(sizes >= 0.5 * sizes.max()))

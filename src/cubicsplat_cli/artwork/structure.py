@@ -65,9 +65,7 @@ def ranks_of(drawing: Drawing) -> np.ndarray:
 
 
 def grouped_by_colour(drawing: Drawing) -> Drawing:
-    """Return the drawing with its shapes in groups of one paint: one group for each in a cutout, else as few as the
-    order of painting allows.
-    """
+    """Return the drawing in groups of one paint: one for each in a cutout, else as few as the order allows."""
     paints = [paint_of(shape) for shape in drawing.shapes]
     return _in_groups(drawing, paints, [colour_group(shape.fill) for shape in drawing.shapes])
 

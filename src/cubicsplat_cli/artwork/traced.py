@@ -158,9 +158,7 @@ def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
 
 
 def _of_pixels(shape: Shape, extent: Extent, levels: np.ndarray, fill: np.ndarray) -> Shape:
-    """Return the shape of an extent; if its outline is wrong, the pixels of a picture (H, W, 4) that are nearly in its
-    fill (4,).
-    """
+    """Return the shape of an extent; if that is wrong, the pixels of levels (H, W, 4) that are nearly its fill (4,)."""
     around = ndimage.binary_dilation(extent.shown, ndimage.SQUARE) & ~extent.shown
     # Not in wide parts, nor below other shapes: there pixels would leave gaps to smooth outlines.
     if ndimage.binary_erosion(extent.shown, ndimage.SQUARE).any() or (around & extent.allowed).any():

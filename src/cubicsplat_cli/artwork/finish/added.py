@@ -221,9 +221,7 @@ def _floor(changes: list[_Change]) -> float:
 
 
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
-    """The window on the canvas, of so many rows and columns, that a shape changes, and its pixels (h, w) bool. reach:
-    px to which it is blurred.
-    """
+    """The window of a canvas (rows, columns) that a shape blurred to `reach` px changes, and its pixels (h, w) bool."""
     rows, columns = window = widened(shape.window(), reach, size)
     sides = [max(side.stop - side.start, 0) for side in window]  # beyond the canvas it changes nothing
     own = shape.coverage(rows.start, columns.start, *sides) > 0.0

@@ -77,9 +77,7 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
 
 @record
 class Visibility:
-    """Visible parts of an outline's pieces. piece, t: of its crossings, in order; seen: (m,) bool. sigma: px, to which
-    these are known.
-    """
+    """Where an outline shows. piece, t: crossings, in order; seen: (m,) bool; sigma: px, to which they are known."""
 
     piece: np.ndarray
     t: np.ndarray

@@ -171,8 +171,7 @@ def as_path(shape: Outline, chi: float, crossed: int) -> Ring | None:
 
 
 def _moved(ring: Ring, i: int, complaints: Complaints, number: int, joints: set[int]) -> Ring:
-    """Return the ring with the move that the complaint of a number against its piece i suggests, of joints that have
-    not moved."""
+    """Return the ring with the move that a complaint (number) against piece i suggests, of joints not moved yet."""
     start, end = float(complaints.start[number]), float(complaints.end[number])
     length = float(polygon_lengths(ring.cubics[[i]])[0])
     if max(start, end) > 0.5 and length > 2.0 * NEAR:  # a joint has most of the misfit

@@ -152,9 +152,7 @@ def proposals(
 
 
 def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
-    """(h, w) bool: the pixels that are a new shape's, by its shares in them: half of what it has most of beside them;
-    lines stay in one piece.
-    """
+    """(h, w) bool: a new shape's pixels: half of what it has most of beside them, at least; lines stay in one piece."""
     most = ndimage.maximum_filter(share, 3 + 2 * math.ceil(blur))
     cover = (share >= 0.5) | ((share >= np.maximum(LESS, 0.5 * most)) & where)
     levels = np.repeat(share[..., None], 4, axis=2)

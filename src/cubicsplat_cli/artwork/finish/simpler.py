@@ -71,9 +71,7 @@ def _merged(state: State, constraints: Constraints, detail: float) -> State:
 
 
 def tolerant(goal: Goal) -> Goal:
-    """The goal with an error of pixels on edges of at least that of shares, so that what is faint counts less than what
-    is plain to see.
-    """
+    """The goal with pixels on edges at least as uncertain as shares, so that what is faint counts less."""
     return replace(goal, error=max(goal.error, goal.share_error))
 
 

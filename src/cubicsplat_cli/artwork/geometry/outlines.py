@@ -103,8 +103,7 @@ def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ring_of_cubics(cubics: np.ndarray, lines: np.ndarray | bool = False, smooth: np.ndarray | bool = True) -> Ring:
-    """A ring of the cubics (A, 4, 2) of which each starts where the one before ends. lines, smooth: (A,) bool, or of
-    all, as of `Ring`."""
+    """A ring of cubics (A, 4, 2), each from the end of the last. lines, smooth: (A,) bool, or of all, as of `Ring`."""
     straight, joints = (np.broadcast_to(each, len(cubics)).copy() for each in (lines, smooth))
     return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), straight, joints)
 

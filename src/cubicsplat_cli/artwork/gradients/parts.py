@@ -167,8 +167,7 @@ def uneven_parts(sizes: np.ndarray, spreads: np.ndarray, area: int, span: float)
 def part_of(
     levels: np.ndarray, parts: np.ndarray, number: int, boxes: np.ndarray, claimed: np.ndarray | None = None
 ) -> Part:
-    """Return a part by its number. parts: (H, W); boxes: as of `part_spreads`; claimed: (H, W) bool, pixels that belong
-    to other parts."""
+    """Return a part by its number. parts: (H, W); boxes: of `part_spreads`; claimed: (H, W) bool, others' pixels."""
     top, bottom, left, right = boxes[number - 1].tolist()
     window = slice(top, bottom + 1), slice(left, right + 1)
     mask = parts[window] == number

@@ -290,9 +290,7 @@ def _even_blocks(levels: np.ndarray, busy: np.ndarray) -> float:
 
 
 def _indexed(levels: np.ndarray) -> bool:
-    """Return True if a picture is not grey and has at most the 256 colours of a GIF or a PNG with a palette, whose
-    rounding makes it rough.
-    """
+    """True if a picture, not grey, has at most the 256 colours of a GIF or palette, whose rounding makes it rough."""
     colours = levels[..., :3]
     return bool((colours != colours[..., :1]).any()) and len(np.unique(packed(colours))) <= 256
 

@@ -123,9 +123,7 @@ def _sharp(lines: np.ndarray) -> bool:
 
 
 def _mean_error(lines: np.ndarray, length: int, kernel: Kernel) -> float:
-    """Return the mean error in levels, at edges, of lines (H, n, C) that are made smaller and enlarged again; infinite
-    without enough edges.
-    """
+    """Return the mean error in levels, at edges, of lines (H, n, C) reduced and enlarged again; inf with few edges."""
     enlarging = _enlarging(len(lines), length, kernel)
     again = (enlarging @ _inverse(lines, enlarging).reshape(length, -1)).reshape(lines.shape)
     off = largest(np.abs(np.clip(again, 0, 255) - lines))

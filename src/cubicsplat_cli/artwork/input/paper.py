@@ -172,9 +172,7 @@ def _enlarged(cells: np.ndarray, shape: tuple[int, int], cell: int) -> np.ndarra
 
 
 def _centred(luma: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the light, moved from the lighter pixels of the paper down to their middle, and the standard deviation of
-    its grain, in levels.
-    """
+    """Return the light, moved down to the middle of the paper, and the standard deviation of its grain, in levels."""
     off = luma - light
     # Pixels lighter than the commonest difference are paper alone.
     counts = np.bincount(np.clip(np.rint(off + 64.0), 0, 128).astype(int).ravel(), minlength=129)

@@ -163,9 +163,7 @@ def _with_areas(pens: Pens, bare: np.ndarray, least: float) -> Pens | None:
 
 
 def _kinds(lines: Profiles) -> np.ndarray:
-    """Return (n,) the kind of each profile, lines of one tint and about one mass, by a factor of e^0.3; -1 for rare
-    ones.
-    """
+    """Return (n,) the kind of each profile: lines of one tint and about one mass, by e^0.3; -1 for rare ones."""
     kinds = np.full(len(lines.masses), -1)
     free = lines.masses > 0.0
     size = np.log(np.maximum(lines.masses, 1e-6))

@@ -207,9 +207,7 @@ def _is_apart(fill: np.ndarray, palette: np.ndarray) -> bool:
 
 @record
 class _Labelling:
-    """A palette (P, 4) in levels and labels (H, W) that explain a JPEG at a cost in nats; missing: (k, 4) the colours
-    of pixels that they hardly explain.
-    """
+    """Palette (P, 4) in levels and labels (H, W) that explain a JPEG; cost: nats; missing: (k, 4) colours they lack."""
 
     palette: np.ndarray
     labels: np.ndarray

@@ -201,16 +201,12 @@ def _rough(levels: np.ndarray) -> float:
 
 
 def _even(levels: np.ndarray, most: float) -> np.ndarray:
-    """Return (H, W) bool, true for the pixels of fills and gradients, away from edges and halos, where second
-    differences are at most so many levels.
-    """
+    """Return (H, W) bool: pixels away from edges and halos, where second differences are at most so many levels."""
     return np.asarray(ndimage.maximum_filter(second_differences(levels), 3) <= most)
 
 
 def _even_range(levels: np.ndarray, size: int, most: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the largest value of the even pixels in windows of an odd size around each pixel, inf and
-    -inf where there are none.
-    """
+    """Return the least and the largest value of even pixels in odd windows around each pixel, inf and -inf for none."""
     even, window = _even(levels, most)[..., None], (size, size, 1)
     low = ndimage.minimum_filter(np.where(even, levels, np.float32(np.inf)), window)
     high = ndimage.maximum_filter(np.where(even, levels, np.float32(-np.inf)), window)

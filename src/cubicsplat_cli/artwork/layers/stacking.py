@@ -114,9 +114,7 @@ class _Facts:
 
 
 def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:
-    """Votes that a region lies above another: for (above, below) the sum over their meeting points with a
-    third, each from 0.3 to 1.
-    """
+    """Votes for (above, below): the sum over the meetings of two regions with a third, each from 0.3 to 1."""
     # Of the outlines that pass between three regions: own region, the others, the vertex, and the likelihood.
     places: dict[tuple[int, ...], list[tuple[int, tuple[int, int], int, int, float]]] = {}
     known = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)

@@ -211,8 +211,7 @@ def connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.nd
 def _absorbed(
     shown: np.ndarray, region: np.ndarray, slivers: np.ndarray, edges: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> None:
-    """Gives slivers, in place, what shows in the neighbour with which they share the longest border, in one that is
-    drawn if there is such."""
+    """Gives slivers, in place, what shows in the neighbour of the longest shared border, a drawn one if there is."""
     left, right, lengths = edges
     count = len(slivers)
     a, b = region[left], region[right]

@@ -84,8 +84,7 @@ def sources_from(
 
 @record
 class Segments:
-    """n segments. start, end: (n, 2) int64, steps of the grid; piece: (n,) int, whose they are; t: (n, 2) the
-    parameters at their ends."""
+    """n segments. start, end: (n, 2) int64, grid steps; piece: (n,) int, whose they are; t: (n, 2) parameters there."""
 
     start: np.ndarray
     end: np.ndarray

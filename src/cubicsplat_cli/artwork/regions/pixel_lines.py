@@ -113,9 +113,7 @@ def _doubtful(found: _LineRuns, palette: np.ndarray, pure: np.ndarray) -> np.nda
 
 
 def _colours(found: _LineRuns, doubtful: np.ndarray) -> list[np.ndarray]:
-    """The colours that long pixel lines have, those of the most px first. doubtful: (n,) bool, those that only several
-    tell.
-    """
+    """The colours of long pixel lines, those of most px first. doubtful: (n,) bool, lines that tell only together."""
     enough = found.length >= LONG
     long, alone = found.where(enough), ~doubtful[enough]
     colours, index = np.unique(np.rint(long.colour), axis=0, return_inverse=True)
@@ -184,9 +182,7 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
 
 
 def _touching(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners at which alone two pixels of one fill meet: rows (n, 2) and columns (n, 2) of the two others there, and
-    the fill (n,).
-    """
+    """Corners where alone two pixels of one fill meet: rows, columns (n, 2) of the others there, and the fill (n,)."""
     a, b, c, d = fills[:-1, :-1], fills[:-1, 1:], fills[1:, :-1], fills[1:, 1:]
     falling = np.argwhere((a == d) & (a != b) & (a != c))
     rising = np.argwhere((b == c) & (b != a) & (b != d))

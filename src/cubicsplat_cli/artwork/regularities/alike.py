@@ -29,8 +29,7 @@ FLIPS = np.array([[x, y] for y in (1.0, -1.0) for x in (1.0, -1.0)])
 
 @record
 class Track:
-    """A closed outline as a polyline, and its visible parts. points: (n, 2) px; tree: of them; seen: (m, 2) points that
-    show."""
+    """A closed outline as a polyline, and what shows. points: (n, 2) px; tree: of them; seen: (m, 2) that show."""
 
     points: np.ndarray
     tree: PointTree

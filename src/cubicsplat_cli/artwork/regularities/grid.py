@@ -66,9 +66,7 @@ def _seen_edges(state: State, error: float) -> list[Mark]:
 
 
 def _middle_and_radii(outline: Outline) -> list[tuple[int, float]]:
-    """Return the axes and values of what the picture tells of a circle, or of an ellipse that is level or else of its
-    middle; nothing of others.
-    """
+    """Return axes and values of a circle, a level ellipse, or another ellipse's middle; nothing of other outlines."""
     if not isinstance(outline, Circle | Ellipse):
         return []
     radii = [outline.r] if isinstance(outline, Circle) else [] if outline.angle else [outline.rx, outline.ry]

@@ -51,9 +51,7 @@ class Symmetry:
 
 
 def symmetry_of(track: Track, across: int) -> Symmetry | None:
-    """Return the symmetry of an outline about an axis across a coordinate; None where it has none, and where hardly
-    anything of it tells.
-    """
+    """Return the symmetry of an outline about an axis across a coordinate; None if it has none, or little tells."""
     if len(track.seen) < FEWEST:
         return None
     flips = np.where(np.arange(2) == across, -1.0, 1.0)[None]
@@ -67,9 +65,7 @@ def symmetry_of(track: Track, across: int) -> Symmetry | None:
 
 
 def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axis]:
-    """Return the axes of the outlines, by number, that are their own mirror images: on half steps of the file's grid;
-    size: px of the canvas.
-    """
+    """Return the axes of outlines that are their own mirror images, by number, on half grid steps; size: canvas px."""
     symmetries: dict[int, Symmetry] = {}
     for k, track in tracks.items():
         both = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
@@ -105,9 +101,7 @@ class MirroredRing:
 
 
 def mirrored_rings(ring: Ring, axis: Axis) -> list[MirroredRing]:
-    """Return the rings that either side of a ring and its mirror image make; none unless the axis is crossed just
-    twice.
-    """
+    """Return the rings that sides of a ring and their mirror images make; none unless the axis is crossed twice."""
     side = ring.anchors[:, axis.across] - axis.at
     near = np.abs(side) < ON_AXIS
     near &= ~(np.roll(near, 1) | np.roll(near, -1))
@@ -229,9 +223,7 @@ def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> RingPa
 
 
 def _equations(pieces: Pieces, found: MirroredRing) -> Iterator[tuple[int, int, float]]:
-    """Yield pairs of a ring's numbers on both sides of its axis, -1 for a fixed one, and the factor, 1 or -1, by which
-    each is the other.
-    """
+    """Yield pairs of numbers across a ring's axis, -1 for a fixed one, and the factor, 1 or -1, between both."""
     tied, v = pieces.joints.tied, pieces.joints.numbers
     signs = np.where(np.arange(2) == found.axis.across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):

@@ -99,8 +99,7 @@ Layers = tuple[BlurredBox, ...]
 
 
 class _ShadowSearch:
-    """The search for the layers of some casters. seen: (H, W) shade of each pixel of the grounds, 0..1; scale: levels
-    of full shade."""
+    """The search for the layers of casters. seen: (H, W) shade on the grounds, 0..1; scale: levels of full shade."""
 
     def __init__(self, grounds: Shaded, seen: np.ndarray, scale: float, casters: list[Caster]) -> None:
         self.casters, self.scale = casters, scale

@@ -143,8 +143,7 @@ def _worst(cut: Cut, shapes: list[Shape]) -> float:
 
 
 def _contoured(area: SoftArea) -> Iterator[Shape]:
-    """Yield the even shapes of a soft area, back to front: opaque ones on an opaque ground, so that nothing is lost by
-    rounding."""
+    """Yield a soft area's even shapes, back to front: opaque on an opaque ground, so that rounding loses nothing."""
     share, shown, colour = area.share, area.mask, area.colour[:3]
     ground = area.ground.fill[:3] if area.ground.fill[3] == 255.0 else None
     whole = 255.0 if ground is None else float(np.abs(colour - ground).max())  # levels of full shade

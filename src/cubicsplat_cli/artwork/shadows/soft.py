@@ -123,8 +123,7 @@ def _is_cut(clear: np.ndarray, piece: Part) -> bool:
 
 
 def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
-    """Return True if a piece of a part is a gradient that fades into the part. smooth: (H, W) bool, pixels in which
-    gradients are sought."""
+    """Return True if a piece of a part is a gradient fading into it. smooth: (H, W) bool, where these are sought."""
     if smooth[piece.rows, piece.columns].mean() < EXPLAINED:
         return False
     pixels = whole.around(piece).pixels
