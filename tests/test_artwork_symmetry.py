@@ -12,10 +12,10 @@ from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
 from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.mirrored import (
     Axis,
+    axis_of,
     mirrored_parameters,
     mirrored_rings,
     null_basis,
-    symmetry_of,
 )
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.point_tree import PointTree
@@ -62,9 +62,9 @@ def test_a_shape_that_is_asymmetric_by_half_a_pixel_stays_so():
 def test_a_ring_that_is_exactly_symmetric_is_found_so():
     points = flattened(heart(), 0.5)
     track = Track(points, PointTree(points), points)
-    found = symmetry_of(track, 0)
-    assert found.axis.at == pytest.approx(20.0, abs=1e-9)
-    assert symmetry_of(track, 1) is None
+    found = axis_of(track, 0)
+    assert found.at == pytest.approx(20.0, abs=1e-9)
+    assert axis_of(track, 1) is None
 
 
 def heart(jitter=0.0):

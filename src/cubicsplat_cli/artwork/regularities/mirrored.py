@@ -26,10 +26,15 @@ SAMPLES = 64  # of a cubic, between which nothing happens
 @record
 class Axis:
     """A line about which things are mirrored. across: the coordinate that changes, 0 for an upright axis, 1 for a level
-    one; at: its place there, px."""
+    one; at: its place there, px, and its standard error."""
 
     across: int
     at: float
+    error: float = 0.0
+
+    def near(self, at: float) -> bool:
+        """Return whether a place is within the errors of the axis."""
+        return abs(self.at - at) <= SIGMAS * float(np.hypot(self.error, SYSTEMATIC))
 
     def mirrored(self, points: np.ndarray) -> np.ndarray:
         """Return points (..., 2) on the other side."""
@@ -38,20 +43,8 @@ class Axis:
         return out
 
 
-@record
-class Symmetry:
-    """The axis about which an outline is nearly its own mirror image. error: of where the axis is, standard, px."""
-
-    axis: Axis
-    error: float
-
-    def near(self, at: float) -> bool:
-        """Return whether a place is within the errors of the axis."""
-        return abs(self.axis.at - at) <= SIGMAS * float(np.hypot(self.error, SYSTEMATIC))
-
-
-def symmetry_of(track: Track, across: int) -> Symmetry | None:
-    """Return the symmetry of an outline about an axis across a coordinate; None if it has none, or little tells."""
+def axis_of(track: Track, across: int) -> Axis | None:
+    """Return the axis across a coordinate about which an outline is mirrored; None without one, or if little tells."""
     if len(track.seen) < FEWEST:
         return None
     flips = np.where(np.arange(2) == across, -1.0, 1.0)[None]
@@ -61,33 +54,32 @@ def symmetry_of(track: Track, across: int) -> Symmetry | None:
     # Of a mirror image's shift, which is twice the axis's place, points tell on both sides of the axis.
     _, _, shift, told = found
     error = SEEN_SIGMA / float(np.sqrt(told[across]))
-    return Symmetry(Axis(across, 0.5 * float(shift[across])), error) if told[across] >= 2.0 else None
+    return Axis(across, 0.5 * float(shift[across]), error) if told[across] >= 2.0 else None
 
 
 def axes_of(tracks: Mapping[int, Track], size: tuple[int, int]) -> dict[int, Axis]:
     """Return the axes of outlines that are their own mirror images, by number, on half grid steps; size: canvas px."""
-    symmetries: dict[int, Symmetry] = {}
+    found: dict[int, Axis] = {}
     for k, track in tracks.items():
-        both = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
+        both = [axis for across in (0, 1) if (axis := axis_of(track, across)) is not None]
         if both:
-            symmetries[k] = min(both, key=lambda s: s.error)
+            found[k] = min(both, key=lambda axis: axis.error)
     half_step = 0.5 * 10.0 ** -suggested_precision(*size)
     axes: dict[int, Axis] = {}
     for across in (0, 1):
-        alike = {k: s for k, s in symmetries.items() if s.axis.across == across}
-        places = _shared(alike, 0.5 * size[across])
+        places = _shared({k: axis for k, axis in found.items() if axis.across == across}, 0.5 * size[across])
         axes |= {k: Axis(across, half_step * round(at / half_step)) for k, at in places.items()}
     return axes
 
 
-def _shared(symmetries: dict[int, Symmetry], middle: float) -> dict[int, float]:
+def _shared(axes: dict[int, Axis], middle: float) -> dict[int, float]:
     """Return the places of axes: the middle of the canvas, or the mean of those that are one, the surest first."""
-    rest = sorted(symmetries, key=lambda k: (symmetries[k].error, k))
-    places = {k: middle for k in rest if symmetries[k].near(middle)}
+    rest = sorted(axes, key=lambda k: (axes[k].error, k))
+    places = {k: middle for k in rest if axes[k].near(middle)}
     while rest := [k for k in rest if k not in places]:
-        group = [k for k in rest if symmetries[k].near(symmetries[rest[0]].axis.at)]
-        weights = [symmetries[k].error ** -2 for k in group]
-        places |= dict.fromkeys(group, float(np.average([symmetries[k].axis.at for k in group], weights=weights)))
+        group = [k for k in rest if axes[k].near(axes[rest[0]].at)]
+        weights = [axes[k].error ** -2 for k in group]
+        places |= dict.fromkeys(group, float(np.average([axes[k].at for k in group], weights=weights)))
     return places
 
 
