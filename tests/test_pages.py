@@ -15,7 +15,7 @@ from test_svg_viewers import AGREEMENT_DB
 
 from benchmarks.artwork.pixels import psnr
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.photo_parts import PhotoPart, page_of
+from cubicsplat_cli.artwork.photo_parts import Page, PhotoPart, page_of
 from cubicsplat_cli.artwork.structure import boxes_of
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.images import of_scene
@@ -58,9 +58,13 @@ def page(box: tuple[int, int, int, int] = (LEFT, TOP, RIGHT, BOTTOM), frame: boo
     return out
 
 
+def found_page(target: np.ndarray) -> Page | None:
+    return page_of(target, lambda _picture, _part: True)
+
+
 def photos_in(pixels: np.ndarray) -> list[tuple[int, int, int, int]]:
     """Left, top, right and bottom of the photographs of a page."""
-    found = page_of(target_of(pixels))
+    found = found_page(target_of(pixels))
     windows = [part.window for part in found.parts] if found else []
     return [(columns.start, rows.start, columns.stop, rows.stop) for rows, columns in windows]
 
@@ -86,7 +90,7 @@ def embedded():
 
 
 def test_a_photo_in_a_frame_is_found_to_the_pixel():
-    found = page_of(target_of(page()))
+    found = found_page(target_of(page()))
     assert photos_in(page()) == [(LEFT, TOP, RIGHT, BOTTOM)]
     assert found.parts[0].rectangular
     assert len(np.unique(found.flat[TOP:BOTTOM, LEFT:RIGHT].reshape(-1, 3), axis=0)) == 1
@@ -105,7 +109,7 @@ def test_a_photo_in_a_window_with_clear_corners_is_found_and_the_corners_stay_cl
     pixels = with_clear_margin(page())
     pixels[TOP + 40 : TOP + 44, LEFT + 40 : LEFT + 60, 3] = 254  # as palettes round opaque pixels
     premultiplied = as_picture(pixels).target()
-    found = page_of(premultiplied)
+    found = found_page(premultiplied)
     (part,) = found.parts
     assert part.window == (slice(TOP, BOTTOM), slice(LEFT, RIGHT))
     assert np.abs(found.flat[:TOP] - premultiplied[:TOP]).max() < 2e-3
@@ -122,7 +126,7 @@ def test_a_photo_in_a_window_with_clear_corners_is_found_and_the_corners_stay_cl
 def test_a_photo_that_is_partly_clear_is_none_of_a_page():
     pixels = with_clear_margin(page())
     pixels[TOP + 40 : TOP + 44, LEFT + 40 : LEFT + 60, 3] = 100
-    assert page_of(as_picture(pixels).target()) is None
+    assert found_page(as_picture(pixels).target()) is None
 
 
 def test_photos_at_the_edges_of_the_picture_are_found():
@@ -143,7 +147,7 @@ def round_photo() -> np.ndarray:
 
 
 def test_a_round_photo_keeps_its_form():
-    found = page_of(target_of(round_photo()))
+    found = found_page(target_of(round_photo()))
     (part,) = found.parts
     assert not part.rectangular
     assert part.size == pytest.approx(np.pi * 54**2, rel=0.05)
@@ -199,10 +203,10 @@ def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):
     inside = np.hypot(x - 75, y - 105) < 54
     pixels[50:160, 20:140] = 255
     pixels[inside] = shaded[inside]
-    assert page_of(target_of(pixels)) is None
+    assert found_page(target_of(pixels)) is None
     monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.GRAINY", 0.0)
     monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.RINGING", 0.0)
-    assert page_of(target_of(pixels)) is not None
+    assert found_page(target_of(pixels)) is not None
 
 
 def test_ringing_around_the_edges_of_a_gradient_is_no_photo(monkeypatch):
@@ -215,9 +219,9 @@ def test_ringing_around_the_edges_of_a_gradient_is_no_photo(monkeypatch):
     for cover, fill in ((48.5 - off, ball), (2.5 - np.abs(off - 26.4), 255.0)):
         pixels += np.clip(cover, 0.0, 1.0)[..., None] * (fill - pixels)
     lossy = recoded(np.rint(pixels).astype(np.uint8), quality=80)
-    assert page_of(target_of(lossy)) is None
+    assert found_page(target_of(lossy)) is None
     monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.RINGING", 0.0)
-    assert page_of(target_of(lossy)) is not None
+    assert found_page(target_of(lossy)) is not None
 
 
 def test_two_photos_are_two_parts():
@@ -225,30 +229,30 @@ def test_two_photos_are_two_parts():
     pixels[60:160, 168:290] = 255
     pixels[70:170, 180:290] = photo(110, 100)[:, ::-1]
     assert sorted(photos_in(pixels)) == [(LEFT, TOP, RIGHT, BOTTOM), (180, 70, 290, 170)]
-    first, second = page_of(target_of(pixels)).parts
+    first, second = found_page(target_of(pixels)).parts
     assert (first.stand_in != second.stand_in).any()
 
 
 def test_drawings_photos_and_text_have_no_part():
     plain = page()
     plain[TOP:BOTTOM, LEFT:RIGHT] = 200, 30, 30
-    assert page_of(target_of(plain)) is None
-    assert page_of(target_of(photo(WIDTH, HEIGHT))) is None
+    assert found_page(target_of(plain)) is None
+    assert found_page(target_of(photo(WIDTH, HEIGHT))) is None
     text = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     rng = np.random.default_rng(0)
     for row in range(8, HEIGHT - 16, 12):
         for left in range(8, WIDTH - 16, 7):
             text[row : row + 8, left : left + 5] = np.where(rng.random((8, 5, 1)) < 0.5, 255, 30)
-    assert page_of(target_of(recoded(text, quality=70))) is None
+    assert found_page(target_of(recoded(text, quality=70))) is None
     small = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     small[20:40, 20:200] = photo(180, 20)
-    assert page_of(target_of(small)) is None
+    assert found_page(target_of(small)) is None
 
 
 def test_a_photo_with_even_margins_alone_stays_a_photo():
     pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     pixels[30:170] = photo(WIDTH, 140)
-    assert page_of(target_of(pixels)) is None
+    assert found_page(target_of(pixels)) is None
 
 
 def test_a_page_is_a_drawing_with_its_photo_in_it(fitted):

@@ -68,9 +68,7 @@ class Page:
     reason: str
 
 
-def page_of(
-    target: np.ndarray, suits: Callable[[np.ndarray, PhotoPart], bool] = lambda _picture, _part: True
-) -> Page | None:
+def page_of(target: np.ndarray, suits: Callable[[np.ndarray, PhotoPart], bool]) -> Page | None:
     """Return the page in a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None unless it is a
     drawing with photographs, at its own size.
 
@@ -166,8 +164,7 @@ def _photos(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
         own[whole] = ndimage.binary_fill_holes(inside)
         window = _ended(levels, whole)
         mask = _mask_of(own, even, window)
-        corners = mask[[0, 0, -1, -1], [0, -1, 0, -1]]
-        if corners.all() and mask.mean() >= LEAST_FILLED:
+        if mask[[0, 0, -1, -1], [0, -1, 0, -1]].all() and mask.mean() >= LEAST_FILLED:
             mask = np.ones_like(mask)
         else:
             window = whole

@@ -144,11 +144,11 @@ class _Trials:
 
     def _explanations(self, found: list[Area]) -> list[list[_Explanation]]:
         """The ways to explain each area, the first ones of all areas tried together, and so on."""
-        canvas = Canvas(self.drawing, self.before.stack)
+        canvas = Canvas(self.drawing, self.before.stack, self.painted)
         proposed: list[list[list[Placed]]] = []
         for area in found:
             work().at()
-            proposed.append(list(proposals(area, self.picture, self.painted, canvas, self.detail)))
+            proposed.append(list(proposals(area, self.picture, canvas, self.detail)))
         out: list[list[_Explanation]] = [[] for _ in found]
         for number in range(max(map(len, proposed), default=0)):
             some = [(k, each) for k, ways in enumerate(proposed) if number < len(ways) for each in ways[number]]

@@ -109,23 +109,21 @@ class Placed:
 
 
 class Canvas:
-    """The visible parts of a drawing's shapes. stack: they, as drawn; palette: (P, 4) their fills in levels, but for
-    those that stand for gradients."""
+    """The visible parts of a drawing's shapes. stack: they, as drawn; painted: (H, W, 4) levels of that; palette: their
+    fills (P, 4) in levels, but for those that stand for gradients."""
 
-    def __init__(self, drawing: Drawing, stack: DrawnStack) -> None:
+    def __init__(self, drawing: Drawing, stack: DrawnStack, painted: np.ndarray) -> None:
         self.size = drawing.height, drawing.width
         fills = np.array([shape.fill for shape in drawing.shapes], dtype=float)
         self.fills = np.concatenate([fills[:, :3] * fills[:, 3:] / 255.0, fills[:, 3:]], axis=1)
         self.palette = np.unique(self.fills[[shape.gradient is None for shape in drawing.shapes]], axis=0)
-        self.stack = stack
+        self.stack, self.painted = stack, painted
 
 
-def proposals(
-    area: Area, picture: TargetPicture, painted: np.ndarray, canvas: Canvas, detail: float
-) -> Iterator[list[Placed]]:
-    """The ways to explain an area of a picture by shapes over what is painted, (H, W, 4) in levels."""
+def proposals(area: Area, picture: TargetPicture, canvas: Canvas, detail: float) -> Iterator[list[Placed]]:
+    """The ways to explain an area of a picture by shapes over what is painted."""
     window, condition = (area.rows, area.columns), picture.condition
-    values, ground = picture.levels[window].astype(float), painted[window].astype(float)
+    values, ground = picture.levels[window].astype(float), canvas.painted[window].astype(float)
     inner = ndimage.binary_erosion(area.where, ndimage.SQUARE)
     if condition.noise:
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]

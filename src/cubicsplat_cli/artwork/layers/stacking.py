@@ -18,7 +18,6 @@ from itertools import chain, pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.layers.ways import REACH
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.fills import CLEAR, CONTACT
 from cubicsplat_cli.artwork.regions.regions import Regions, ShadowSides
@@ -35,7 +34,8 @@ EXPOSED = 0.004
 ENCLOSED, JOINED, VOTE = 1000.0, 0.5, 3.0
 # px of the boxes around hulls that are tried, those of the largest pieces first: 4,000 times 512 x 512, in seconds.
 MOST_HULL_PIXELS = 1_050_000_000
-REACHES = (REACH, 0.5 * REACH)  # px along an outline from which its heading is taken, the first that is smooth
+REACH = 14.0  # px along an outline from which its heading is taken
+REACHES = (REACH, 0.5 * REACH)  # the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
 LEAST_TURN = math.radians(2.5)  # standard error beyond that of the points
 MEETING = 3  # px within which the outlines of three regions meet at one place

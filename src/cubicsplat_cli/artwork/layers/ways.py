@@ -12,18 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import arc_lengths, derivatives, points_at, polyline_places
+from cubicsplat_cli.artwork.layers.extents import Window
+from cubicsplat_cli.artwork.layers.stacking import REACH
 from cubicsplat_cli.raster.outlines import fewer_points, fewest_links, heading
 from cubicsplat_cli.record import record
 
-if TYPE_CHECKING:
-    from cubicsplat_cli.artwork.layers.extents import Window
-
-REACH = 14.0  # px along an outline from which its tangent is taken
 STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
 HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, over the distance between the ends
 MOST_TRIED = 8  # cubics, those that bend least
