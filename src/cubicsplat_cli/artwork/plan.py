@@ -137,9 +137,8 @@ def planned(
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
         whole = regions.count <= MOST_COMPLETED
         if not whole:
-            log.warning(
-                "%d regions are many: what lies above what, hidden parts and translucency are not sought", regions.count
-            )
+            text = "%d regions are many: what lies above what, hidden parts and translucency are not sought"
+            log.warning(text, regions.count)
         parts = parts_of(regions, edges, settings.completion == ON and whole, fixed if whole else None, shaded)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
             return Plan(soft, fills, regions, edges, parts)

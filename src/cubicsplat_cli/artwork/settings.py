@@ -51,9 +51,8 @@ class ArtworkSettings:
         group=DRAWINGS,
     )  # fmt: skip
     completion: str = setting(
-        ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), hidden=True,
-        group=DRAWINGS,
-    )  # fmt: skip
+        ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), hidden=True, group=DRAWINGS
+    )
     curves: int | None = None
 
     def __post_init__(self) -> None:

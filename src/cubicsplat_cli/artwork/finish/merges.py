@@ -121,16 +121,11 @@ def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: 
     border = np.array([constraints.width, constraints.height])
     fixed = (np.abs(ring.anchors) < MEAN_ERROR).any(axis=1) | (np.abs(ring.anchors - border) < MEAN_ERROR).any(axis=1)
     shows = np.isin(np.arange(ring.pieces), visibility.piece[visibility.seen])
-    numbers, cubics, nets = found_merges(
-        (ring.cubics, ring.lines, ring.smooth, fixed, shows),
-        (points, weights * px, ends),
-        (PRICE / detail, HOPEFUL, MOST_TURN),
-        (LONGEST_RUN, LONGEST_HIDDEN, FEWEST_PIECES),
-    )
-    merges = [
-        Merge(first, count, cubic, bool(line), saved, net)
-        for (first, count, line, saved), cubic, net in zip(numbers.tolist(), cubics, nets.tolist(), strict=True)
-    ]
+    pieces, samples = (ring.cubics, ring.lines, ring.smooth, fixed, shows), (points, weights * px, ends)
+    bounds = (PRICE / detail, HOPEFUL, MOST_TURN), (LONGEST_RUN, LONGEST_HIDDEN, FEWEST_PIECES)
+    numbers, cubics, nets = found_merges(pieces, samples, *bounds)
+    found = zip(numbers.tolist(), cubics, nets.tolist(), strict=True)
+    merges = [Merge(first, count, cubic, bool(line), saved, net) for (first, count, line, saved), cubic, net in found]
     taken = np.zeros(ring.pieces, dtype=bool)
     chosen: list[Merge] = []
     left = ring.pieces

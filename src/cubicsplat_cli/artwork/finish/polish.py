@@ -71,9 +71,7 @@ def polish(
             state = _repeated(merged, state, PASSES if goal.reach else 1)
         at("fitting to the pixels", 0.7)
         state = _repeated(moved, state, PASSES if pieces <= FULL else 1 if pieces <= CHANGED else 0)
-        rings = [
-            outline.otherwise if isinstance(outline, Ring) else None for s in drawing.shapes for outline in s.outlines
-        ]
+        rings = [o.otherwise if isinstance(o, Ring) else None for shape in drawing.shapes for o in shape.outlines]
         state = _tried(state, {k: parametrised(o, constraints) for k, o in enumerate(rings) if o is not None}, detail)
         # What moves and better neighbours have made even.
         if pieces <= CHANGED:

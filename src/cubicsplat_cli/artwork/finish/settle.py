@@ -118,15 +118,8 @@ def _stepped(state: State, families: np.ndarray, damping: np.ndarray, awake: np.
     models = free[families[free] == free]
     sizes = np.array([jacobians[k].count for k in models.tolist()])
     starts[models] = np.cumsum(sizes) - sizes
-    found = state.stack.step(
-        state.pieces[free],
-        np.diff(state.pieces)[free],
-        starts[families[free]],
-        [*jacobians.values()],
-        np.repeat(damping[models], sizes),
-        (PIXEL_SIGMA / FREE) ** 2,
-        CHANCE,
-    )
+    moved = state.pieces[free], np.diff(state.pieces)[free], starts[families[free]], [*jacobians.values()]
+    found = state.stack.step(*moved, np.repeat(damping[models], sizes), (PIXEL_SIGMA / FREE) ** 2, CHANCE)
     moves = np.zeros(len(outlines))
     np.maximum.at(moves, families[free], found.moves)
     gained = np.add.reduceat(-found.values * found.gradient, starts[models])

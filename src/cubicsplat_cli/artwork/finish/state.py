@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 
 import numpy as np
 
@@ -186,17 +185,13 @@ class State:
 
 def _pieces_of(layers: list[Layer]) -> StackPieces:
     """The pieces of all layers."""
-    outlines = list(chain.from_iterable(layer.outlines for layer in layers))
+    outlines = [o for layer in layers for o in layer.outlines]
     lines = [o.lines for o in outlines]
     sizes = list(map(len, lines))
     ends = np.cumsum([0, *sizes])[np.cumsum([len(layer.outlines) for layer in layers])]
-    return StackPieces(
-        ends.astype(np.int32),
-        np.concatenate([o.cubics for o in outlines]),
-        np.concatenate(lines),
-        np.repeat(list(chain.from_iterable(layer.signs for layer in layers)), sizes),
-        np.concatenate([layer.fill for layer in layers]).reshape(-1, 4),
-    )
+    cubics, signs = np.concatenate([o.cubics for o in outlines]), [sign for layer in layers for sign in layer.signs]
+    fills = np.concatenate([layer.fill for layer in layers]).reshape(-1, 4)
+    return StackPieces(ends.astype(np.int32), cubics, np.concatenate(lines), np.repeat(signs, sizes), fills)
 
 
 def goal_of(

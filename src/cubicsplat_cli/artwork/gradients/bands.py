@@ -35,9 +35,8 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
     drawn, areas = flat.painted(palette[labels], palette, labels.__eq__), list[ShadedArea]()
     groups, group_of = linked_groups(len(palette), *_without_step(levels, drawn, labels, len(palette)))
     for group in range(groups):
-        parts, _ = ndimage.label(
-            ndimage.binary_erosion((group_of == group)[labels], ndimage.SQUARE, RIM, border_value=1)
-        )
+        own = (group_of == group)[labels]
+        parts, _ = ndimage.label(ndimage.binary_erosion(own, ndimage.SQUARE, RIM, border_value=1))
         patches = sorted(patches_of(parts), key=lambda patch: -patch.size)
         left = [_Bands(levels, drawn, patch, condition) for patch in patches if patch.size >= LEAST_AREA]
         joined = _joined(left)

@@ -69,13 +69,8 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     shades = {area.shade: area.shade.times(rough) for area in found}
     # Noise hides the end of a ramp that fades into its ground, so an area ends with its windows.
     areas = [replace(area, shade=shades[area.shade], ground=None) for area in found]
-    return [
-        area
-        for area in areas
-        if area.patch.size >= LARGE_AREA
-        and np.ptp(area.shade.ramp.colours, axis=0).max() >= BLEND
-        and not is_step(area.shade)
-    ]
+    strong = [area for area in areas if np.ptp(area.shade.ramp.colours, axis=0).max() >= BLEND]
+    return [area for area in strong if area.patch.size >= LARGE_AREA and not is_step(area.shade)]
 
 
 def roughness(condition: Condition) -> float:
@@ -176,10 +171,8 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
         off = _squares(area.shade, area.patch.pixels(levels), condition)
         nearer = off < least[y, x]
         least[y[nearer], x[nearer]], owner[y[nearer], x[nearer]] = off[nearer], k
-    return [
-        replace(area, patch=replace(area.patch, mask=area.patch.mask & (owner[area.patch.window] == k)))
-        for k, area in enumerate(areas)
-    ]
+    masks = [area.patch.mask & (owner[area.patch.window] == k) for k, area in enumerate(areas)]
+    return [replace(area, patch=replace(area.patch, mask=mask)) for area, mask in zip(areas, masks, strict=True)]
 
 
 def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:

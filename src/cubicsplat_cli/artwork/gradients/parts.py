@@ -139,13 +139,9 @@ class Part:
     def pieces(self, chosen: np.ndarray) -> list[Part]:
         """Return the connected parts of the chosen pixels (n,) bool, largest first, without what is under 3 px."""
         labels, _ = ndimage.label(ndimage.binary_opening(self.within(chosen).mask, ndimage.SQUARE))
-        pieces = sorted(patches_of(labels), key=lambda piece: -piece.size)
-        top, left = self.patch.top, self.patch.left
-        return [
-            Part(self.levels, Patch(top + piece.top, left + piece.left, piece.mask))
-            for piece in pieces
-            if piece.size >= LEAST_AREA
-        ]
+        large = [piece for piece in patches_of(labels) if piece.size >= LEAST_AREA]
+        top, left, pieces = self.patch.top, self.patch.left, sorted(large, key=lambda piece: -piece.size)
+        return [Part(self.levels, Patch(top + piece.top, left + piece.left, piece.mask)) for piece in pieces]
 
     def around(self, piece: Part) -> Part:
         """Return a piece of this part with the pixels of the part within RING px."""

@@ -150,10 +150,7 @@ def gradient_of(shade: Shade) -> Gradient:
     knots = shade.ramp.knots
     first = knots[0] if not shade.radial else 0.0
     span = max(float(knots[-1] - first), 1e-9)
-    stops = tuple(
-        Stop(float(np.clip((knot - first) / span, 0.0, 1.0)), fill)
-        for knot, fill in zip(knots.tolist(), _fills(shade.ramp.colours), strict=True)
-    )
+    stops = tuple(map(Stop, np.clip((knots - first) / span, 0.0, 1.0).tolist(), _fills(shade.ramp.colours)))
     if not shade.radial:
         slope = shade.frame[0, :2]
         square = float(slope @ slope)

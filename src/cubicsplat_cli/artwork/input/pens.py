@@ -11,8 +11,6 @@ a pen covered before it was blurred.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA
@@ -153,13 +151,9 @@ def _with_areas(pens: Pens, bare: np.ndarray, least: float) -> Pens | None:
         if owners[k] == len(inks):
             inks.append(ink)
     y, x = np.nonzero(deep)
-    return replace(
-        pens,
-        inks=np.array(inks),
-        places=np.concatenate([pens.places, np.stack([x, y], axis=1)]),
-        owners=np.concatenate([pens.owners, owners[parts[y, x]]]),
-        widths=np.concatenate([pens.widths, np.full(len(y), wide)]),
-    )
+    places = np.concatenate([pens.places, np.stack([x, y], axis=1)])
+    owners, widths = np.append(pens.owners, owners[parts[y, x]]), np.append(pens.widths, np.full(len(y), wide))
+    return Pens(pens.blur, pens.paper, np.array(inks), places, owners, widths)
 
 
 def _kinds(lines: Profiles) -> np.ndarray:

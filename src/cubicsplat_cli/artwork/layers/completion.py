@@ -42,16 +42,11 @@ _Search = Generator[_Points, Outline, Outline]
 
 def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
     """The fitted outlines of a part of a layer, the outer one first: see `outlines_of_all`."""
-    return next(outlines_of_all([extent], canvas, detail))
+    return next(outlines_of_all([extent], canvas, detail, whole=True, sought=True))
 
 
 def outlines_of_all(
-    extents: Sequence[Extent],
-    canvas: tuple[int, int],
-    detail: float,
-    whole: bool = True,
-    sought: bool = True,
-    steps: int = 1,
+    extents: Sequence[Extent], canvas: tuple[int, int], detail: float, whole: bool, sought: bool, steps: int = 1
 ) -> Iterator[tuple[Outline, ...]]:
     """The fitted outlines of each of some parts of layers, the outer one first.
 

@@ -49,9 +49,7 @@ def parts_of(
     if fixed is not None:
         regions, overlays = without_overlays(regions, found, fixed)
     layers = stack(regions, found, joined, shaded)
-    parts = [
-        TranslucentPart(regions.fills[layers.layers[each.layer][0]], each) for each in extents(regions, layers, found)
-    ]
+    parts = [TranslucentPart(regions.fills[layers.layers[e.layer][0]], e) for e in extents(regions, layers, found)]
     return _with_overlays(parts, overlays, layers, regions, found) if overlays else parts
 
 

@@ -76,13 +76,8 @@ def _edges(
         runs[e].append((int(segments.piece[k]), float(t[0]), float(t[1])))
         changes[e][owner] = changes[e].get(owner, 0) + (1 if ahead else -1)
     live = [e for e in range(len(key)) if any(changes[e].values())]
-    return (
-        ends,
-        key[live] // len(ends),
-        key[live] % len(ends),
-        [runs[e] for e in live],
-        [{s: n for s, n in changes[e].items() if n} for e in live],
-    )
+    tail, head = np.divmod(key[live], len(ends))
+    return ends, tail, head, [runs[e] for e in live], [{s: n for s, n in changes[e].items() if n} for e in live]
 
 
 def _following(vertices: np.ndarray, tail: np.ndarray, head: np.ndarray) -> np.ndarray:

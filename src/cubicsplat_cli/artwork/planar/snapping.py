@@ -72,14 +72,9 @@ def sources_from(
     sizes = np.array([ring.pieces for ring in rings])
     starts = np.cumsum(sizes) - sizes
     after = np.concatenate([start + (np.arange(size) + 1) % size for start, size in zip(starts, sizes, strict=True)])
-    return Sources(
-        *pieces_of_rings(rings),
-        np.repeat(np.array(owners), sizes),
-        after,
-        np.concatenate([np.roll(ring.smooth, -1) for ring in rings]),
-        np.repeat(np.arange(len(rings)), sizes),
-        tuple(outlines),
-    )
+    smooth = np.concatenate([np.roll(ring.smooth, -1) for ring in rings])
+    shape, outline = np.repeat(np.array(owners), sizes), np.repeat(np.arange(len(rings)), sizes)
+    return Sources(*pieces_of_rings(rings), shape, after, smooth, outline, tuple(outlines))
 
 
 @record

@@ -81,9 +81,7 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
         tried.add(boxes)
         layers = _ShadowSearch(grounds, seen, scale, casters).best()
         if layers is not None:
-            casts = tuple(
-                Cast(c.mask, c.box, some) for c, some in zip(casters, layers, strict=True) if some is not None
-            )
+            casts = tuple(Cast(c.mask, c.box, some) for c, some in zip(casters, layers, strict=True) if some)
             best = casts if not best or _rank(casts) < _rank(best) else best
             if all(len(cast.layers) == 1 for cast in best):
                 break
@@ -216,9 +214,8 @@ def _nearest(samples: ShadowSamples, begins: list[Layers]) -> Layers:
     """Return the layers nearest to the samples, from several beginnings, which are first fitted to few pixels."""
     few = samples.every(FEW)
     fits = [nearest_layers(few, layers) for layers in begins]
-    unlikely, _, best = min(
-        ((not all(map(_plausible, layers)), left, layers) for layers, left in fits), key=lambda fit: fit[:2]
-    )
+    rated = [(not all(map(_plausible, layers)), left, layers) for layers, left in fits]
+    unlikely, _, best = min(rated, key=lambda fit: fit[:2])
     return best if unlikely or _explained(few, best) < HALFWAY else nearest_layers(samples, best)[0]
 
 

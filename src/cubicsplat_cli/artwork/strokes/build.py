@@ -34,9 +34,7 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float) -> list[Str
     of an even width. slack: px by which the rings may be off.
     """
     area = sum(signed_area(ring) for ring in rings)
-    around = sum(
-        float(np.hypot(*np.diff(flattened(ring, 1.0), axis=0, append=ring.anchors[:1]).T).sum()) for ring in rings
-    )
+    around = sum(float(np.hypot(*np.diff(flattened(r, 1.0), axis=0, append=r.anchors[:1]).T).sum()) for r in rings)
     width = 2.0 * area / max(around, 1e-9)
     if not width > 0.5:
         return []

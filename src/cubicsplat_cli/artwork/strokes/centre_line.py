@@ -31,14 +31,10 @@ def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: flo
     for first, last in pairwise(stops.tolist()):
         run = points[first : last + 1]
         parts.append(line_chain(run[[0, -1]]) if len(run) < FEWEST else _between_corners(run, price, slack))
-    anchors = [parts[0].anchors, *(part.anchors[1:] for part in parts[1:])]
+    anchors = np.concatenate([parts[0].anchors, *(part.anchors[1:] for part in parts[1:])])
+    controls, lines = [part.controls for part in parts], [part.lines for part in parts]
     smooth = np.concatenate([part.smooth[:-1] for part in parts] + [[False]])
-    return Chain(
-        np.concatenate(anchors),
-        np.concatenate([part.controls for part in parts]),
-        np.concatenate([part.lines for part in parts]),
-        smooth,
-    )
+    return Chain(anchors, np.concatenate(controls), np.concatenate(lines), smooth)
 
 
 def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:

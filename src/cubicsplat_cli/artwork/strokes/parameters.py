@@ -123,14 +123,11 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
 def _layers(drawing: Drawing, shapes: Iterable[Shape], goal: Goal) -> list[Layer]:
     """Layers of a drawing's shapes, of which only strokes are free."""
     constraints = Constraints(drawing.width, drawing.height)
-    return [
-        layer_of(
-            shape,
-            goal,
-            [StrokeParameters.of(shape.stroke, constraints)] if shape.stroke else [*map(Still, shape.outlines)],
-        )
-        for shape in shapes
-    ]
+
+    def free(shape: Shape) -> list[Parameters]:
+        return [StrokeParameters.of(shape.stroke, constraints)] if shape.stroke else [*map(Still, shape.outlines)]
+
+    return [layer_of(shape, goal, free(shape)) for shape in shapes]
 
 
 def _drawn(layer: Layer) -> Shape:
