@@ -86,8 +86,7 @@ def _in_groups(drawing: Drawing, keys: Sequence[Hashable], names: Sequence[str])
     the first one, since shapes meet along edges only. names: of each shape's group; repeated names get numbers.
     """
     boxes = boxes_of(drawing.shapes).T.copy()
-    groups: list[list[int]] = []
-    of_key: dict[Hashable, list[int]] = {}
+    groups, of_key = list[list[int]](), dict[Hashable, list[int]]()
     group_of = np.zeros(len(keys), dtype=np.int64)
     for index, key in enumerate(keys):
         near = group_of[:index][near_box(boxes[:, :index], boxes[:, index])]

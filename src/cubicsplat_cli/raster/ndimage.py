@@ -47,6 +47,11 @@ def alike(values: np.ndarray, size: int | Sequence[int]) -> np.ndarray:
     return np.asarray(maximum_filter(values, size) == minimum_filter(values, size))
 
 
+def ranges(values: np.ndarray, size: int | Sequence[int]) -> np.ndarray:
+    """Return the largest of the neighbours in a box, see maximum_filter, less the smallest. None of scipy's."""
+    return maximum_filter(values, size) - minimum_filter(values, size)
+
+
 def uniform_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
     """Return the mean of the neighbours in a box, of floats and in their type; see maximum_filter."""
     return _filtered(_MEAN, values, _boxes(size, values.ndim), mode)

@@ -52,9 +52,7 @@ def noisy_fills(levels: np.ndarray, seen: np.ndarray, condition: Condition) -> n
     edge = spread(seen, 3, 3) > max(APART, 8.0 * noise)
     away = calm & ~ndimage.maximum_filter(edge, 2 * 8 + 1)
     least = max(16, 1e-4 * levels[..., 0].size)
-    fills: list[np.ndarray] = []
-    sizes: list[float] = []
-    places = NONE
+    fills, sizes, places = list[np.ndarray](), list[float](), NONE
     for mask, apart in ((away, 0.0), (calm & ~away, FAR * reach)):
         new = _peaks(mean[mask], modes(mean[mask], reach, least, places), reach)
         earlier = list(fills)
@@ -140,8 +138,7 @@ def ringing(seen: np.ndarray) -> np.ndarray:
     """
     out = np.zeros(seen.shape, dtype=np.float32)
     for block, channels in ((BLOCK, slice(0, 1)), (2 * BLOCK, slice(1, 3))):
-        window, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
-        out[..., channels] = 0.05 * (ndimage.maximum_filter(values, window) - ndimage.minimum_filter(values, window))
+        out[..., channels] = 0.05 * ndimage.ranges(seen[..., channels], (2 * block + 1, 2 * block + 1, 1))
     return out
 
 

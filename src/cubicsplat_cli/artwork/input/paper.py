@@ -132,8 +132,7 @@ def _ink(depth: np.ndarray, grain: float) -> np.ndarray:
     depth = ndimage.gaussian_filter(depth, 1.0)
     parts, count = ndimage.label(depth > OUTLIER * grain, ndimage.SQUARE)
     deepest = ndimage.maximum(depth, parts, np.arange(count + 1))
-    steps = ndimage.maximum_filter(depth, 7) - ndimage.minimum_filter(depth, 7)
-    steepest = ndimage.maximum(steps, parts, np.arange(count + 1))
+    steepest = ndimage.maximum(ndimage.ranges(depth, 7), parts, np.arange(count + 1))
     clear = (deepest > 2.0 * OUTLIER * grain) & (steepest > deepest / 2.0)
     clear[0] = False
     return ndimage.binary_dilation(clear[parts], iterations=3)

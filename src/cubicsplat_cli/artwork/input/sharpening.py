@@ -73,7 +73,7 @@ class UnsharpMask(NamedTuple):
         without halos, which it finds better with each pass.
         """
         size = 2 * math.ceil(2.0 * self.radius) + 1
-        highest = 0.5 * self.amount * _range(levels, size)  # of a halo along a straight edge
+        highest = 0.5 * self.amount * ndimage.ranges(levels, (size, size, 1))  # of a halo along a straight edge
         # The mask has eigenvalues from 1 to 1 + amount, so each step leaves amount / (2 + amount) of the error.
         steps = math.ceil(6.0 / math.log(1.0 + 2.0 / self.amount))
         found = levels
@@ -213,12 +213,6 @@ def _even_range(levels: np.ndarray, size: int, most: float) -> tuple[np.ndarray,
     return low, high
 
 
-def _range(levels: np.ndarray, size: int) -> np.ndarray:
-    """Return the differences of the largest and the least values in windows of an odd size around each pixel."""
-    window = (size, size, 1)
-    return ndimage.maximum_filter(levels, window) - ndimage.minimum_filter(levels, window)
-
-
 def without_halos(levels: np.ndarray) -> np.ndarray:
     """Return a picture (H, W, 4) premultiplied RGBA in 0..255 without halos; the same array if it has none.
 
@@ -240,7 +234,7 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
         weight = ndimage.uniform_filter(known.astype(np.float32), (3, 3, 1), mode="nearest")
         mean = ndimage.uniform_filter(side, (3, 3, 1), mode="nearest") / np.maximum(weight, LEAST)
         side, known = np.where(known | (weight < LEAST), side, mean), known | (weight >= LEAST)
-    ripple = known & (np.abs(clipped - side) <= RIPPLE * _range(levels, 2 * REACH + 1))
+    ripple = known & (np.abs(clipped - side) <= RIPPLE * ndimage.ranges(levels, (2 * REACH + 1, 2 * REACH + 1, 1)))
     found = np.where(ripple, side, clipped).astype(np.float32)
     found[..., :3] = np.minimum(found[..., :3], found[..., 3:])  # premultiplied
     return found

@@ -72,8 +72,8 @@ def _along_runs(shares: np.ndarray) -> np.ndarray:
     known = np.nan_to_num(shares, nan=-9.0)
     even = np.zeros(shares.shape, dtype=bool)
     for run in ((RUN, 1), (1, RUN)):
-        spread = ndimage.maximum_filter(known, run) - ndimage.minimum_filter(known, run)
-        even |= ndimage.maximum_filter((spread <= 1.5 / SEAM_STEPS) & (known >= 0.0), run)
+        alike = (ndimage.ranges(known, run) <= 1.5 / SEAM_STEPS) & (known >= 0.0)
+        even |= ndimage.maximum_filter(alike, run)
     return np.where(even, shares, np.nan)
 
 

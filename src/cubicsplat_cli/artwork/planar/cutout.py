@@ -159,17 +159,12 @@ def _pieces(drawing: Drawing, ranks: np.ndarray, reach: float) -> tuple[Sources,
     """The P pieces of all shapes, of the same grown, and of the canvas; (P,) the rank of the shape of each, and (P,)
     bool, whether it is of the grown one.
     """
-    rings: list[Ring] = []
-    outlines: list[Outline] = []
-    kinds: list[tuple[int, bool]] = []
+    rings, outlines, kinds = list[Ring](), list[Outline](), list[tuple[int, bool]]()
     for shape, rank in zip(drawing.shapes, ranks.tolist(), strict=True):
         own = shape.oriented(EIGHTHS)
-        rings += own
-        outlines += shape.outlines
-        for index, ring in enumerate(own):
-            grown, around = _grown(shape, index, ring, reach)
-            rings.append(grown)
-            outlines.append(around)
+        grown = [_grown(shape, index, ring, reach) for index, ring in enumerate(own)]
+        rings += [*own, *(ring for ring, _ in grown)]
+        outlines += [*shape.outlines, *(outline for _, outline in grown)]
         kinds += [(rank, False)] * len(own) + [(rank, True)] * len(own)
     sources = sources_from(drawing, rings, [OWN] * len(rings), outlines, CANVAS)
     rank_of, is_grown = np.array([*kinds, (-1, True)])[sources.outline].T

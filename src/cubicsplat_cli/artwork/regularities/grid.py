@@ -15,16 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR, Pins
 from cubicsplat_cli.artwork.finish.polish import SHOWN
 from cubicsplat_cli.artwork.finish.state import State
-from cubicsplat_cli.artwork.geometry.outlines import (
-    EXACT,
-    Circle,
-    Ellipse,
-    Outline,
-    Rectangle,
-    Ring,
-    following,
-    with_thirds,
-)
+from cubicsplat_cli.artwork.geometry.outlines import EXACT, Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
 from cubicsplat_cli.artwork.regularities.alike import CLEAR, FARTHEST
 from cubicsplat_cli.artwork.shapes import Drawing
 
@@ -134,7 +125,7 @@ class _Snap:
     def _lines(self, ring: Ring, axis: int) -> Ring:
         """Return a ring with its lines across an axis on the grid; the handles at their ends go with them."""
         values, shift = ring.anchors[:, axis], np.zeros(ring.pieces)
-        for i in np.flatnonzero(ring.lines & (np.abs(following(values) - values) < EXACT)).tolist():
+        for i in np.flatnonzero(ring.lines & (np.abs(np.roll(values, -1) - values) < EXACT)).tolist():
             value = float(values[i])
             shift[[i, (i + 1) % ring.pieces]] = self._on(axis, value, self.edge) - value
         if not shift.any():
@@ -142,7 +133,7 @@ class _Snap:
         anchors, controls = ring.anchors.copy(), ring.controls.copy()
         anchors[:, axis] += shift
         controls[:, 0, axis] += shift
-        controls[:, 1, axis] += following(shift)
+        controls[:, 1, axis] += np.roll(shift, -1)
         return with_thirds(Ring(anchors, controls, ring.lines, ring.smooth))
 
     def _on(self, axis: int, value: float, error: float) -> float:

@@ -83,8 +83,7 @@ def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool) -> tuple[np
     points: (n, 2) px; gaps: (n,) bool, whether there is one between a point and the next.
     """
     count = len(points)
-    out: list[np.ndarray] = []
-    corners: list[int] = []
+    out, corners = list[np.ndarray](), list[int]()
     for i in range(count):
         out.append(points[i])
         if not gaps[i] or (i == count - 1 and not closed):
