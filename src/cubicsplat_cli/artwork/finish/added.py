@@ -48,8 +48,7 @@ def with_added(
     """The drawing with shapes where it does not explain its goal, a picture in some condition, and of a damaged one
     without those that explain less than they cost; the same where that needs none.
 
-    detail as in ArtworkSettings. min_area: px^2 that a shape has at least; most: shapes of the drawing, or None for any
-    number.
+    detail as in ArtworkSettings. min_area: px^2 that a shape has at least; most: shapes of the drawing, None for any.
     """
     if not drawing.shapes:
         return drawing

@@ -55,8 +55,7 @@ class Area:
 @record
 class TargetPicture:
     """The picture that drawings are compared with, in a condition. levels: (H, W, 4); least: px times levels of an
-    area; smallest: px of a shape; ringing: (H, W, 4) levels by which edges that ring are off in luma and chroma, else
-    0.
+    area; smallest: px of a shape; ringing: (H, W, 4) levels by which ringing edges are off in luma and chroma, else 0.
     """
 
     levels: np.ndarray

@@ -164,8 +164,7 @@ def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[Grad
 
 def placeholders(fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray = NONE) -> list[np.ndarray]:
     """Return for each fill (4,) one near it, in whole levels, that differs from all pixels (n, 4) and from the others:
-    the first shifted one that is APART from them, and half as far from those of small parts (m, 4), or the one that is
-    farthest.
+    the first shifted one that is APART from them, and half as far from those of small parts (m, 4), or the farthest.
     """
     taken, near, out = _few_colours(levels), _few_colours(small), list[np.ndarray]()
     for fill in fills:

@@ -190,8 +190,7 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
     one or a lossy WebP.
 
     rough, quiet: (H, W) bool; spans: as of `_quiet`. Only pixels near edges count, so that wide margins change nothing:
-    of those in nine of ten clean pictures at most 0.018 are rough, in JPEGs and WebPs of quality 60 to 98 0.05 and
-    more.
+    of those in nine of ten clean pictures at most 0.018 are rough, in JPEGs and WebPs of quality 60 to 98 over 0.05.
     """
     near = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1)
     rough = rough & near

@@ -76,8 +76,7 @@ def _fractional(changes: np.ndarray, length: int) -> tuple[np.ndarray, float, fl
     and the evidence for that in nats, 0 if there are no such cells.
 
     Borders at phase + n side are rounded to whole px, halves either way, so modulo the side all changes are within a
-    px. Sides are tried in steps of a tenth of a px over the whole picture, down to 1.5 px, below which cells are
-    pixels.
+    px. Sides are tried in steps of a tenth of a px over the whole picture, down to 1.5 px: smaller ones are pixels.
     """
     single = np.arange(length + 1), 1.0, 0.0
     if len(changes) < 2:

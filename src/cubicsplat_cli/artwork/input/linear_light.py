@@ -2,8 +2,7 @@
 
 In games, films and some browsers, colours are mixed as linear light. Taken for mixed sRGB values, the pixels of such an
 edge are too light, and a light shape seems up to a quarter of a pixel too wide. Only in the space in which an edge was
-blended do its pixels lie on the line between two colours, and does a straight edge advance evenly from column to
-column.
+blended do its pixels lie on the line between two colours, and does a straight edge advance evenly by columns.
 """
 
 from __future__ import annotations

@@ -65,8 +65,7 @@ def profiles_of(dark: np.ndarray, least: float) -> Profiles:
 def _ridges(depth: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Return places (n, 2) on the middle of lines, to a part of a px, and unit directions (n, 2) across them: places at
     which the second derivatives of the smoothed depth have one large negative eigenvalue, and no slope in its direction
-    (Steger 1998). Along a line the depth bends less than 0.15 of the bend across it, which is at least 0.04 of the
-    depth.
+    (Steger 1998). Along a line the depth bends less than 0.15 of the bend across it, at least 0.04 of the depth.
     """
     from scipy import ndimage  # takes a while to import, and few pictures are scans
 

@@ -51,8 +51,7 @@ class FlatPicture:
     """A picture without gradients, noise or blur, and what is known of it.
 
     levels: (H, W, 4) premultiplied RGBA. palette: (P, 4) levels, its fill colours, or None. labels: (H, W) int32 which
-    of them every pixel has most of, or None. standing: (G, 4) levels, fills that stand for gradients, which no thin
-    line has.
+    of them every pixel has most of, or None. standing: (G, 4) levels, fills that stand for gradients, of no thin line.
     """
 
     levels: np.ndarray

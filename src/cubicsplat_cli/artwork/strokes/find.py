@@ -27,8 +27,7 @@ ALIKE = 0.08  # px; widths that differ by less are one
 
 
 def as_strokes(drawing: Drawing, detail: float, error: float, *, shorter: bool = False) -> list[tuple[Shape, ...]]:
-    """For each shape of a drawing its strokes if it is of even width, one for each line that a pen would draw, else
-    itself.
+    """For each shape of a drawing its strokes if it is of even width, one for each line of a pen, else itself.
 
     A shape is given up where its strokes would cover anything else than it does. Widths that are alike become one.
     error: of the pixels that it was fitted to, of full scale. shorter: only where their description is shorter, and

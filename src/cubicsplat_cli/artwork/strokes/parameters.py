@@ -38,8 +38,7 @@ MOST_WIDER = 0.5  # px, of a stroke in a step
 
 
 class StrokeParameters:
-    """A stroke, as a parametrisation of the whole outline that it covers (`finish.Parameters`), holes run the other
-    way.
+    """A stroke, as a parametrisation of the whole outline that it covers (`finish.Parameters`), holes the other way.
 
     The last variable is its width, unless that is fixed.
     """
