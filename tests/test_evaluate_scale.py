@@ -19,7 +19,6 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import images
 from cubicsplat_cli.evaluate.images import (
     Tile,
-    area_means,
     downsampled_scene,
     downsampled_svg,
     draw_part,
@@ -31,6 +30,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene.arrays import block_means
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
@@ -78,12 +78,12 @@ def test_24k_pixels_in_tiles_of_bounded_size():
     assert len(found) < 200, "each tile costs a pass over the whole file"
 
 
-def test_area_means_are_exact_means_of_blocks():
+def test_block_means_are_exact_means_of_blocks():
     values = np.random.default_rng(1).integers(0, 256, (6, 12, 4), dtype=np.uint8)
     want = values.astype(np.float64).reshape(2, 3, 4, 3, 4).mean(axis=(1, 3))
-    assert np.abs(area_means(values, 3) - want).max() < 1e-4
-    assert np.abs(area_means(values.astype(np.float32), 3) - want).max() < 1e-4
-    assert area_means(np.full((24, 24, 3), 255, np.uint8), 12).max() == 255
+    assert np.abs(block_means(values, 3) - want).max() < 1e-4
+    assert np.abs(block_means(values.astype(np.float32), 3) - want).max() < 1e-4
+    assert block_means(np.full((24, 24, 3), 255, np.uint8), 12).max() == 255
 
 
 @BOTH

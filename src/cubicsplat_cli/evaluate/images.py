@@ -22,7 +22,7 @@ from cubicsplat_cli.evaluate.rerender import RGBA, Rendered, choose_renderer, dr
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import AnyScene, EmbeddedImage, LayeredScene, Scene
-from cubicsplat_cli.scene.arrays import padded
+from cubicsplat_cli.scene.arrays import block_means, padded
 from cubicsplat_cli.settings import SCALE
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def downsampled_svg(
         for tile in tiles(width, height, scale, tile_pixels):
             part = Tile(*(scale * length for length in tile))
             if name == "cairosvg":
-                means = area_means(draw_by_cairo(module, svg, *large, part), scale)[..., RGBA] / np.float32(255)
+                means = block_means(draw_by_cairo(module, svg, *large, part), scale)[..., RGBA] / np.float32(255)
             else:
                 drawn = draw_by_resvg(module, crop(svg, size, *large, part), part.width, part.height)
                 means = _means_of_straight(drawn, scale)
@@ -82,7 +82,7 @@ def downsampled_scene(
     picture = np.empty((scene.height, scene.width, scene.channels), np.float32)
     for tile in tiles(scene.width, scene.height, scale, tile_pixels):
         drawn = draw_part(scene, scale, tile, scaled_samples(samples, scale), threads)
-        picture[tile.rows, tile.columns] = area_means(drawn, scale)
+        picture[tile.rows, tile.columns] = block_means(drawn, scale)
     return picture
 
 
@@ -146,17 +146,8 @@ def tiles(width: int, height: int, scale: int, pixels: int) -> Iterator[Tile]:
             yield Tile(left, top, min(across, width - left), min(down, height - top))
 
 
-def area_means(values: np.ndarray, scale: int) -> np.ndarray:
-    """Return the mean of each scale x scale block of (H * scale, W * scale, C) uint8 or float: (H, W, C) float32."""
-    height, width = values.shape[0] // scale, values.shape[1] // scale
-    blocks = values.reshape(height, scale, width, scale, values.shape[2])
-    # Whole numbers add up exactly; float32 means of at most 144 values lose nothing that matters.
-    total = blocks.sum(axis=(1, 3), dtype=np.uint32 if values.dtype == np.uint8 else np.float32)
-    return (total / np.float32(scale * scale)).astype(np.float32)
-
-
 def _means_of_straight(pixels: np.ndarray, scale: int) -> np.ndarray:
-    """Return the premultiplied means of blocks, see `area_means`, of straight RGBA uint8."""
+    """Return the premultiplied means of blocks, see `block_means`, of straight RGBA uint8."""
     height = pixels.shape[0] // scale
     # In eighths of the rows: a float copy of the whole would take four times its memory.
     step = max(1, height // 8)
@@ -164,7 +155,7 @@ def _means_of_straight(pixels: np.ndarray, scale: int) -> np.ndarray:
     for top in range(0, height, step):
         rows = pixels[top * scale : (top + step) * scale].astype(np.float32) / np.float32(255)
         rows[..., :3] *= rows[..., 3:]
-        parts.append(area_means(rows, scale))
+        parts.append(block_means(rows, scale))
     return np.concatenate(parts)
 
 

@@ -18,7 +18,7 @@ from cubicsplat_cli.photo.initial import colour_to_logits, control_points, pictu
 from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.raster.native import native
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.arrays import Array, as_numpy, contiguous, like, namespace
+from cubicsplat_cli.scene.arrays import Array, as_numpy, block_means, contiguous, like, namespace
 from cubicsplat_cli.scene.shapes import TEMPLATES, polygon_points
 from cubicsplat_cli.settings import ANY, FitSettings, Mode
 
@@ -193,20 +193,15 @@ def box_mean(planes: Array, size: int) -> Array:
         stack = planes.reshape(1, -1, *planes.shape[-2:])
         return avg_pool2d(stack, size, 1, size // 2, count_include_pad=False).reshape(planes.shape)
     half = size // 2
-    for across in (True, False):
-        length = planes.shape[-1 if across else -2]
+    for axis in (-1, -2):
         total = planes.copy()
+        values, sums = planes.swapaxes(axis, -1), total.swapaxes(axis, -1)
+        length = values.shape[-1]
         for shift in range(1, min(half, length - 1) + 1):
-            rest = length - shift
-            if across:
-                total[..., :rest] += planes[..., shift:]
-                total[..., shift:] += planes[..., :rest]
-            else:
-                total[..., :rest, :] += planes[..., shift:, :]
-                total[..., shift:, :] += planes[..., :rest, :]
+            sums[..., :-shift] += values[..., shift:]
+            sums[..., shift:] += values[..., :-shift]
         index = np.arange(length)
-        count = np.minimum(index + half, length - 1) - np.maximum(index - half, 0) + 1
-        total /= (count if across else count[:, None]).astype(planes.dtype)
+        sums /= (np.minimum(index + half, length - 1) - np.maximum(index - half, 0) + 1).astype(planes.dtype)
         planes = total
     return planes
 
@@ -252,8 +247,8 @@ def place_shapes(
     which each is tried. unit: the length unit, px.
     """
     count, scale = len(centres), max(1, min(int(unit / FINENESS), *target.shape[:2]))
-    goal, canvas = _smaller(target, scale), _smaller(image, scale)
-    importance = None if weights is None else _smaller(weights[..., None], scale)
+    goal, canvas = block_means(target, scale), block_means(image, scale)
+    importance = None if weights is None else block_means(weights[..., None], scale)
     ring = TEMPLATES[kind][:, 1:] if kind in TEMPLATES else polygon_points(_circle(segments)[None])[0]
     outline = np.ascontiguousarray(_circle(ROUND) if kind == "ellipse" else ring[::3], np.float32)
     sizes = math.log(unit / scale) + generator.uniform(math.log(LEAST), math.log(MOST), (count, TRIES, 2))
@@ -283,10 +278,3 @@ def _turned(angles: np.ndarray) -> np.ndarray:
     """Return the matrices (n, 2, 2) that turn rows of coordinates by angles (n,)."""
     c, s = np.cos(angles), np.sin(angles)
     return np.stack((c, s, -s, c), axis=1).reshape(-1, 2, 2)
-
-
-def _smaller(picture: np.ndarray, scale: int) -> np.ndarray:
-    """Return (h, w, C): the means of whole blocks of (H, W, C) with so many pixels a side."""
-    h, w = picture.shape[0] // scale, picture.shape[1] // scale
-    blocks = picture[: h * scale, : w * scale].reshape(h, scale, w, scale, -1)
-    return np.ascontiguousarray(blocks.mean((1, 3)), np.float32)

@@ -67,6 +67,15 @@ def with_channels(picture: Array, channels: int, whole: float = 1.0) -> Array:
     return xp.concat([picture, xp.full_like(picture[..., :1], whole)], axis=-1)
 
 
+def block_means(values: np.ndarray, side: int) -> np.ndarray:
+    """Return (h, w, C) float32: the means of the whole blocks of side x side px of (H, W, C) uint8 or float."""
+    height, width = values.shape[0] // side, values.shape[1] // side
+    blocks = values[: height * side, : width * side].reshape(height, side, width, side, -1)
+    # Whole numbers add up exactly; float32 means lose nothing that matters.
+    total = blocks.sum(axis=(1, 3), dtype=np.uint32 if values.dtype == np.uint8 else np.float32)
+    return (total / np.float32(side * side)).astype(np.float32)
+
+
 def contiguous(array: Array) -> Array:
     """Return the same values row after row; the same array if they are."""
     return np.ascontiguousarray(array) if isinstance(array, np.ndarray) else array.contiguous()
