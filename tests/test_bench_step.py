@@ -11,7 +11,6 @@ import pytest
 
 from cubicsplat_cli.bench.step import (
     Memory,
-    from_status,
     measure_step,
     memory,
     step_lines,
@@ -114,10 +113,12 @@ def test_memory_grows_by_what_is_taken():
     assert after.peak >= after.resident
 
 
-def test_status_is_read_in_bytes():
-    text = "Name:\tx\nVmPeak:\t  999 kB\nVmHWM:\t   20 kB\nVmRSS:\t   10 kB\nThreads:\t1\n"
-    assert from_status(text) == Memory(10_240, 20_480)
-    assert from_status("Name:\tx\n") == Memory(None, None)
+def test_status_is_read_in_bytes(tmp_path):
+    status = tmp_path / "status"
+    status.write_text("Name:\tx\nVmPeak:\t  999 kB\nVmHWM:\t   20 kB\nVmRSS:\t   10 kB\nThreads:\t1\n")
+    assert memory(status) == Memory(10_240, 20_480)
+    status.write_text("Name:\tx\n")
+    assert memory(status) == Memory(None, None)
 
 
 def test_systems_without_a_status_file_tell_the_peak_or_nothing(monkeypatch, tmp_path):

@@ -198,13 +198,9 @@ class Memory(NamedTuple):
 def memory(status: Path = STATUS) -> Memory:
     """Return the figures of Linux's process status, or elsewhere the peak of `getrusage`; Windows has neither."""
     try:
-        return from_status(status.read_text(encoding="ascii"))
+        text = status.read_text(encoding="ascii")
     except OSError:
         return Memory(None, _peak_of_getrusage())
-
-
-def from_status(text: str) -> Memory:
-    """Return the figures in the text of /proc/self/status."""
     sizes = {name: 1024 * int(kilobytes) for name, kilobytes in re.findall(r"^(Vm\w+):\s*(\d+) kB$", text, re.M)}
     return Memory(sizes.get("VmRSS"), sizes.get("VmHWM"))
 
