@@ -69,7 +69,7 @@ def clip_request_of(options: Mapping[str, Any]) -> ClipRequest:
 
 def _given(owner: type[Any], options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that are not None, under their present names, those of the owner parsed."""
-    given = {name: value for name, value in renamed(options).items() if value is not None}
+    given = renamed(options)
     for each, spec in settings_of(owner):
         if spec.parse is not None and each.name in given:
             given[each.name] = spec.parse(given[each.name])

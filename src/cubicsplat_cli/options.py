@@ -57,14 +57,11 @@ class Setting:
 
     def check(self, name: str, value: Any) -> None:
         """Raise UsageError, naming the setting, for a value that makes no sense."""
+        types = int if self.kind == "count" else (int, float)
         # A bool is an int, and NaN compares as false.
-        number = isinstance(value, int if self.kind == "count" else (int, float)) and not isinstance(value, bool)
-        makes_sense = {
-            "choice": value in self.choices,
-            "flag": isinstance(value, bool),
-            "text": True,
-        }.get(self.kind, number and self.least <= value <= self.most)
-        if not makes_sense and not (value is None and self.optional):
+        in_range = isinstance(value, types) and not isinstance(value, bool) and self.least <= value <= self.most
+        fits = {"choice": value in self.choices, "flag": isinstance(value, bool), "text": True}.get(self.kind, in_range)
+        if not fits and not (value is None and self.optional):
             raise UsageError(f"must be {self.values()}{', or auto' if self.auto else ''}, not {value!r}", name)
 
     def values(self) -> str:
@@ -112,8 +109,8 @@ def check_settings(owner: Any) -> None:
 
 
 def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values under the present names of their settings."""
-    return {RENAMED.get(name, name): value for name, value in values.items()}
+    """Return the values that are not None, under the present names of their settings."""
+    return {RENAMED.get(name, name): value for name, value in values.items() if value is not None}
 
 
 def unknown_setting(name: str, names: Iterable[str]) -> UsageError:

@@ -116,10 +116,7 @@ class Request:
         None, "number", "Cutouts grow beneath their neighbours.", least=0.1, most=1000, metavar="PX", optional=True,
         hidden=True, **_OF_DRAWINGS,
     )  # fmt: skip
-    ground: str = setting(
-        KEEP, "text", "keep, remove or a colour.", metavar="WHAT", parse=parse_ground,
-        **_OF_DRAWINGS,
-    )  # fmt: skip
+    ground: str = setting(KEEP, "text", "keep, remove or a colour.", metavar="WHAT", parse=parse_ground, **_OF_DRAWINGS)
     units: str = setting(
         "px", "choice", "Units of width and height.", choices=tuple(UNITS), group=STRUCTURE, hidden=True
     )
@@ -234,18 +231,13 @@ def _conflicts(request: Request) -> Iterator[tuple[object, str | None, str]]:
     """Yield for each combination that makes no sense: whether the request has it, the option to name, and the error."""
     fit, artwork, style, tiny = request.settings, request.artwork, request.style, request.tiny
     photo, drawing = next(iter(request.of_photos()), ""), next(iter(request.of_artwork()), "")
-    yield (
-        photo and style not in ("auto", "photo"), photo,
-        f"is for photos, not for {style}; leave it out, or use style photo",
-    )  # fmt: skip
+    text = f"is for photos, not for {style}; leave it out, or use style photo"
+    yield photo and style not in ("auto", "photo"), photo, text
     if style == "pixel":
         yield from _pixel_conflicts(request)
-    yield (
-        drawing and style == "photo", drawing,
-        "is for artwork, not for photos; leave it out, or use style artwork",
-    )  # fmt: skip
-    other = photo.replace("_", "-")
-    yield photo and drawing, drawing, f"is for artwork, --{other} for photos; give one of them"
+    yield drawing and style == "photo", drawing, "is for artwork, not for photos; leave it out, or use style artwork"
+    text = f"is for artwork, --{photo.replace('_', '-')} for photos; give one of them"
+    yield photo and drawing, drawing, text
     text = "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies"
     yield request.shading != NONE and not request.may_shade, "shading", text
     text = (
@@ -296,10 +288,10 @@ def _pixel_conflicts(request: Request) -> Iterator[tuple[object, str, str]]:
     text = "joins small regions, which pixel art keeps; use style artwork, or leave it out"
     yield request.artwork.min_area, "min_area", text
     yield request.artwork.strokes, "strokes", "are what pixel art has none of; leave it out"
-    mode = request.settings.mode
-    yield mode is Mode.OPEN, "mode", "open is for strokes, which pixel art has none of; leave it out"
+    text = "open is for strokes, which pixel art has none of; leave it out"
+    yield request.settings.mode is Mode.OPEN, "mode", text
+    text = "leaves details out, which pixel art keeps; use style artwork, or leave it out"
     for name in ("max_bytes", "target_psnr"):
-        text = "leaves details out, which pixel art keeps; use style artwork, or leave it out"
         yield getattr(request, name) is not None, name, text
     text = "object is of shapes, but pixel art has one path a colour; use color"
     yield request.group_by == OBJECT, "group_by", text

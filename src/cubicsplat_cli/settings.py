@@ -244,7 +244,7 @@ class FitSettings:
     @classmethod
     def from_preset(cls, preset: str = "standard", mode: Mode | str = Mode.CLOSED, **overrides: Any) -> FitSettings:
         """Return settings from values of them and of the recipe; None means the preset's value."""
-        given = {name: value for name, value in renamed(overrides).items() if value is not None}
+        given = renamed(overrides)
         for name in given:
             if name not in cls.names():
                 raise unknown_setting(name, cls.names())

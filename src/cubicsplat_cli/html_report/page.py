@@ -61,9 +61,10 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         shown = None if own is not None else data_url("image/svg+xml", subject.candidate)
     else:
         shown = picture_url(subject.raster, subject.candidate)
-    made: dict[str, Any] = {}  # of the run that made the SVG
+    # Of the run that made the SVG.
+    made: dict[str, Any] = dict.fromkeys(("command", "settings", "device", "reason", "style", "inks"))
     if report is not None:
-        made = {
+        made |= {
             "command": command(report), "settings": setting_texts(report.settings), "device": report.device,
             "reason": report.style_reason, "style": report.style, "inks": report.inks, "version": report.version,
         }  # fmt: skip
@@ -84,7 +85,7 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         charts=_charts(report, losses, kind),
         times=_times(report),
         notes=[*(() if report is None else report.notes), *subject.notes],
-        **{**dict.fromkeys(("command", "settings", "device", "reason", "style", "inks")), **made},
+        **made,
     )
 
 
@@ -93,8 +94,7 @@ def page_of_result(picture: Picture, data: bytes, svg: bytes, report: Report, th
     quality, output = None if report.quality is None else report.quality.svg, report.output
     name = Path(output.svg).name if output.svg else picture.source
     drawn_by = quality.renderer if quality else None
-    subject = Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes)
-    return page(subject, threads)
+    return page(Subject(picture, data, name, svg, quality, drawn_by, report, output.svg_sha256, output.bytes), threads)
 
 
 def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
@@ -259,8 +259,7 @@ def histogram(title: str, about: str, values: Sequence[float]) -> Chart:
         for i, c in enumerate(counts.tolist())
         if c
     )  # fmt: skip
-    decades = range(first, last + 1)
-    across = [(LEFT + (RIGHT - LEFT) * (d - first) / (last - first), f"{10.0**d:g}") for d in decades]
+    across = [(LEFT + (RIGHT - LEFT) * (d - first) / (last - first), f"{10.0**d:g}") for d in range(first, last + 1)]
     up = [(BOTTOM - (BOTTOM - TOP) * c / most, f"{c:g}") for c in ticks(0, most, 3) if c <= most and c == int(c)]
     return Chart(title, about, "dB", across, up, bars=bars)
 
