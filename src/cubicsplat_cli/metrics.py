@@ -248,9 +248,8 @@ def _built(kind: type[T], value: Any) -> T:
     """Return a dataclass from plain JSON values. Raises ValueError if a member is missing or of another type."""
     if not isinstance(value, dict):
         raise ValueError(f"{kind.__name__} must be an object, not {type(value).__name__}")
-    hints = get_type_hints(kind)
     # Members of newer versions are ignored.
-    members = {name: _typed(hint, value[name], name) for name, hint in hints.items() if name in value}
+    members = {name: _typed(hint, value[name], name) for name, hint in get_type_hints(kind).items() if name in value}
     try:
         return kind(**members)
     except TypeError as error:

@@ -132,8 +132,7 @@ def labelled_row(cells: Sequence[Image.Image], labels: Sequence[str], width: int
     for index, (image, label) in enumerate(zip(cells, labels, strict=True)):
         left = _MARGIN + index * (width + _MARGIN)
         for place, line in enumerate(label.split("\n")):
-            # The built-in font may lack other letters.
-            text = line.encode("ascii", "replace").decode()
+            text = line.encode("ascii", "replace").decode()  # the built-in font may lack other letters
             draw.text((left, 3 + place * _LABEL), text, fill="black", font=font)
         row.paste(image, (left, lines * _LABEL))
     return row

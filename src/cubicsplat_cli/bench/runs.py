@@ -129,8 +129,7 @@ def _run(
     if entry is not None:
         entry.write(result)
     # The figures are those of the report's file, so that they are the same from the cache.
-    report = Report.from_json(result.report.to_json())
-    return _figures(fit, report, cached=False), result.svg.encode()
+    return _figures(fit, Report.from_json(result.report.to_json()), cached=False), result.svg.encode()
 
 
 def _figures(fit: FitJob, report: Report, *, cached: bool) -> FitFigures:

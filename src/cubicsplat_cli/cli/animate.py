@@ -84,8 +84,7 @@ def _places(clip: Path, output: str | None, request: ClipRequest) -> tuple[Path,
     lie beside the clip.
     """
     if output is None:
-        whole = is_folder(clip)
-        beside, name = (clip.resolve().parent, clip.resolve().name) if whole else (clip.parent, clip.stem)
+        beside, name = (clip.resolve().parent, clip.resolve().name) if is_folder(clip) else (clip.parent, clip.stem)
         output = str(beside / f"{name}{_SUFFIXES[str(request.format)]}")
     result = Path(output)
     if request.format == FRAMES:
@@ -141,9 +140,8 @@ def _write(animation: Animation, result: Path, request: ClipRequest) -> None:
     for path, data in files.items():
         write_atomically(path, data)
     if request.format == FRAMES:
-        for path in _frames(result):
-            if path not in files:
-                path.unlink()
+        for path in {*_frames(result)} - {*files}:
+            path.unlink()
 
 
 def clip_summary(report: ClipReport) -> str:

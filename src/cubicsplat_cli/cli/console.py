@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from cubicsplat_cli.formatting import duration, printable
@@ -144,9 +143,7 @@ class LiveDisplay(Display):
         self._bars.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bars.stop()
         self._console.pop_render_hook()
 
@@ -165,8 +162,7 @@ class LiveDisplay(Display):
     def step(self, progress: Progress, job: str) -> None:
         if job in self._shown:
             room = self._console.width - self._name_width() - (_BAR if self._console.width >= _WIDE else 0) - 4
-            text = progress_text(progress, room)
-            self._bars.update(self._shown[job], completed=progress.share, text=text)
+            self._bars.update(self._shown[job], completed=progress.share, text=progress_text(progress, room))
             super().step(progress, job)
             self._show_all()
 

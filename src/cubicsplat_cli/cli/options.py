@@ -137,8 +137,7 @@ def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
         names += f"/--no-{names[2:]}"
     if spec.kind not in ("choice", "flag"):
         facts["metavar"] = spec.metavar
-    hidden = spec.hidden or spec.by_set
-    made = Option(names, help=text, rich_help_panel=spec.group, hidden=hidden, **facts)
+    made = Option(names, help=text, rich_help_panel=spec.group, hidden=spec.hidden or spec.by_set, **facts)
     return Annotated[kind | None if default is None else kind, made]
 
 

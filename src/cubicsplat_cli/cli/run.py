@@ -115,8 +115,7 @@ class BatchRun:
         if self.request.data_uri and svg is not None and written and not self.dry_run:
             write_stdout(uri_line(svg.read_bytes()))
         if self.json:
-            line = json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False)
-            write_stdout(line.encode() + b"\n")
+            write_stdout(json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False).encode() + b"\n")
 
     def _work(self) -> None:
         if self.plan.pictures > 1:

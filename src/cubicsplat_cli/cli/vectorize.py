@@ -70,8 +70,7 @@ def vectorize(
     _JOBS.check("jobs", jobs)
     values = {**options, **dict(map(override, overrides))}
     values["png"] = values["png"] and values["measure"] and not svg_only
-    if svg_only:
-        values["metrics"] = False
+    values["metrics"] = values["metrics"] and not svg_only
     if values["weights"] is not None and Path(values["weights"]).is_dir():
         values["masks"] = Path(values.pop("weights"))
     values["also"] = parse_formats(also)

@@ -232,8 +232,7 @@ def draw_by_cairo(
             return surface, whole_width, whole_height
 
     tree = trees.Tree(bytestring=svg, unsafe=False, url_fetcher=embedded_only)
-    drawn = OnPixels(tree, None, 96, output_width=width, output_height=height)
-    drawn.cairo.finish()
+    OnPixels(tree, None, 96, output_width=width, output_height=height).cairo.finish()
     return pixels
 
 

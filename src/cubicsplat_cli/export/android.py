@@ -99,8 +99,7 @@ def _add_paint(path: Element, name: str, paint: Paint | None) -> None:
         if paint[3] < 1.0:
             path.set(f"android:{name}Alpha", _number(paint[3]))
     elif paint is not None:
-        attribute = ElementTree.SubElement(path, "aapt:attr", {"name": f"android:{name}Color"})
-        attribute.append(_gradient(paint))
+        ElementTree.SubElement(path, "aapt:attr", {"name": f"android:{name}Color"}).append(_gradient(paint))
 
 
 def _gradient(gradient: Gradient) -> Element:

@@ -81,7 +81,5 @@ def _register_marks(width: int, height: int, margin: int) -> ElementTree.Element
         for y in (-margin / 2.0, height + margin / 2.0):
             data += f"M{x - arm:g} {y:g}h{2 * arm:g}M{x:g} {y - arm:g}v{2 * arm:g}M{x - radius:g} {y:g}"
             data += f"a{radius:g} {radius:g} 0 1 0 {2 * radius:g} 0a{radius:g} {radius:g} 0 1 0 {-2 * radius:g} 0z"
-    line = f"{_LINE * margin:g}"
-    return ElementTree.Element(
-        "path", {"id": "register", "d": data, "fill": "none", "stroke": "#000", "stroke-width": line}
-    )
+    pen = {"fill": "none", "stroke": "#000", "stroke-width": f"{_LINE * margin:g}"}
+    return ElementTree.Element("path", {"id": "register", "d": data, **pen})

@@ -180,8 +180,7 @@ def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) ->
             begin += seconds
 
     looked = [(frame.picture.alpha is not None, frame.end) for frame in frames()]
-    transparent = any(alpha for alpha, _ in looked)
-    return ClipSource(shown, transparent, plays, len(looked), digest, frames, looked[-1][1])
+    return ClipSource(shown, any(alpha for alpha, _ in looked), plays, len(looked), digest, frames, looked[-1][1])
 
 
 def _plays(data: bytes, shown: str) -> int | None:

@@ -93,8 +93,7 @@ class Compression:
         if self.webp:
             data = encoded(image, "WEBP", quality=self.quality)
         else:
-            tables = [list(table) for table in self.tables]
-            data = encoded(image, "JPEG", qtables=tables, subsampling=self.sampling)
+            data = encoded(image, "JPEG", qtables=[list(table) for table in self.tables], subsampling=self.sampling)
         with Image.open(io.BytesIO(data)) as read:
             return np.array(read)
 

@@ -103,8 +103,7 @@ def load_picture(
     """
     if max_pixels < 1:
         raise UsageError(f"max_pixels is {max_pixels}, it must be at least 1")
-    in_memory = isinstance(source, bytes)
-    shown = printable(name or ("<bytes>" if in_memory else str(source)))
+    shown = printable(name or ("<bytes>" if isinstance(source, bytes) else str(source)))
     data = source if isinstance(source, bytes) else read_whole(Path(source), shown)
     check_size(len(data), shown)
     if not data:

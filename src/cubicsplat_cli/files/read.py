@@ -65,8 +65,7 @@ def read_stdin(max_pixels: int = 0) -> bytes:
 def check_size(size: int, shown: str) -> None:
     """Raise InputError for a file of too many bytes."""
     if size > MAX_FILE_BYTES:
-        limit = MAX_FILE_BYTES >> 20
-        raise InputError(f"{shown}: is {size >> 20} MiB, the limit is {limit} MiB; give a smaller file")
+        raise InputError(f"{shown}: is {size >> 20} MiB, the limit is {MAX_FILE_BYTES >> 20} MiB; give a smaller file")
 
 
 def read_file(path: Path) -> bytes:

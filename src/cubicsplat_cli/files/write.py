@@ -69,17 +69,12 @@ def folder_locked(folder: Path) -> Iterator[None]:
     """Within, other processes that lock the same folder wait. The lock ends with its process, and leaves no file. On
     Windows, and on some network file systems, folders cannot be locked; there nobody waits.
     """
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        descriptor = -1
-    try:
-        if descriptor >= 0:
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, descriptor)
             _lock(descriptor)
         yield
-    finally:
-        if descriptor >= 0:
-            os.close(descriptor)
 
 
 def check_writable(path: Path) -> None:
@@ -154,8 +149,7 @@ def _check_target(path: Path) -> tuple[Path, int | None]:
     try:
         target = path.resolve()
     except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a null byte
-        reason = one_line(error)
-        raise InputError(f"{shown}: is no usable path ({reason}); choose another output") from error
+        raise InputError(f"{shown}: is no usable path ({one_line(error)}); choose another output") from error
     try:
         status = target.stat()
     except FileNotFoundError:

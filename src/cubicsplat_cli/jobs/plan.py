@@ -129,8 +129,7 @@ def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan
     jobs = []
     for job in made.jobs:
         layers = None if folder is None else folder / job.below
-        outputs = job.outputs.with_others(request.also, layers, page=request.html_report)
-        jobs.append(replace(job, outputs=outputs))
+        jobs.append(replace(job, outputs=job.outputs.with_others(request.also, layers, page=request.html_report)))
     _check_distinct(((job.outputs.layers, job.name) for job in jobs), "{}-...; use two runs with other --layers")
     pages = [job.outputs.html_report for job in jobs if job.outputs.html_report is not None]
     if made.pictures == 1 or not pages:

@@ -47,8 +47,7 @@ PRELOADED = ["cubicsplat_cli.jobs.warm"]  # by the process that workers are fork
 
 def share_threads(threads: int | None, workers: int) -> list[int]:
     """Return the threads of each worker: `threads` together (None: one per core), and one each at least."""
-    total = threads if threads is not None else cpu_count()
-    each, rest = divmod(total, workers)
+    each, rest = divmod(threads or cpu_count(), workers)
     return [max(1, each + (index < rest)) for index in range(workers)]
 
 
@@ -151,9 +150,8 @@ class _Pool:
                 worker.pipe.send(job)
 
     def _start(self, slot: int) -> _Worker:
-        worker = _Worker(
-            slot, *_started(self.work, self.request, self.threads[slot], self._server() if self.gpu else None)
-        )
+        server = self._server() if self.gpu else None
+        worker = _Worker(slot, *_started(self.work, self.request, self.threads[slot], server))
         self.workers.append(worker)
         return worker
 
