@@ -112,8 +112,7 @@ class Follower:
         if idle == 0:
             return ids
         kept = np.sort(np.argsort(importance, kind="stable")[idle:])
-        seeds = loop.seeder.seeds(idle, loop.stepper.image)
-        loop.stepper.replace(loop.state.chosen(kept).with_seeds(seeds))
+        loop.stepper.replace(loop.state.chosen(kept).with_seeds(loop.seeder.seeds(idle, loop.stepper.image)))
         self.carried = np.concatenate([loop.state.curves.points[:idle], self.carried[kept]])
         fresh = max(max(each.max() for each in self.ids), -1) + 1 + np.arange(idle)[::-1]
         self.born |= dict.fromkeys(fresh.tolist(), frame)
@@ -165,8 +164,7 @@ def follow(
     """
     if start is not None:
         settings = settings.with_(steps=steps)
-    loop = FitLoop(pictures[0].copy(), settings, FitInputs(start=start), opened=lambda *_, **__: engine)
-    follower = Follower(loop)
+    follower = Follower(FitLoop(pictures[0].copy(), settings, FitInputs(start=start), opened=lambda *_, **__: engine))
     with work().stoppable():
         follower.first()
         for index, picture in enumerate(pictures[1:], 1):

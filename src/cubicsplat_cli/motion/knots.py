@@ -95,8 +95,7 @@ class Choice:
 
     def fitted(self, track: KnotTrack) -> KnotTrack:
         """A track of these knots whose path is nearest to the values that this one was chosen for."""
-        values = least_squares(track, self.track.values, self.there, self.times)
-        return KnotTrack(values, track.knots, track.still)
+        return KnotTrack(least_squares(track, self.track.values, self.there, self.times), track.knots, track.still)
 
 
 def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, loss: float, most_bytes: float) -> Tracks:

@@ -59,9 +59,8 @@ class Evaluator:
 
     def psnr_db(self, loss: float | Array, image: Array) -> float:
         """Return the PSNR of a picture whose loss is known."""
-        if self.objective.squared:
-            return psnr(float(loss), self.values)
-        return psnr(float(image_loss(image, self.objective.goal, self.objective.weights)), self.values)
+        o = self.objective
+        return psnr(float(loss if o.squared else image_loss(image, o.goal, o.weights)), self.values)
 
     def without_idle(self, curves: FitCurves, frozen: int) -> FitCurves:
         """Return the curves without those whose leave-one-out importance is less than IDLE_DB, as many as cost less
@@ -73,8 +72,7 @@ class Evaluator:
             idle = self._idle(kept, frozen, (most - loss) / max(loss, 1e-300))
             # Two curves may each be of no use only while the other is there.
             while len(idle):
-                others = np.setdiff1d(np.arange(kept.curves), idle)
-                rest = kept.chosen(like(kept.points, others, "int64"))
+                rest = kept.chosen(like(kept.points, np.setdiff1d(np.arange(kept.curves), idle), "int64"))
                 if (without := self.loss(rest)) <= most:
                     break
                 idle = idle[: len(idle) // 2]

@@ -103,8 +103,7 @@ class FitState(CurveArrays):
     def with_seeds(self, fresh: FitCurves) -> FitState:
         """Return the state with new curves in front, whose optimiser state is empty."""
         curves = self.curves.behind(fresh)
-        empty = OptimiserState.zeros_for(curves.points[: fresh.curves])
-        return FitState(curves, empty.joined(self.optimiser))
+        return FitState(curves, OptimiserState.zeros_for(curves.points[: fresh.curves]).joined(self.optimiser))
 
     def without_least(self, importance: Array, count: int, frozen: int = 0) -> FitState:
         """Return the state without the so many curves of the least importance (N,); the last `frozen` stay."""

@@ -51,11 +51,6 @@ class ClipTask:
         """Return the line by which the command recognises its own files."""
         return provenance_comment(self.request.settings.seed, self.request.digest(), self.source.sha256)
 
-    @cached_property
-    def transparent(self) -> bool:
-        """True if the target has transparency."""
-        return self.source.transparent and self.request.settings.background_colour is None
-
     @property
     def deadline(self) -> float:
         """Return the time at which the fit must end, by `time.perf_counter`."""
@@ -88,7 +83,8 @@ class ClipTask:
 
     def pixels(self, frame: Frame) -> np.ndarray:
         """Return a frame's target: (H, W, 3), or premultiplied (H, W, 4) if any frame has transparency; float32."""
-        return frame.picture.premultiplied() if self.transparent else frame.picture.rgb
+        transparent = self.source.transparent and self.request.settings.background_colour is None
+        return frame.picture.premultiplied() if transparent else frame.picture.rgb
 
 
 @record

@@ -72,8 +72,7 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
         notes += _ground_notes(request, has_ground)
     if request.overlap is not None:
         cells = finer(cells, request.overlap * task.target.width / task.picture.width)
-    abutting = chosen.stacking == CUTOUT and request.overlap is None
-    drawing = mosaic(cells, *task.picture.size, abutting=abutting)
+    drawing = mosaic(cells, *task.picture.size, abutting=chosen.stacking == CUTOUT and request.overlap is None)
 
     def write(title: str, comment: str) -> str:
         grouped = request.group_by == COLOR

@@ -24,8 +24,7 @@ COARSE = 8  # px of a window whose mean people see as one tone, as they see a JP
 def file_db(task: Task, svg: str) -> float:
     """Return the PSNR of an SVG's text as another renderer draws it."""
     reference = task.reference
-    drawn = rerender(svg.encode(), reference.width, reference.height)
-    return _level_db(task, reference, of_pixels(drawn.pixels))
+    return _level_db(task, reference, of_pixels(rerender(svg.encode(), reference.width, reference.height).pixels))
 
 
 def level_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0) -> float:

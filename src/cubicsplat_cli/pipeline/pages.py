@@ -53,8 +53,7 @@ def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
         target = np.ascontiguousarray(blocks_of(with_channels(target, 4), factor)[..., : target.shape[2]])
 
     def suits(picture: np.ndarray, part: PhotoPart) -> bool:
-        sample = _sample(picture, part)
-        return suits_photo(_of_pixels(task, picture[sample], compression))
+        return suits_photo(_of_pixels(task, picture[_sample(picture, part)], compression))
 
     return page_of(target, suits)
 
@@ -131,8 +130,7 @@ def _image(page: Page, part: PhotoPart) -> EmbeddedImage:
     image = Image.fromarray(np.rint(255.0 * page.picture[part.window]).astype(np.uint8))
     png = encoded(image, "PNG", optimize=True)
     jpeg = encoded(image, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
-    data = min(png, jpeg, key=len)
-    return EmbeddedImage(page.flat.shape[1::-1], part.left, part.top, width, height, data)
+    return EmbeddedImage(page.flat.shape[1::-1], part.left, part.top, width, height, min(png, jpeg, key=len))
 
 
 def _recoloured(page: Page, shapes: list[Shape]) -> list[Shape]:

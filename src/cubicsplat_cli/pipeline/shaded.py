@@ -188,9 +188,9 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
     target, behind = ((levels[window] / 255.0).astype(np.float32) for levels in (goal, ground))
     steps = round(settings.steps * min(1.0, max(LEAST_STEPS, settings.curves / FULL_STEPS)))
     recipe = settings.recipe  # its first edges suit this number of curves
-    given = {**vars(FitSettings.from_preset(preset=settings.preset, shapes=SHAPES)), "curves": settings.curves}
-    own = FitSettings(**given).with_(
-        steps=steps, seed=settings.seed, threads=settings.threads, device="cpu", background="auto",
+    own = FitSettings.from_preset(settings.preset, shapes=SHAPES).with_(
+        curves=settings.curves, steps=steps, seed=settings.seed, threads=settings.threads, device="cpu",
+        background="auto",
         recipe=replace(recipe, shared_opacity=SHARED_OPACITY, rate_opacities=0.0, edge_start=recipe.edge_end),
     )  # fmt: skip
     metric = _error_metric(goal[window])

@@ -175,12 +175,10 @@ class Task:
         """Return the target, and a copy without the colour fringes and halos at its edges, if it has any."""
         from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters
 
-        levels = as_levels(self.pixels)
-        plain, notes = without_filters(levels, lossy=self.target.compression is not None)
+        plain, notes = without_filters(as_levels(self.pixels), lossy=self.target.compression is not None)
         if not notes:
             return [self.target]
-        channels = self.pixels.shape[2]
-        return [self.target, with_target(self.target, plain[..., :channels] / np.float32(255.0))]
+        return [self.target, with_target(self.target, plain[..., : self.pixels.shape[2]] / np.float32(255.0))]
 
     @cached_property
     def reference(self) -> Picture:

@@ -57,8 +57,7 @@ class PointTree:
 
     def line(self, shown: np.ndarray) -> list[int]:
         """Return the closed line through the points, and points (n, 2) of it that show, as the library takes them."""
-        arrays = *self._sorted[1:], self._given
-        return [len(self._given), *map(address_of, arrays), len(shown), address_of(shown)]
+        return [len(self._given), *map(address_of, (*self._sorted[1:], self._given)), len(shown), address_of(shown)]
 
 
 class ClosedLines:

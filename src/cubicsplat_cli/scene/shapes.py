@@ -82,5 +82,4 @@ def polygon_points(vertices: Array) -> Array:
     """Return the control points (N, 3 n, 2) of polygons with vertices (N, n, 2)."""
     xp = namespace(vertices)
     step = (xp.concat((vertices[:, 1:], vertices[:, :1]), axis=1) - vertices) / 3.0
-    sides = xp.stack((vertices, vertices + step, vertices + 2.0 * step), axis=2)
-    return xp.reshape(sides, (len(vertices), -1, 2))
+    return xp.reshape(xp.stack((vertices, vertices + step, vertices + 2.0 * step), axis=2), (len(vertices), -1, 2))

@@ -353,8 +353,7 @@ def ring_of(subpath: Sequence[PathSegment]) -> Ring:
 
 def controls_of(subpath: Sequence[PathSegment], ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return both control points (n, 2, 2) of each segment, at the thirds of lines, and which (n,) are lines."""
-    starts = np.array([piece.start for piece in subpath])
-    controls = thirds(starts, ends)
+    controls = thirds(np.array([piece.start for piece in subpath]), ends)
     for index, piece in enumerate(subpath):
         if piece.handles:
             controls[index] = piece.handles

@@ -94,8 +94,7 @@ def _round(values: np.ndarray, scale: int) -> np.ndarray:
 
 def _refuse(bad: np.ndarray, what: str) -> None:
     if bad.any():
-        curve = int(np.argwhere(bad)[0][0])
-        raise InputError(f"curve {curve} cannot be written as SVG: its {what}")
+        raise InputError(f"curve {int(np.argwhere(bad)[0][0])} cannot be written as SVG: its {what}")
 
 
 def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> np.ndarray:

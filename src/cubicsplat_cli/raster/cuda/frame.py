@@ -149,8 +149,7 @@ def workspace(
         }  # fmt: skip
     buffers = {name: allocate(what, count, torch.float32) for name, (what, count) in floats.items()}
     if frame.curves * tiles > most_looks:
-        masks = frame.supers_x * frame.supers_y * frame.words
-        buffers["super_masks"] = allocate("the super-tiles", masks, torch.int32)
+        buffers["super_masks"] = allocate("the super-tiles", frame.supers_x * frame.supers_y * frame.words, torch.int32)
     return buffers
 
 
