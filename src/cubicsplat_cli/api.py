@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from cubicsplat_cli.from_options import check_library_names, clip_request_of, re
 from cubicsplat_cli.metrics import Quality
 from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
-from cubicsplat_cli.progress import Progress, StageTimer
+from cubicsplat_cli.progress import OnProgress, StageTimer
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
@@ -24,11 +24,7 @@ if TYPE_CHECKING:
 
 
 def vectorize(
-    picture: PictureLike,
-    *,
-    title: str | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
-    **options: Any,
+    picture: PictureLike, *, title: str | None = None, on_progress: OnProgress | None = None, **options: Any
 ) -> Result:
     """Turn a picture into an SVG of Bezier shapes.
 
@@ -45,16 +41,15 @@ def vectorize(
     """
     check_library_names(Request, options)
     request = request_of(options)
-    return vectorize_picture(
-        as_picture(picture, max_size=request.max_size), request, title=title, on_progress=on_progress
-    )
+    loaded = as_picture(picture, max_size=request.max_size)
+    return vectorize_picture(loaded, request, title=title, on_progress=on_progress)
 
 
 def animate(
     clip: str | Path | Sequence[PictureLike],
     *,
     title: str | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: OnProgress | None = None,
     **options: Any,
 ) -> Animation:
     """Turn a clip into curves that move, as an animated SVG.
@@ -106,8 +101,6 @@ def _svg_of(candidate: PictureLike | Result) -> bytes | None:
         return candidate.encode()
     if isinstance(candidate, bytes):
         return candidate if looks_like_svg(Path(), candidate) else None
-    if isinstance(candidate, (str, Path)):
-        path = Path(candidate)
-        if looks_like_svg(path, b""):
-            return read_file(path)
+    if isinstance(candidate, (str, Path)) and looks_like_svg(Path(candidate), b""):
+        return read_file(Path(candidate))
     return None

@@ -98,9 +98,7 @@ def titled(title: str, table: str, *, markdown: bool = False) -> str:
 
 def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
     """Return a figure with so many decimals; a dash for None."""
-    if value is None:
-        return "-"
-    return f"{value:{'+' if sign else ''}.{decimals}f}"
+    return "-" if value is None else f"{value:{'+' if sign else ''}.{decimals}f}"
 
 
 def mean(values: Iterable[float | None]) -> float | None:

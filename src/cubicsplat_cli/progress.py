@@ -42,6 +42,9 @@ class Progress:
     stage: str = "fitting"
 
 
+OnProgress = Callable[[Progress], None]
+
+
 class Stopped(Exception):
     """Ends the work with the result so far: the time is up, or the user has interrupted."""
 
@@ -55,7 +58,7 @@ class Work:
     KeyboardInterrupt, not of the deadline.
     """
 
-    on_progress: Callable[[Progress], None] | None = None
+    on_progress: OnProgress | None = None
     deadline: float = math.inf
     threads: int = field(default_factory=cpu_count)
     stopped: bool = False

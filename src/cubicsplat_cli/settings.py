@@ -248,8 +248,8 @@ class FitSettings:
         for name in given:
             if name not in cls.names():
                 raise unknown_setting(name, cls.names())
-        settings = cls(preset=preset, mode=_mode(mode), **{n: v for n, v in given.items() if n not in _RECIPE})
-        numbers = {name: value for name, value in given.items() if name in _RECIPE}
+        numbers = {name: given.pop(name) for name in _RECIPE & given.keys()}
+        settings = cls(preset=preset, mode=_mode(mode), **given)
         return settings.with_(recipe=replace(settings.recipe, **numbers)) if numbers else settings
 
     def for_size(self, width: int, height: int) -> FitSettings:

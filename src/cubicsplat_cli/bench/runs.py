@@ -19,13 +19,13 @@ from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.metrics import Report
 from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.progress import OnProgress
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
 PRECISION = 2  # of the coordinates in the SVG: the command line's default
-Watch = Callable[[str], AbstractContextManager[Callable[[Progress], None] | None]]
+Watch = Callable[[str], AbstractContextManager[OnProgress | None]]
 
 
 @record

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cubicsplat_cli.formatting import duration, printable
-from cubicsplat_cli.progress import Observer, Progress
+from cubicsplat_cli.progress import Observer, OnProgress, Progress
 
 # Plain lines: the first report, then one per tenth of the fit or five seconds.
 _PLAIN_SHARE, _PLAIN_SECONDS = 0.1, 5.0
@@ -262,7 +262,7 @@ class Reporter(Observer):
             self._display, self.raw = Observer(), _print
 
     @contextmanager
-    def progress(self, name: str) -> Iterator[Callable[[Progress], None]]:
+    def progress(self, name: str) -> Iterator[OnProgress]:
         """Give the progress callback of one fit."""
         with self.showing(1):
             self.begin(name)

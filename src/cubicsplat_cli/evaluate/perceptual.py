@@ -44,14 +44,13 @@ def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> 
     grounds = (BLACK,) if opaque else (BLACK, WHITE)
     figures: dict[str, float | None] = {}
     for name in chosen:
+        of = FURTHER[name]
         if name == "de00":
-            figures["de00"] = _delta_e(first, second)
-            continue
-        if min(first.shape[:2]) < LEAST_SIDES.get(name, 1):
-            figures[FURTHER[name].member] = None
-            continue
-        values = [MEASURES[name](over(first, ground), over(second, ground)) for ground in grounds]
-        figures[FURTHER[name].member] = FURTHER[name].worse(values)
+            figures[of.member] = _delta_e(first, second)
+        elif min(first.shape[:2]) < LEAST_SIDES.get(name, 1):
+            figures[of.member] = None
+        else:
+            figures[of.member] = of.worse([MEASURES[name](over(first, each), over(second, each)) for each in grounds])
     return figures
 
 

@@ -56,11 +56,10 @@ def write_atomically(path: Path, data: bytes) -> None:
         if mode is not None and stat.S_IMODE(temporary.stat().st_mode) != mode:
             temporary.chmod(mode)
         temporary.replace(target)
-    except OSError as error:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
-        raise InputError(_explain(error, path)) from error
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(_explain(error, path)) from error
         raise
 
 

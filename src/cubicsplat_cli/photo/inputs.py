@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli.progress import REPORT_SECONDS, Progress
+from cubicsplat_cli.progress import REPORT_SECONDS, OnProgress, Progress
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
 
@@ -66,7 +66,7 @@ class TrainingLog:
     measured, 0 to 1. notes: for the user. started, reported: by the clock of `time.perf_counter`.
     """
 
-    on_progress: Callable[[Progress], None] | None
+    on_progress: OnProgress | None
     history: list[dict[str, float]] = field(default_factory=list)
     replaced: int = 0
     inequality: float | None = None
@@ -92,12 +92,8 @@ class TrainingLog:
         now = time.perf_counter()
         elapsed, due = now - self.started, self.due(progress)
         if due:
-            entry = {
-                "step": step,
-                "psnr_db": round(psnr_db(), 3),
-                "seconds": round(elapsed, 3),
-                "replaced": self.replaced,
-            }
+            level, seconds = round(psnr_db(), 3), round(elapsed, 3)
+            entry = {"step": step, "psnr_db": level, "seconds": seconds, "replaced": self.replaced}
             self.history.append(entry if self.inequality is None else {**entry, "gini": round(self.inequality, 4)})
         if self.on_progress and (now - self.reported >= REPORT_SECONDS or progress >= 1.0):
             self.reported = now

@@ -17,7 +17,7 @@ from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, Trainin
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped
 from cubicsplat_cli.photo.stepper import Phase, Schedule, Stepper, gini
-from cubicsplat_cli.progress import FrameRecorder, Progress
+from cubicsplat_cli.progress import FrameRecorder, OnProgress
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
@@ -45,7 +45,7 @@ class FitLoop:
         target: Array,
         settings: FitSettings,
         inputs: FitInputs = NO_INPUTS,
-        on_progress: Callable[[Progress], None] | None = None,
+        on_progress: OnProgress | None = None,
         recorder: FrameRecorder | None = None,
         opened: Callable[..., Engine] = open_engine,
         rough: tuple[np.ndarray, FitInputs] | None = None,
@@ -336,7 +336,7 @@ class FitLoop:
 def fit(
     target: np.ndarray,
     settings: FitSettings,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: OnProgress | None = None,
     recorder: FrameRecorder | None = None,
     inputs: FitInputs = NO_INPUTS,
 ) -> FitResult:

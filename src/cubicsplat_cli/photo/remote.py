@@ -23,7 +23,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.progress import FrameRecorder, Progress, log, nothing, warnings_to
+from cubicsplat_cli.progress import FrameRecorder, OnProgress, Progress, log, nothing, warnings_to
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection, Listener
@@ -58,7 +58,7 @@ def begin_fit(
     target: np.ndarray,
     settings: FitSettings,
     inputs: FitInputs | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: OnProgress | None = None,
     recorder: FrameRecorder | None = None,
     *,
     rough: tuple[np.ndarray, FitInputs] | None = None,
@@ -104,7 +104,7 @@ class _Connected(AbstractContextManager["_Connected"]):
     def __exit__(self, *_: object) -> None:
         self._connection.close()
 
-    def call(self, name: str, *arguments: Any, on_progress: Callable[[Progress], None] = nothing) -> Any:
+    def call(self, name: str, *arguments: Any, on_progress: OnProgress = nothing) -> Any:
         """Return the result of a request, or raise its error.
 
         A KeyboardInterrupt ends a fit early, with a result. It is raised if the request has ended.
@@ -138,7 +138,7 @@ class _Connected(AbstractContextManager["_Connected"]):
 class RemoteFit:
     """A `FitLoop` in the server, which has its methods there. The server forgets it when this is collected."""
 
-    def __init__(self, server: FitServer, on_progress: Callable[[Progress], None], *arguments: Any) -> None:
+    def __init__(self, server: FitServer, on_progress: OnProgress, *arguments: Any) -> None:
         self._call = partial(_Connected(server).call, on_progress=on_progress)
         self._call("begin", *arguments)
 

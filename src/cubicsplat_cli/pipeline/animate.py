@@ -25,7 +25,7 @@ from cubicsplat_cli.motion.fitting import fit_clip
 from cubicsplat_cli.motion.tracks import Tracks
 from cubicsplat_cli.options import NONE, GzipBytes
 from cubicsplat_cli.pipeline.animation import Animation, ClipTask, CurvesAnimation, DrawnAnimation
-from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
+from cubicsplat_cli.progress import OnProgress, Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
@@ -90,9 +90,7 @@ def fitted_clip(task: ClipTask, work: Work) -> Animation:
     """Fit moving curves to the frames, within the request's bytes, if any."""
     settings, most = task.request.settings, task.request.max_bytes
     with under_way(work):
-        if most is None:
-            return _animation(_fit(task, work, settings), task)
-        return _within_bytes(most, task, work)
+        return _animation(_fit(task, work, settings), task) if most is None else _within_bytes(most, task, work)
 
 
 def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> list[Tracks]:
@@ -203,7 +201,7 @@ def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
         yield frame, before[1]
 
 
-def _of_frame(task: ClipTask, index: int) -> Callable[[Progress], None]:
+def _of_frame(task: ClipTask, index: int) -> OnProgress:
     """Return a function that reports the progress of a frame's drawing as progress of the clip."""
     count, tell = task.source.count or 0, task.on_progress or nothing
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +24,7 @@ from cubicsplat_cli.files.load import laid_over
 from cubicsplat_cli.files.marks import provenance_comment
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.metrics import head, to_json
-from cubicsplat_cli.progress import Progress, StageTimer
+from cubicsplat_cli.progress import OnProgress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene
@@ -44,7 +44,7 @@ class ClipTask:
     request: ClipRequest
     title: str
     timer: StageTimer
-    on_progress: Callable[[Progress], None] | None = None
+    on_progress: OnProgress | None = None
 
     @cached_property
     def comment(self) -> str:

@@ -189,18 +189,16 @@ def photo_settings(task: Task) -> FitSettings:
     settings, request, init = task.settings(), task.request, task.request.init
     if request.max_bytes is not None:
         return settings.with_(curves=guessed_curves(request.max_bytes, settings.segments, request))
-    if init is None:
-        return settings.for_size(*task.target.size)
-    init.check_shape(*task.picture.size)
     usual = settings.for_size(*task.target.size)
-    if request.freeze:
-        if usual.curves <= init.scene.curves:
-            raise UsageError(
-                f"the drawing's {init.scene.curves} curves are frozen, so that --curves {usual.curves} leaves "
-                "none to add; ask for more"
-            )
+    if init is None:
         return usual
-    return usual if settings.curves is not None else settings.with_(curves=init.scene.curves)
+    init.check_shape(*task.picture.size)
+    if request.freeze and usual.curves <= init.scene.curves:
+        raise UsageError(
+            f"the drawing's {init.scene.curves} curves are frozen, so that --curves {usual.curves} leaves "
+            "none to add; ask for more"
+        )
+    return usual if request.freeze or settings.curves is not None else settings.with_(curves=init.scene.curves)
 
 
 def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:

@@ -27,7 +27,7 @@ from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import did_you_mean, printable
 from cubicsplat_cli.metrics import Qualities, Report
 from cubicsplat_cli.options import listed
-from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, log, warnings_to
+from cubicsplat_cli.progress import FrameRecorder, OnProgress, StageTimer, log, warnings_to
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import AnyScene, Scene
@@ -158,7 +158,7 @@ class Task:
     target: Picture
     request: Request
     timer: StageTimer
-    on_progress: Callable[[Progress], None] | None
+    on_progress: OnProgress | None
     recorder: FrameRecorder | None
     title: str
     logged: list[str] = field(default_factory=list)

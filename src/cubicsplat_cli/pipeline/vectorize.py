@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +22,7 @@ from cubicsplat_cli.metrics import FileQuality, Input, Output, OwnQuality, Quali
 from cubicsplat_cli.options import KEEP
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
-from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
+from cubicsplat_cli.progress import FrameRecorder, OnProgress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
@@ -40,7 +39,7 @@ def vectorize_picture(
     *,
     title: str | None = None,
     timer: StageTimer | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> Result:
     """Turn a loaded picture into an SVG, and measure that SVG.
 
@@ -61,7 +60,7 @@ def task_of(
     timer: StageTimer,
     *,
     title: str | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: OnProgress | None = None,
     recorder: FrameRecorder | None = None,
 ) -> Task:
     """Return the task for a loaded picture. recorder: keeps the scenes of a photo's fit."""

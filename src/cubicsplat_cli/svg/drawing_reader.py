@@ -38,11 +38,7 @@ def holds_drawing(elements: Sequence[OwnElement]) -> bool:
     A drawing has shapes right below its root, or in groups with nothing but a name. The first element that can tell
     decides; a `rect` may be the background of either.
     """
-    places = [
-        element.place
-        for element in elements
-        if element.name in GEOMETRY or (element.place == "svg/g" and not _is_group(element))
-    ]
+    places = [e.place for e in elements if e.name in GEOMETRY or (e.place == "svg/g" and not _is_group(e))]
     return next((place for place in places if place != "svg/rect"), places[0] if places else "svg/g") != "svg/g"
 
 

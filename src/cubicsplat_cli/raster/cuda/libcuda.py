@@ -51,9 +51,8 @@ def gpus(opened: Callable[[], Any] = open_library) -> int:
     except EngineError:
         return 0
     count = c_int()
-    if library.cuInit(c_uint(0)) or library.cuDeviceGetCount(byref(count)):
-        return 0
-    return count.value
+    failed = library.cuInit(c_uint(0)) or library.cuDeviceGetCount(byref(count))
+    return 0 if failed else count.value
 
 
 class LibCuda:
