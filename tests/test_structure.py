@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.planar.cutout import cut_out, overlapping
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
 from cubicsplat_cli.from_options import request_of
-from cubicsplat_cli.options import length_text, parse_width
+from cubicsplat_cli.request import length_text, parse_width
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.scene_reader import read_svg

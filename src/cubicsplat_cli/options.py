@@ -120,16 +120,11 @@ def unknown_setting(name: str, names: Iterable[str]) -> UsageError:
 
 def parse_background(text: str) -> str:
     """Return "auto", "none" (also for "transparent") or "#rrggbb". Raises UsageError for other texts."""
-    word = _word_or_colour(text, "background", ("auto", "none", "transparent"), "auto, none")
+    word = word_or_colour(text, "background", ("auto", "none", "transparent"), "auto, none")
     return "none" if word == "transparent" else word
 
 
-def parse_ground(given: str) -> str:
-    """Return "keep", "remove" or "#rrggbb". Raises UsageError for others."""
-    return _word_or_colour(given, "ground", (KEEP, REMOVE), "keep, remove")
-
-
-def _word_or_colour(text: str, name: str, words: Sequence[str], shown: str) -> str:
+def word_or_colour(text: str, name: str, words: Sequence[str], shown: str) -> str:
     """Return one of the words, or "#rrggbb" (also for #rgb or a CSS colour name)."""
     lowered = text.strip().lower() if isinstance(text, str) else ""
     if lowered in words:
@@ -175,47 +170,6 @@ def parse_bytes(given: str | int) -> int:
     return amount if plain == text else GzipBytes(amount)
 
 
-UNITS = {"px": 1.0, "mm": 25.4 / 96.0, "in": 1.0 / 96.0}  # in a px of CSS
-
-
-def length_of(text: str) -> tuple[float, str]:
-    """Return the number and the unit, "" if there is none, of a length such as `80mm`. Raises UsageError for others."""
-    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(px|mm|in)?", text.strip(), re.IGNORECASE)
-    number, unit = (float(match[1]), (match[2] or "").lower()) if match else (0.0, "")
-    if not 0.1 <= number / UNITS[unit or "px"] <= 1_000_000.0:
-        raise UsageError(f"must be a length such as 80mm, 3in or 400px, of at most a million px, not {text!r}", "width")
-    return number, unit
-
-
-def parse_width(given: str | float) -> str:
-    """Return the shortest text of a length. Raises UsageError for other texts."""
-    number, unit = length_of(str(given))
-    return length_text(number, "") + unit
-
-
-def length_text(number: float, unit: str) -> str:
-    """Return `80mm`, `135.46667mm`, or `400` for px."""
-    short = f"{number:.5f}".rstrip("0").rstrip(".")
-    return short + ("" if unit == "px" else unit)
-
-
-KEEP, REMOVE, NONE = "keep", "remove", "none"
-# The shapes of a group: those of one colour, or a shape and the shapes on top of it.
-COLOR, OBJECT = "color", "object"
-GROUPINGS = NONE, COLOR, OBJECT
-CURVES, IMAGE = "curves", "image"  # what photos within a drawing become
-PHOTO_PARTS = CURVES, IMAGE, NONE
-
-
-def parse_shading(given: str | int) -> str:
-    """Return "none", "auto" or a number of curves as text. Raises UsageError for others."""
-    lowered = str(given).strip().lower()
-    if lowered in ("none", "auto") or (lowered.isdecimal() and 0 < int(lowered) <= MOST_SHADING):
-        return lowered
-    raise UsageError(f"must be none, auto, or a number of curves from 1 to {MOST_SHADING}, not {given!r}", "shading")
-
-
-MOST_SHADING = 10_000  # curves of an object
 _FOCUS_FORM = "must be X,Y,W,H or X,Y,W,H,FACTOR: a rectangle in pixels of the picture, and how much more it matters"
 
 

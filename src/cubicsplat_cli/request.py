@@ -1,7 +1,8 @@
-"""The request for one or more pictures: a table of options, and their conflicts. Imports nothing heavy."""
+"""The request for one or more pictures: options, their own values, and conflicts. Imports nothing heavy."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
@@ -13,31 +14,19 @@ from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.paths import MOVING
 from cubicsplat_cli.options import (
     COMMON,
-    CURVES,
     DRAWINGS,
     FILES,
-    GROUPINGS,
-    IMAGE,
-    KEEP,
-    NONE,
-    OBJECT,
-    PHOTO_PARTS,
     PHOTOS,
     STRUCTURE,
     TINY_BYTES,
-    UNITS,
     Focus,
     GzipBytes,
     check_settings,
-    length_of,
-    length_text,
     parse_bytes,
     parse_focus,
-    parse_ground,
-    parse_shading,
-    parse_width,
     setting,
     settings_of,
+    word_or_colour,
 )
 from cubicsplat_cli.settings import ANY, MAX_PIXELS, PRECISION, FitSettings, Mode
 
@@ -50,9 +39,51 @@ PHOTO_PRECISION = 2
 # px between a DXF and the outlines: 13 micrometres at 96 px an inch. Cutters are exact to about 100 micrometres, so a
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05
+KEEP, REMOVE, NONE = "keep", "remove", "none"
+# The shapes of a group: those of one colour, or a shape and the shapes on top of it.
+COLOR, OBJECT = "color", "object"
+GROUPINGS = NONE, COLOR, OBJECT
+CURVES, IMAGE = "curves", "image"  # what photos within a drawing become
+PHOTO_PARTS = CURVES, IMAGE, NONE
+MOST_SHADING = 10_000  # curves of an object
+UNITS = {"px": 1.0, "mm": 25.4 / 96.0, "in": 1.0 / 96.0}  # in a px of CSS
 _OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
 _OF_DRAWINGS: dict[str, Any] = {"group": STRUCTURE, "of_drawings": True}
 _SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
+
+
+def parse_ground(given: str) -> str:
+    """Return "keep", "remove" or "#rrggbb". Raises UsageError for others."""
+    return word_or_colour(given, "ground", (KEEP, REMOVE), "keep, remove")
+
+
+def parse_shading(given: str | int) -> str:
+    """Return "none", "auto" or a number of curves as text. Raises UsageError for others."""
+    lowered = str(given).strip().lower()
+    if lowered in ("none", "auto") or (lowered.isdecimal() and 0 < int(lowered) <= MOST_SHADING):
+        return lowered
+    raise UsageError(f"must be none, auto, or a number of curves from 1 to {MOST_SHADING}, not {given!r}", "shading")
+
+
+def length_of(text: str) -> tuple[float, str]:
+    """Return the number and the unit, "" if there is none, of a length such as `80mm`. Raises UsageError for others."""
+    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(px|mm|in)?", text.strip(), re.IGNORECASE)
+    number, unit = (float(match[1]), (match[2] or "").lower()) if match else (0.0, "")
+    if not 0.1 <= number / UNITS[unit or "px"] <= 1_000_000.0:
+        raise UsageError(f"must be a length such as 80mm, 3in or 400px, of at most a million px, not {text!r}", "width")
+    return number, unit
+
+
+def parse_width(given: str | float) -> str:
+    """Return the shortest text of a length. Raises UsageError for other texts."""
+    number, unit = length_of(str(given))
+    return length_text(number, "") + unit
+
+
+def length_text(number: float, unit: str) -> str:
+    """Return `80mm`, `135.46667mm`, or `400` for px."""
+    short = f"{number:.5f}".rstrip("0").rstrip(".")
+    return short + ("" if unit == "px" else unit)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.shapes import colour_group
 from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
-from cubicsplat_cli.options import length_text
+from cubicsplat_cli.request import length_text
 from cubicsplat_cli.scene.paint import Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_reader import fill_of
 from cubicsplat_cli.svg.markup import document, empty_document

@@ -23,10 +23,10 @@ from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.motion.fitting import fit_clip
 from cubicsplat_cli.motion.tracks import Tracks
-from cubicsplat_cli.options import NONE, GzipBytes
+from cubicsplat_cli.options import GzipBytes
 from cubicsplat_cli.pipeline.animation import Animation, ClipTask, CurvesAnimation, DrawnAnimation
 from cubicsplat_cli.progress import OnProgress, Progress, StageTimer, Stopped, Work, nothing, under_way
-from cubicsplat_cli.request import Request
+from cubicsplat_cli.request import NONE, Request
 from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
 from cubicsplat_cli.svg.moving_file import write_clip, write_moving_drawing

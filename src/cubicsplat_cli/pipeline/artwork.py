@@ -22,11 +22,10 @@ from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.formatting import hex_text
-from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE
 from cubicsplat_cli.pipeline.likeness import file_db
 from cubicsplat_cli.pipeline.task import TOO_FINE, Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way, work
-from cubicsplat_cli.request import Request
+from cubicsplat_cli.request import COLOR, KEEP, OBJECT, REMOVE, Request
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg.drawing_writer import write_drawing, write_mosaic

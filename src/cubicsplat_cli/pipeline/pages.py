@@ -22,12 +22,12 @@ from cubicsplat_cli.files.load import with_target
 from cubicsplat_cli.files.weights import Mask
 from cubicsplat_cli.files.write import encoded
 from cubicsplat_cli.formatting import counted
-from cubicsplat_cli.options import IMAGE, NONE
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import DrawingGivenUp, Made, Task
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.request import IMAGE, NONE
 from cubicsplat_cli.scene import EmbeddedImage, Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Rgba

@@ -19,12 +19,11 @@ from cubicsplat_cli.files.load import Picture, laid_over, resize_picture, with_t
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.metrics import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db, plain
-from cubicsplat_cli.options import KEEP
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, OnProgress, StageTimer
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.request import Request
+from cubicsplat_cli.request import KEEP, Request
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
