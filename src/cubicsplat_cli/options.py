@@ -196,9 +196,8 @@ def parse_focus(given: str | Sequence[float] | Focus) -> Focus:
     """Return a focus from `X,Y,W,H` or `X,Y,W,H,FACTOR`, text or numbers. Raises UsageError for anything else."""
     if isinstance(given, Focus):
         return given
-    parts = given.split(",") if isinstance(given, str) else given
     try:
-        values = [float(part) for part in parts]
+        values = [float(part) for part in (given.split(",") if isinstance(given, str) else given)]
     except (TypeError, ValueError):
         values = []
     if len(values) not in (4, 5):

@@ -82,8 +82,7 @@ def parse_width(given: str | float) -> str:
 
 def length_text(number: float, unit: str) -> str:
     """Return `80mm`, `135.46667mm`, or `400` for px."""
-    short = f"{number:.5f}".rstrip("0").rstrip(".")
-    return short + ("" if unit == "px" else unit)
+    return f"{number:.5f}".rstrip("0").rstrip(".") + ("" if unit == "px" else unit)
 
 
 @dataclass(frozen=True)

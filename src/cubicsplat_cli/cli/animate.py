@@ -135,8 +135,7 @@ def _run(clip: Path, places: tuple[Path, Path, Path], request: ClipRequest, repo
 
 def _write(animation: Animation, result: Path, request: ClipRequest) -> None:
     """Write the result, before anything is measured; remove frames of an earlier, longer clip."""
-    made = animation.files(str(request.format))
-    files = {(result / name if name else result): data for name, data in made.items()}
+    files = {(result / name if name else result): data for name, data in animation.files(str(request.format)).items()}
     for path, data in files.items():
         write_atomically(path, data)
     if request.format == FRAMES:

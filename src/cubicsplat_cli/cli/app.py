@@ -73,8 +73,7 @@ def run_command(arguments: list[str]) -> int | None:
     """Run a command by its arguments, as `meant` returns them; return the exit code, None for success."""
     # Only the first word can name a command; otherwise the help, or an error, lists all of them.
     named = [arguments[0]] if arguments[0] in COMMANDS else COMMANDS
-    code: int | None = application(*named)(args=arguments, prog_name="cubicsplat", standalone_mode=False)
-    return code
+    return application(*named)(args=arguments, prog_name="cubicsplat", standalone_mode=False)
 
 
 def meant(arguments: list[str]) -> list[str]:

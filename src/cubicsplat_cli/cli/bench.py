@@ -101,8 +101,7 @@ def quality(
     pictures = pictures_of(folder, limit)
     from cubicsplat_cli.bench import quality as benchmark
 
-    jobs = benchmark.quality_jobs(pictures, modes, counts, fit)
-    runs = run_fits(jobs, cache, Reporter(quiet=quiet))
+    runs = run_fits(benchmark.quality_jobs(pictures, modes, counts, fit), cache, Reporter(quiet=quiet))
     names = [benchmark.configuration_name(m, c) for m in modes for c in counts]
     if json:
         print_json(benchmark.quality_report(runs, names))

@@ -152,11 +152,10 @@ def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
     scale = comparison.scale
     if scale is None:
         return
-    pixels = f"{scale.width} x {scale.height} px"
     changes: list[tuple[str, Change | None]] = [(comparison.renderer or "", scale.svg), ("engine", scale.engine)]
     for name, change in changes:
         if change is not None:
-            typer.echo(f"  {scale.factor}x, {pixels}  {name}  {_change_text(change)}")
+            typer.echo(f"  {scale.factor}x, {scale.width} x {scale.height} px  {name}  {_change_text(change)}")
 
 
 def _quality_parts(quality: Quality) -> list[str]:

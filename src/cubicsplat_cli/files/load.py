@@ -216,9 +216,8 @@ def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: in
 
 def _not_a_picture(data: bytes, shown: str) -> str:
     """Return the error for a file that Pillow does not identify."""
-    head = data[:512].lstrip().lower()
     starts = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"II*\0", b"MM\0*")
-    if head.startswith((b"<svg", b"<?xml")):
+    if data[:512].lstrip().lower().startswith((b"<svg", b"<?xml")):
         return f"{shown}: is an SVG or XML file, already vector; give a raster picture ({FORMATS_TEXT})"
     if data.startswith(starts) or (data.startswith(b"RIFF") and data[8:12] == b"WEBP"):
         return f"{shown}: begins like a picture, but is damaged or truncated; save or download it again"

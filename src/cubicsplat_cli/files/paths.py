@@ -117,8 +117,7 @@ def pictured_name(path: Path) -> str | None:
 
 def is_svg(path: Path) -> bool:
     """Return whether a regular file begins like an SVG or any XML; False if it cannot be read."""
-    head = _head_or_nothing(path) or b""
-    return head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
+    return (_head_or_nothing(path) or b"").lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
 
 
 def _head_or_nothing(path: Path) -> bytes | None:

@@ -165,8 +165,7 @@ def plan_jobs(sources: list[tuple[Path, Path]], output: str | None, request: Req
     jobs = []
     for (path, below), folder, stem in zip(sources, folders, stems, strict=True):
         svg = place_for(path, folder, suffix, shared=count[stem] > 1)
-        outputs = outputs_beside(svg, png=request.png, metrics=request.metrics)
-        jobs.append(Job(str(path), path, outputs, below=below))
+        jobs.append(Job(str(path), path, outputs_beside(svg, png=request.png, metrics=request.metrics), below=below))
     _check_distinct(((job.outputs.svg, job.name) for job in jobs), "{}; use two runs with different folders")
     return jobs
 

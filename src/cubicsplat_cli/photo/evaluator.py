@@ -148,8 +148,7 @@ class Objective:
         if self._structure is None:
             return image_loss(image, self.goal, self.weights, self.penalty)
         image = as_torch(image, image.device)
-        pixels = image_loss(image, self._goal, self._weights, self.penalty)
-        return pixels + self._factor * self._structure.loss(image)
+        return image_loss(image, self._goal, self._weights, self.penalty) + self._factor * self._structure.loss(image)
 
     def gradient(self, image: Array) -> tuple[Array, Array]:
         """Return the loss of a picture, a tensor, and its derivative by the picture, of the picture's kind."""

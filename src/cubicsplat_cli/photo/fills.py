@@ -42,12 +42,11 @@ class LinearFills(CurveArrays):
         xp, n, device = namespace(middles), len(middles), middles.device
         places = middles[:, None] + self.ends
         colours = sigmoid(self.stop_logits)
-        offsets = xp.arange(2, dtype=xp.float32, device=device)
         return Gradients(
             xp.full((n,), LINEAR, dtype=xp.int32, device=device),
             contiguous(linear_frames(places[:, 0], places[:, 1])),
             xp.full((n,), 2, dtype=xp.int32, device=device),
-            contiguous(xp.broadcast_to(offsets, (n, 2))),
+            contiguous(xp.broadcast_to(xp.arange(2, dtype=xp.float32, device=device), (n, 2))),
             xp.concat((colours, xp.ones_like(colours[..., :1])), axis=-1),
         )
 

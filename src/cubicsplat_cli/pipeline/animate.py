@@ -160,8 +160,7 @@ def _thinned(most: int, clip: list[Tracks], task: ClipTask, most_off: float) -> 
 def _size(animation: Animation, task: ClipTask) -> int:
     """Return the bytes of all files, after gzip if the request counts these."""
     packed = isinstance(task.request.max_bytes, GzipBytes)
-    files = animation.files(task.format).values()
-    return sum(len(gzip.compress(data, mtime=0) if packed else data) for data in files)
+    return sum(len(gzip.compress(data, mtime=0) if packed else data) for data in animation.files(task.format).values())
 
 
 def drawn_clip(task: ClipTask, work: Work) -> Animation:

@@ -244,8 +244,7 @@ def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Mad
     if drawing.interrupted:
         return replace(photo, interrupted=True)
     level = _level_db(task, photo)
-    nearer = _level_db(task, drawing) > level
-    return _drawing_instead(drawing, f"a photo has only {level:.1f} dB") if nearer else photo
+    return _drawing_instead(drawing, f"a photo has only {level:.1f} dB") if _level_db(task, drawing) > level else photo
 
 
 def _drawing_instead(drawing: Made, reason: str) -> Made:

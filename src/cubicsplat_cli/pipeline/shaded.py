@@ -63,8 +63,7 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     levels = as_levels(target)
     labels = objects_of(levels)
     count = int(labels.max()) + 1
-    inside = ndimage.alike(labels, 5)
-    visible = inside & (levels[..., 3] >= CLEAR)
+    visible = ndimage.alike(labels, 5) & (levels[..., 3] >= CLEAR)
     if count > MOST_OBJECTS or not visible.any() or (levels[..., 3][visible] < 250.0).mean() > MOST_ROUGH:
         return None
     rough = np.abs(levels - ndimage.uniform_filter(levels, (3, 3, 1))).max(axis=2) > ROUGH
@@ -76,8 +75,7 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
         own = visible & (labels == number)
         if own.any():
             off[own] = _off(straight, *_paint_of(straight, own))[own].mean()
-    shaded = off[visible] > SHADED**2
-    return (levels, labels) if shaded.mean() >= LEAST_SHADED else None
+    return (levels, labels) if (off[visible] > SHADED**2).mean() >= LEAST_SHADED else None
 
 
 def drawn_shaded(task: Task, objects: Objects) -> Made:

@@ -178,8 +178,7 @@ def report_of(task: Task, made: Made, figures: Measured | None, output: Output, 
     facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, seconds["fit"]), **made.facts}
     stages = {f"{name}_s": seconds.get(name) for name in ("read", "write", "draw", "measure")}
     # Rounded here, so that the page and the summary, which round it further, agree with the written report.
-    total = plain(task.timer.total(), "total_s")
-    timing = replace(facts.pop("timing"), total_s=total, **stages)
+    timing = replace(facts.pop("timing"), total_s=plain(task.timer.total(), "total_s"), **stages)
     return Report(
         input=Input(path or source.source, source.sha256, *source.size, source.alpha is not None),
         output=output,

@@ -133,8 +133,7 @@ def tied_coordinates(anchors: np.ndarray, lines: np.ndarray) -> np.ndarray:
     """Return (A, 2) int64: the variable of each coordinate of anchors (A, 2), one for both ends of a piece that is a
     level or upright line; lines: (S,) bool.
     """
-    given = len(anchors), len(lines), doubles(anchors), bools(lines)
-    return _native("cs_tie", *given, Out(anchors.shape, np.int64))
+    return _native("cs_tie", len(anchors), len(lines), doubles(anchors), bools(lines), Out(anchors.shape, np.int64))
 
 
 def held_ring(

@@ -180,8 +180,7 @@ def blend_pairs(
     """
     n = len(values)
     given = n, floats(values), int32s(parts), len(palette), doubles(palette), near.shape[1], int32s(near)
-    out = Out(n, np.int32), Out(n, np.int32), Out(n, np.float32)
-    return _native("cs_blend_pairs", *given, float(farther), *out)
+    return _native("cs_blend_pairs", *given, float(farther), Out(n, np.int32), Out(n, np.int32), Out(n, np.float32))
 
 
 def finer_labels(

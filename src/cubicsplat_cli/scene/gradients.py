@@ -137,10 +137,9 @@ def paint_at(gradients: Gradients, curve: int, places: Array) -> Array:
         # The square root has no derivative at 0.
         squared = xp.sum(plane * plane, axis=-1)
         t = xp.sqrt(xp.where(squared > 0.0, squared, 1.0)) * (squared > 0.0) + plane @ lean
-    count = int(gradients.counts[curve])
     offsets, stops = (xp.astype(given[curve], places.dtype) for given in (gradients.offsets, gradients.stops))
     value = xp.broadcast_to(stops[0], (*t.shape, 4))
-    for k in range(1, count):
+    for k in range(1, int(gradients.counts[curve])):
         length = offsets[k] - offsets[k - 1]
         if length > LEAST_LENGTH:
             ramp = xp.clip((t - offsets[k - 1]) / length, 0.0, 1.0)

@@ -37,8 +37,7 @@ class LinearGradient:
     def frame(self) -> np.ndarray:
         """Return (2, 4): an affine map of px, and a column of zeros; t is the first coordinate of the map's result."""
         dx, dy = self.x2 - self.x1, self.y2 - self.y1
-        square = max(dx * dx + dy * dy, 1e-18)
-        along = np.array([dx, dy]) / square
+        along = np.array([dx, dy]) / max(dx * dx + dy * dy, 1e-18)
         return np.array([[*along, -along @ (self.x1, self.y1), 0.0], [0.0] * 4])
 
     def scaled(self, across: float, down: float) -> LinearGradient:

@@ -229,8 +229,7 @@ def pack_rings(mode: Mode, curves: Sequence[Sequence[Array]]) -> tuple[Array, Ar
     points = padded(xp.concat(tuple(whole)), like(first, [p.shape[0] for p in whole], "int64"))
     rows = [list(itertools.accumulate(of_curve)) for of_curve in counts]
     most = max(map(len, rows))
-    table = [row + row[-1:] * (most - len(row)) for row in rows]
-    return points, like(points, table, "int32")
+    return points, like(points, [row + row[-1:] * (most - len(row)) for row in rows], "int32")
 
 
 def _check_ring_ends(ends: Array, segments: int) -> None:

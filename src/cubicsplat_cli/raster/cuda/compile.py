@@ -102,8 +102,7 @@ def compile_text(
     text = dict(text or sources())
     main = text.pop(MAIN)
     chosen = [*options(program, architecture), *extra]
-    intermediate = architecture.startswith("compute_")
-    code, said = nvrtc.compile_program(MAIN, main, text, chosen, intermediate=intermediate)
+    code, said = nvrtc.compile_program(MAIN, main, text, chosen, intermediate=architecture.startswith("compute_"))
     if code is None:
         raise EngineError(f"the CUDA kernels do not compile for {architecture}:\n{said}")
     return code, said
