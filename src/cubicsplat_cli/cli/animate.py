@@ -14,7 +14,7 @@ from cubicsplat_cli.cli.options import Json, Quiet, Verbose, option, takes_optio
 from cubicsplat_cli.clip_request import ARTWORK, FIT_SETTINGS, FRAMES, LOTTIE, SMIL, ClipReport, ClipRequest
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
-from cubicsplat_cli.files.paths import check_outputs, is_folder, is_lottie, make_folder_of, same_file
+from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_folder, is_lottie, make_folder_of
 from cubicsplat_cli.files.write import write_atomically, write_stdout
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
 from cubicsplat_cli.from_options import clip_request_of
@@ -51,8 +51,7 @@ def animate(
     request = replace(request, format=_format(output, request.format))
     result, metrics, page = _places(Path(clip), output, request)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not json)
-    if same_file(result, Path(clip)):
-        raise UsageError(f"{result} is the input and would be overwritten; choose another output with -o")
+    check_ownership([result], force=True, source=Path(clip))  # before a folder is made
     make_folder_of(metrics)
     files = [metrics, *([page] if request.html_report else [])]
     check_outputs(files + (_frames(result) if request.format == FRAMES else [result]), force=request.force)

@@ -11,6 +11,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.paths import (
     EXPORTS,
+    check_ownership,
     format_of,
     is_folder,
     is_ours,
@@ -154,9 +155,7 @@ def plan_outputs(
     if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
         raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg, suffix)}")
     outputs = replace(outputs_beside(svg, png=png, metrics=metrics, source=source), exports=exports)
-    for path in outputs.files():
-        if source is not None and same_file(path, source):
-            raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
+    check_ownership(outputs.files(), force=True, source=source)  # whose files exist is seen later, in the work
     return outputs
 
 
