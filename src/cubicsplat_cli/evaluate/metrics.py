@@ -53,10 +53,9 @@ def measure(
     """
     for candidate in candidates:
         if (candidate.height, candidate.width) != (reference.height, reference.width):
-            raise InputError(
-                f"sizes differ: {reference.source} is {reference.width} x {reference.height} px, the other picture "
-                f"{candidate.width} x {candidate.height} px; scale one of them first"
-            )
+            first = f"{reference.source} is {reference.width} x {reference.height} px"
+            second = f"the other picture {candidate.width} x {candidate.height} px"
+            raise InputError(f"sizes differ: {first}, {second}; scale one of them first")
     layer, count = of_picture(reference), len(candidates)
     sums = _compared(layer, candidates, similarity=True, threads=threads, strip_pixels=strip_pixels)
     agreement = None if count < 2 else _worst_psnr(layer, sums[:, count])

@@ -102,10 +102,8 @@ def _network() -> Any:
         import torch
 
         folder = f"{torch.hub.get_dir()}/checkpoints"
-        raise EngineError(
-            f"lpips: the weights of its network cannot be had ({one_line(error)}); put alexnet-owt-7be5be79.pth of "
-            f"download.pytorch.org/models into {folder}, or leave lpips out"
-        ) from error
+        advice = f"put alexnet-owt-7be5be79.pth of download.pytorch.org/models into {folder}, or leave lpips out"
+        raise EngineError(f"lpips: the weights of its network cannot be had ({one_line(error)}); {advice}") from error
 
 
 def _library(module: str, name: str) -> ModuleType:
@@ -115,10 +113,8 @@ def _library(module: str, name: str) -> ModuleType:
         raise EngineError(f"{name} needs torchmetrics ({error}); pip install 'cubicsplat[measures]'") from error
     except RuntimeError as error:
         # torchvision raises this if it was built for another torch.
-        raise EngineError(
-            f"{name}: the torchvision that is installed does not belong to this torch ({one_line(error)}); "
-            "install both from the same place"
-        ) from error
+        text = f"{name}: the torchvision that is installed does not belong to this torch ({one_line(error)})"
+        raise EngineError(f"{text}; install both from the same place") from error
 
 
 def over(pixels: np.ndarray, ground: float) -> np.ndarray:

@@ -66,10 +66,8 @@ def rerender(svg: bytes, width: int, height: int, *, renderer: str = "auto", sou
     EngineError if the renderer (or, for auto, every renderer) is missing.
     """
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE) or width * height > MAX_RENDER_PIXELS:
-        raise InputError(
-            f"a picture of {width} x {height} px cannot be drawn: at most {MAX_SIDE} px a side and "
-            f"{MAX_RENDER_PIXELS / 1e6:.0f} megapixels; choose a smaller scale"
-        )
+        limits = f"at most {MAX_SIDE} px a side and {MAX_RENDER_PIXELS / 1e6:.0f} megapixels"
+        raise InputError(f"a picture of {width} x {height} px cannot be drawn: {limits}; choose a smaller scale")
     module, name, note = choose_renderer(renderer)
     with drawing_with(name, source):
         if name == "cairosvg":

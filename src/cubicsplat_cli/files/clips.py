@@ -158,10 +158,8 @@ def _timed_clip(name: str, loaded: Sequence[tuple[Callable[[], Picture], str]], 
 def _checked_size(picture: Picture, size: tuple[int, int] | None, shown: str) -> tuple[int, int]:
     """Return a frame's size. Raises InputError if it is not that of the frames before, if there are any."""
     if size and picture.size != size:
-        raise InputError(
-            f"{shown}: is {picture.width} x {picture.height} px, the frames before it {size[0]} x {size[1]}; "
-            "scale it to their size"
-        )
+        sizes = f"{picture.width} x {picture.height} px, the frames before it {size[0]} x {size[1]}"
+        raise InputError(f"{shown}: is {sizes}; scale it to their size")
     return picture.size
 
 
@@ -214,10 +212,8 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[np.ndarray, np.nd
                 raise
             except Exception as error:  # as of a still picture, Pillow answers broken bytes with nearly any
                 reason = printable(one_line(error)) or type(error).__name__
-                raise InputError(
-                    f"{shown}: frame {index + 1 - first} is damaged or cut short ({reason}); save it again, or take "
-                    "those before it with --frames"
-                ) from error
+                text = f"{shown}: frame {index + 1 - first} is damaged or cut short ({reason})"
+                raise InputError(f"{text}; save it again, or take those before it with --frames") from error
             milliseconds = float(image.info.get("duration") or 0.0)
             yield rgb, alpha, milliseconds / 1000.0 if milliseconds > 10.0 else UNTIMED_S
 
@@ -270,10 +266,8 @@ def _opened_video(data: bytes, shown: str, max_pixels: int) -> Iterator[tuple[An
                 raise InputError(f"{shown}: holds no pictures; give another video, or a GIF")
             stream = container.streams.video[0]
             if stream.width * stream.height > max_pixels:
-                raise InputError(
-                    f"{shown}: is {stream.width} x {stream.height} px, the limit is {max_pixels:,} pixels; scale it "
-                    "down first, or raise it with --max-pixels"
-                )
+                sizes = f"{stream.width} x {stream.height} px, the limit is {max_pixels:,} pixels"
+                raise InputError(f"{shown}: is {sizes}; scale it down first, or raise it with --max-pixels")
             yield container, stream
     except av.FFmpegError as error:
         reason = printable(one_line(error.strerror or error))

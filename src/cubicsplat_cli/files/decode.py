@@ -264,10 +264,9 @@ def draft(image: Image.Image, factor: int, shown: str) -> int:
             factor = max(1, factor // scale)
             break
     if factor > 1 and image.width * image.height > MAX_DECODED_PIXELS:
-        raise InputError(
-            f"{shown}: is {width} x {height} = {width * height / 1e6:.1f} megapixels, a file of its kind is read up to "
-            f"{MAX_DECODED_PIXELS / 1e6:.0f}; scale the picture down first"
-        )
+        size = f"{width} x {height} = {width * height / 1e6:.1f} megapixels"
+        limit = f"a file of its kind is read up to {MAX_DECODED_PIXELS / 1e6:.0f}"
+        raise InputError(f"{shown}: is {size}, {limit}; scale the picture down first")
     return factor
 
 

@@ -208,10 +208,8 @@ def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: in
     if width < 1 or height < 1:
         raise InputError(f"{shown}: has no pixels ({width} x {height}); give a picture of at least 1 x 1")
     if width * height > max_pixels * factor**2:
-        raise InputError(
-            f"{shown}: is {width} x {height} = {width * height:,} pixels, the limit is {max_pixels:,}; {smaller}, or "
-            "raise it with --max-pixels"
-        )
+        text = f"{shown}: is {width} x {height} = {width * height:,} pixels, the limit is {max_pixels:,}"
+        raise InputError(f"{text}; {smaller}, or raise it with --max-pixels")
 
 
 def _not_a_picture(data: bytes, shown: str) -> str:

@@ -71,12 +71,9 @@ class Outputs:
             return self
         have = {format_of(path) for path in self.exports}
         more = [self.svg.with_suffix(f".{form}") for form in formats if form not in have]
-        return replace(
-            self,
-            exports=(*self.exports, *more),
-            layers=None if folder is None else folder / self.svg.stem,
-            html_report=self.svg.with_suffix(PAGE) if page else None,
-        )
+        layers = None if folder is None else folder / self.svg.stem
+        html_report = self.svg.with_suffix(PAGE) if page else None
+        return replace(self, exports=(*self.exports, *more), layers=layers, html_report=html_report)
 
     def existing_layers(self) -> list[Path]:
         """Return the existing files with the names of this picture's layers, in order."""

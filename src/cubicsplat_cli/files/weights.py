@@ -57,10 +57,8 @@ def _scaled(mask: Mask, picture: Picture, full: tuple[int, int]) -> np.ndarray:
     height, width = mask.grey.shape
     # Pictures that were scaled down have sides of whole pixels, so the shapes may differ by a percent.
     if abs(width * picture.height / (height * picture.width) - 1.0) > 0.01:
-        raise InputError(
-            f"{picture.source}: has {full[0]} x {full[1]} pixels, which the mask {mask.name} with "
-            f"{width} x {height} does not fit; give one of the same shape"
-        )
+        misfit = f"which the mask {mask.name} with {width} x {height} does not fit; give one of the same shape"
+        raise InputError(f"{picture.source}: has {full[0]} x {full[1]} pixels, {misfit}")
     if (width, height) == (picture.width, picture.height):
         return mask.grey
     image = Image.fromarray(mask.grey).resize((picture.width, picture.height), Image.Resampling.BILINEAR)

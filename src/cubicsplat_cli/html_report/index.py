@@ -77,14 +77,10 @@ def index(path: Path, entries: Sequence[Entry], title: str) -> bytes:
     facts += [("files", file_size(sum(sizes)), "")] if sizes else []
     seconds = [entry.seconds for entry in entries if entry.seconds is not None]
     facts += [("time", duration(sum(seconds)), "of all together")] if seconds else []
-    return rendered(
-        "index.html",
-        mark=made_mark(counted(len(entries), "picture")),
-        title=title,
-        facts=facts,
-        headings=["PSNR, dB", "SSIM", "shapes", "file", "time"],
-        rows=[_row(path, entry) for entry in entries],
-    )
+    mark = made_mark(counted(len(entries), "picture"))
+    headings = ["PSNR, dB", "SSIM", "shapes", "file", "time"]
+    rows = [_row(path, entry) for entry in entries]
+    return rendered("index.html", mark=mark, title=title, facts=facts, headings=headings, rows=rows)
 
 
 def _row(index_path: Path, entry: Entry) -> tuple[Entry, str | None, list[tuple[str, str]]]:

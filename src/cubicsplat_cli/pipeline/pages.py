@@ -113,14 +113,9 @@ def _of_pixels(task: Task, pixels: np.ndarray, compression: Compression | None =
 def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
     """Fit curves to a part, over a background, in px of its window."""
     own = _of_pixels(task, page.picture[part.window])
-    request = replace(
-        task.request,
-        style=PHOTO,
-        shading=NONE,
-        artwork=ArtworkSettings(),
-        settings=task.request.settings.with_(curves=curves),
-        weights=None if part.rectangular else Mask(part.mask.astype(np.float32), NAME, ""),
-    )
+    weights = None if part.rectangular else Mask(part.mask.astype(np.float32), NAME, "")
+    fit = task.request.settings.with_(curves=curves)
+    request = replace(task.request, style=PHOTO, shading=NONE, artwork=ArtworkSettings(), settings=fit, weights=weights)
     return fitted_photo(replace(own, picture=own.target, request=request))
 
 

@@ -194,10 +194,8 @@ def photo_settings(task: Task) -> FitSettings:
         return usual
     init.check_shape(*task.picture.size)
     if request.freeze and usual.curves <= init.scene.curves:
-        raise UsageError(
-            f"the drawing's {init.scene.curves} curves are frozen, so that --curves {usual.curves} leaves "
-            "none to add; ask for more"
-        )
+        text = f"the drawing's {init.scene.curves} curves are frozen"
+        raise UsageError(f"{text}, so that --curves {usual.curves} leaves none to add; ask for more")
     return usual if request.freeze or settings.curves is not None else settings.with_(curves=init.scene.curves)
 
 

@@ -110,10 +110,8 @@ class CpuEngine(Engine):
         self.threads = threads or cpu_count()
         self._handle = c_void_p(function("cs_create", c_void_p)(self.threads, isa.encode() if isa else None))
         if not self._handle:
-            raise EngineError(
-                f"cannot start the CPU engine with {self.threads} threads and instruction set {isa or 'auto'}; "
-                f"this machine can run {', '.join(instruction_sets())}"
-            )
+            text = f"cannot start the CPU engine with {self.threads} threads and instruction set {isa or 'auto'}"
+            raise EngineError(f"{text}; this machine can run {', '.join(instruction_sets())}")
         self.isa = function("cs_isa", c_char_p)(self._handle).decode()
 
     def take(self, array: Array) -> Array:

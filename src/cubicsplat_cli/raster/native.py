@@ -27,10 +27,8 @@ def library() -> ctypes.CDLL:
     try:
         lib = ctypes.CDLL(str(path))
     except OSError as error:
-        raise EngineError(
-            f"the native engine {path.name} cannot be loaded ({error}); reinstall with `pip install --force-reinstall "
-            "cubicsplat` (from source this needs a C++17 compiler)"
-        ) from error
+        advice = "reinstall with `pip install --force-reinstall cubicsplat` (from source this needs a C++17 compiler)"
+        raise EngineError(f"the native engine {path.name} cannot be loaded ({error}); {advice}") from error
     if lib.cs_abi_version() != ABI_VERSION:
         raise EngineError(f"the native engine {path.name} is of another version; reinstall cubicsplat")
     return lib
@@ -124,7 +122,5 @@ def address_on(device: Any, array: Array, name: str, shape: tuple[int, ...], dty
         elif array.is_contiguous() and str(array.device) == str(device):
             return int(array.data_ptr())
     place = "the CPU" if str(device) == "cpu" else device
-    raise EngineError(
-        f"{name} must be contiguous on {place}, {dtype} and of shape {shape}, not {array.dtype} {tuple(array.shape)}, "
-        f"{kind_of(array)}"
-    )
+    given = f"{array.dtype} {tuple(array.shape)}, {kind_of(array)}"
+    raise EngineError(f"{name} must be contiguous on {place}, {dtype} and of shape {shape}, not {given}")

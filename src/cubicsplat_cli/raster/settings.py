@@ -46,10 +46,8 @@ def image_loss(image: Array, target: Array, weights: Array | None = None, penalt
     InputError for other shapes.
     """
     if image.shape != target.shape or image.shape[-1] not in (3, 4):
-        raise InputError(
-            f"image and target must both have shape (H, W, 3) or (H, W, 4), not {tuple(image.shape)} and "
-            f"{tuple(target.shape)}"
-        )
+        given = f"{tuple(image.shape)} and {tuple(target.shape)}"
+        raise InputError(f"image and target must both have shape (H, W, 3) or (H, W, 4), not {given}")
     xp = namespace(image)
     error = image - xp.astype(target, image.dtype)
     if weights is not None and weights.shape != image.shape[:2]:

@@ -101,10 +101,8 @@ class Gradients(CurveArrays):
             if not fits or tuple(array.shape) != shape:
                 raise InputError(f"gradients.{name} must be an array of {' or '.join(types)} and shape {shape}")
             if kind_of(array) != kind_of(points):
-                raise InputError(
-                    f"gradients.{name} is {kind_of(array)} but points {kind_of(points)}: use one kind and device for "
-                    "all, by as_numpy() or as_torch() of the scene"
-                )
+                advice = "use one kind and device for all, by as_numpy() or as_torch() of the scene"
+                raise InputError(f"gradients.{name} is {kind_of(array)} but points {kind_of(points)}: {advice}")
 
 
 def linear_frames(starts: Array, ends: Array) -> Array:

@@ -179,10 +179,8 @@ class Scene(CurveArrays):
             if array.dtype not in (xp.float32, xp.float64):
                 raise InputError(f"{name} must be float32 or float64, not {array.dtype}")
             if kind_of(array) != kind_of(self.points):
-                raise InputError(
-                    f"{name} is {kind_of(array)} but points {kind_of(self.points)}: use one kind and device for all, "
-                    "by as_numpy() or as_torch() of the scene"
-                )
+                advice = "use one kind and device for all, by as_numpy() or as_torch() of the scene"
+                raise InputError(f"{name} is {kind_of(array)} but points {kind_of(self.points)}: {advice}")
         if self.points.ndim != 3 or self.points.shape[-1] != 2 or self.curves < 1:
             raise InputError(f"points must have shape (N, K, 2) with N >= 1 curves, not {tuple(self.points.shape)}")
         segments_from_points(self.mode, self.points_per_curve)
@@ -237,10 +235,8 @@ def _check_ring_ends(ends: Array, segments: int) -> None:
     rising = xp.concat((ends[:, :1] >= 1, xp.diff(ends, axis=1) >= 0, ends[:, -1:] <= segments), axis=1)
     if not rising.all():
         curve = _first_curve(~rising)
-        raise InputError(
-            f"ring_ends must rise along each row, from 1 to at most {segments} segments, but curve {curve} has "
-            f"{ends[curve].tolist()}"
-        )
+        text = f"ring_ends must rise along each row, from 1 to at most {segments} segments"
+        raise InputError(f"{text}, but curve {curve} has {ends[curve].tolist()}")
 
 
 def _check_range(name: str, values: Array, high: float, wanted: str) -> None:

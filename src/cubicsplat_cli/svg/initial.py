@@ -50,10 +50,8 @@ class InitialDrawing:
         """Raise InputError if a picture of width x height px has another shape."""
         scene = self.scene
         if abs(scene.width * height / (scene.height * width) - 1.0) > ASPECT_TOLERANCE:
-            raise InputError(
-                f"the drawing {self.name} has {scene.width} x {scene.height} px, another shape than the picture's "
-                f"{width} x {height}; use an SVG with the picture's proportions"
-            )
+            text = f"the drawing {self.name} has {scene.width} x {scene.height} px, another shape than the picture's"
+            raise InputError(f"{text} {width} x {height}; use an SVG with the picture's proportions")
 
 
 def load_initial_drawing(source: str | Path | bytes, mode: Mode = Mode.CLOSED) -> InitialDrawing:
@@ -92,10 +90,8 @@ def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Sc
         raise InputError(f"{source}: shows no {kind} that could be begun with{other}")
     longest = max(sum(len(ring) for ring in curve.rings) for curve in curves)
     if 3 * longest * len(curves) > _MOST_POINTS:
-        raise InputError(
-            f"{source}: has {counted(len(curves), 'shape')}, one of {longest} segments, too many to begin with; "
-            "simplify it"
-        )
+        amounts = f"{counted(len(curves), 'shape')}, one of {longest} segments"
+        raise InputError(f"{source}: has {amounts}, too many to begin with; simplify it")
     notes = drawing.notes(" of the drawing to begin with")
     gradients = sum(isinstance(paint, Gradient) for shape in drawing.shapes for paint in (shape.fill, shape.stroke))
     if gradients:

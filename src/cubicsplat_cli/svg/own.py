@@ -90,10 +90,8 @@ class OwnElement:
         """Return the error, with the line, for a document that cubicsplat did not write."""
         what = printable(str(reason))
         what = what if len(what) <= _MAX_SHOWN else f"{what[:_MAX_SHOWN]}..."
-        return InputError(
-            f"this SVG was not written by cubicsplat or was edited: line {self.line} {what}; "
-            "`cubicsplat render` and `cubicsplat eval` take any SVG"
-        )
+        text = f"this SVG was not written by cubicsplat or was edited: line {self.line} {what}"
+        return InputError(f"{text}; `cubicsplat render` and `cubicsplat eval` take any SVG")
 
     @contextmanager
     def checked(self) -> Iterator[None]:

@@ -62,10 +62,8 @@ def read_svg(text: str | bytes) -> Scene:
     elements = own_elements(text)
     shading = next((element for element in elements if element.place == "svg/clipPath"), None)
     if shading is not None:
-        raise InputError(
-            f"line {shading.line} clips shading, which no scene of curves has; "
-            "use cubicsplat_cli.svg.drawing_reader.read_drawing"
-        )
+        advice = "use cubicsplat_cli.svg.drawing_reader.read_drawing"
+        raise InputError(f"line {shading.line} clips shading, which no scene of curves has; {advice}")
     return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
 
 

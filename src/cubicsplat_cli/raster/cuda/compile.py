@@ -78,10 +78,8 @@ def architecture_for(capability: tuple[int, int]) -> str:
     """
     wanted = 10 * capability[0] + capability[1]
     if wanted < OLDEST:
-        raise EngineError(
-            f"the GPU's compute capability is {capability[0]}.{capability[1]}; the CUDA engine needs "
-            f"{OLDEST // 10}.{OLDEST % 10} or newer: use --device cpu"
-        )
+        need = f"the CUDA engine needs {OLDEST // 10}.{OLDEST % 10} or newer: use --device cpu"
+        raise EngineError(f"the GPU's compute capability is {capability[0]}.{capability[1]}; {need}")
     known = nvrtc.architectures()
     runnable = [n for n in known if n // 10 == wanted // 10 and n <= wanted]
     if runnable:

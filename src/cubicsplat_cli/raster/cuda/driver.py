@@ -195,10 +195,9 @@ class CudaDriver(Driver):
         # 1000 major + 10 minor of the newest CUDA that it supports.
         self.driver_version = library.value(c_int, "asking for the driver's version", "cuDriverGetVersion").value
         if self.driver_version // 1000 < nvrtc.version()[0]:
-            raise EngineError(
-                f"the NVIDIA driver is too old: it supports CUDA {self.driver_version // 1000}, the compiler is for "
-                f"CUDA {nvrtc.version()[0]}; update the driver, or install torch for the older CUDA"
-            )
+            versions = f"it supports CUDA {self.driver_version // 1000}, the compiler is for CUDA {nvrtc.version()[0]}"
+            advice = "update the driver, or install torch for the older CUDA"
+            raise EngineError(f"the NVIDIA driver is too old: {versions}; {advice}")
 
     def _load(self, program: Program) -> Kernels:
         code, _ = machine_code(program, self.capability)

@@ -191,10 +191,8 @@ class CudaEngine(Engine):
             if "memory" not in str(error):
                 raise
             size = count * dtype.itemsize / 1e6
-            raise DeviceError(
-                f"the GPU has no room for {what} ({size:.0f} MB more); lower --curves, --samples or --max-size, or "
-                "use --device cpu"
-            ) from error
+            text = f"the GPU has no room for {what} ({size:.0f} MB more)"
+            raise DeviceError(f"{text}; lower --curves, --samples or --max-size, or use --device cpu") from error
 
     def _load(self, program: Program) -> Kernels:
         driver = self._driver

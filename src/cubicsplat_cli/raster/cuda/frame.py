@@ -103,10 +103,9 @@ def check_drawable(segments: int, samples: int, subdivide: bool) -> None:
     if subdivide:
         raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
     if segments > MOST_SEGMENTS or segments * samples > MOST_EDGES:
-        raise EngineError(
-            f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
-            f"{segments} and {segments * samples}; use fewer segments or samples, or the CPU"
-        )
+        text = f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges"
+        advice = "use fewer segments or samples, or the CPU"
+        raise EngineError(f"{text}, not {segments} and {segments * samples}; {advice}")
 
 
 def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:

@@ -38,10 +38,8 @@ def open_library(name: str = "nvcuda.dll" if sys.platform == "win32" else "libcu
     try:
         return ctypes.CDLL(name)
     except OSError as error:
-        raise EngineError(
-            f"the NVIDIA driver's library {name} cannot be loaded ({one_line(error)}); install the driver, or use "
-            "--device cpu"
-        ) from error
+        text = f"the NVIDIA driver's library {name} cannot be loaded ({one_line(error)})"
+        raise EngineError(f"{text}; install the driver, or use --device cpu") from error
 
 
 def gpus(opened: Callable[[], Any] = open_library) -> int:

@@ -130,7 +130,6 @@ def self_test(engine: Engine, program: Program) -> None:
         for (doing, found), (_, expected) in zip(numbers(engine, program), numbers(cpu, program), strict=True):
             for value, right in zip(found, expected, strict=True):
                 if not abs(value - right) <= TOLERANCE * (1.0 + abs(right)):
-                    raise EngineError(
-                        f"the CUDA engine's self-test ({program.name}, {doing}) gives {value:.6g} in place "
-                        f"of {right:.6g}: the GPU, its driver or its compiler is broken; use --device cpu"
-                    )
+                    text = f"self-test ({program.name}, {doing}) gives {value:.6g} in place of {right:.6g}"
+                    reason = "the GPU, its driver or its compiler is broken; use --device cpu"
+                    raise EngineError(f"the CUDA engine's {text}: {reason}")
