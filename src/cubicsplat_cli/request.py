@@ -270,16 +270,13 @@ def _conflicts(request: Request) -> Iterator[tuple[object, str | None, str]]:
     yield photo and drawing, drawing, text
     text = "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies"
     yield request.shading != NONE and not request.may_shade, "shading", text
-    text = (
-        "image is of drawings as they are; leave out options of photos, pixels, colours, groups, cutouts, strokes, "
-        "bytes, time, movies"
-    )
+    others = "photos, pixels, colours, groups, cutouts, strokes, bytes, time, movies"
+    text = f"image is of drawings as they are; leave out options of {others}"
     yield request.photo_parts == IMAGE and not request.may_hold_photos, "photo_parts", text
     asked = next((name for name in ("layers", "gap_filler", "overlap") if getattr(request, name)), None)
-    text = (
-        f"{'is of cutouts, which have' if asked else 'cutout has'} shapes only; leave out "
-        f"{'--strokes' if artwork.strokes else '--mode open'}, which is for strokes"
-    )
+    cutouts = "is of cutouts, which have" if asked else "cutout has"
+    of_strokes = "--strokes" if artwork.strokes else "--mode open"
+    text = f"{cutouts} shapes only; leave out {of_strokes}, which is for strokes"
     yield artwork.stacking == CUTOUT and request.strokes, asked or "stacking", text
     groups = request.group_by == OBJECT
     yield request.layers and groups, "layers", "has a file for each colour; leave out --group-by object"

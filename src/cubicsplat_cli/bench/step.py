@@ -135,18 +135,14 @@ def step_lines(report: dict[str, Any]) -> str:
     """Return the report as a few lines for people."""
     picture, settings, device = report["picture"], report["settings"], report["device"]
     machine = ", ".join(f"{name} {value}" for name, value in device.items())
-    lines = [
-        f"{picture['name']}, {picture['width']} x {picture['height']} px, {settings['curves']} {settings['mode']} "
-        f"curves of {settings['segments']} segments; {machine}"
-    ]
+    curves = f"{settings['curves']} {settings['mode']} curves of {settings['segments']} segments"
+    lines = [f"{picture['name']}, {picture['width']} x {picture['height']} px, {curves}; {machine}"]
     for name in ("relaxed", "exact"):
         figures = report[name]
         if figures is None:
             continue
-        lines.append(
-            f"{name:8} median {figures['median_ms']:.2f} ms  p10 {figures['p10_ms']:.2f}  p90 {figures['p90_ms']:.2f}"
-            f"  edge {figures['edge_width_px']:.2f} px"
-        )
+        spread = f"p10 {figures['p10_ms']:.2f}  p90 {figures['p90_ms']:.2f}  edge {figures['edge_width_px']:.2f} px"
+        lines.append(f"{name:8} median {figures['median_ms']:.2f} ms  {spread}")
         stages = "  ".join(f"{stage} {100 * part['share']:.1f} %" for stage, part in figures["stages"].items())
         pairs = "  ".join(f"{kind} {count}" for kind, count in figures["pairs"].items())
         lines.append(f"         {stages}")
@@ -158,10 +154,8 @@ def step_lines(report: dict[str, Any]) -> str:
 def _memory_text(figures: dict[str, float | None]) -> str:
     if figures["peak_above_mb"] is None:
         return f"peak {figures['peak_mb']} MB in all" if figures["peak_mb"] is not None else "not known here"
-    return (
-        f"{figures['before_mb']:.0f} MB before the fit, {figures['resident_above_mb']:.0f} MB more in it, "
-        f"{figures['peak_above_mb']:.0f} MB more at most"
-    )
+    more = f"{figures['resident_above_mb']:.0f} MB more in it, {figures['peak_above_mb']:.0f} MB more at most"
+    return f"{figures['before_mb']:.0f} MB before the fit, {more}"
 
 
 def synthetic_picture(width: int, height: int) -> np.ndarray:

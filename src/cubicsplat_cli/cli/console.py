@@ -126,9 +126,8 @@ class LiveDisplay(Display):
         super().__init__(pictures)
         # Rich honours NO_COLOR. File names may hold square brackets, which must not be read as markup.
         self._console = Console(stderr=True, highlight=False)
-        name, text = (
-            rich.progress.TextColumn(f"{{task.{of}}}", markup=False) for of in ("description", "fields[text]")
-        )
+        name = rich.progress.TextColumn("{task.description}", markup=False)
+        text = rich.progress.TextColumn("{task.fields[text]}", markup=False)
         bar = [rich.progress.BarColumn(_BAR)] if self._console.width >= _WIDE else []
         self._bars = rich.progress.Progress(
             name, *bar, text, console=self._console, transient=True, redirect_stdout=False, redirect_stderr=False

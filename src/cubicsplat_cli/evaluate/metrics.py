@@ -110,10 +110,8 @@ def _compared(
             above, below = max(0, top - REACH), min(reference.height, bottom + REACH)
             parts = [layer.rows(above, below) for layer in layers]
             for ground, total in zip(grounds, totals, strict=True):
-                work = [
-                    pool.submit(_tile, parts, ground, rows, columns, similarity)
-                    for rows, columns in _tiles(top - above, bottom - above, reference.width)
-                ]
+                tiles = _tiles(top - above, bottom - above, reference.width)
+                work = [pool.submit(_tile, parts, ground, rows, columns, similarity) for rows, columns in tiles]
                 # In the order of the tiles, whichever is done first: sums of floats depend on it.
                 for done in work:
                     sums = done.result()

@@ -257,9 +257,8 @@ def _opened_video(data: bytes, shown: str, max_pixels: int) -> Iterator[tuple[An
     try:
         import av
     except ModuleNotFoundError as error:
-        raise EngineError(
-            f"{shown}: is a video; pip install 'cubicsplat[video]' to have it read, or give a GIF or its frames"
-        ) from error
+        advice = "pip install 'cubicsplat[video]' to have it read, or give a GIF or its frames"
+        raise EngineError(f"{shown}: is a video; {advice}") from error
     try:
         with av.open(io.BytesIO(data)) as container:
             if not container.streams.video:

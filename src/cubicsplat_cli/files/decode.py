@@ -230,9 +230,8 @@ def _deep_grey(image: Image.Image, shown: str) -> np.ndarray:
     if image.mode == "F":
         return unit_values(values, shown)
     if int(values.min()) < 0 or int(values.max()) > 65535:
-        raise InputError(
-            f"{shown}: integer values run from {values.min()} to {values.max()}; save it with 8 or 16 bits"
-        )
+        text = f"integer values run from {values.min()} to {values.max()}"
+        raise InputError(f"{shown}: {text}; save it with 8 or 16 bits")
     return values.astype(np.float32) / np.float32(65535)
 
 
@@ -323,9 +322,8 @@ def formats_of(data: bytes, shown: str) -> tuple[str, ...]:
         return ("AVIF",)
     if brands & _HEIC:
         if not reads_heic():
-            raise InputError(
-                f"{shown}: is an HEIC picture; pip install pillow-heif to have it read, or save it as JPEG"
-            )
+            advice = "pip install pillow-heif to have it read, or save it as JPEG"
+            raise InputError(f"{shown}: is an HEIC picture; {advice}")
         importlib.import_module("pillow_heif").register_heif_opener()
         return ("HEIF",)
     return FORMATS

@@ -70,9 +70,8 @@ def _inside(focus: Focus, picture: Picture, full: tuple[int, int]) -> np.ndarray
     across = _covered(focus.left, focus.width, full[0], picture.width)
     down = _covered(focus.top, focus.height, full[1], picture.height)
     if not (across.any() and down.any()):
-        raise InputError(
-            f"{picture.source}: the focus lies outside of its {full[0]} x {full[1]} pixels; give a rectangle within"
-        )
+        text = f"{picture.source}: the focus lies outside of its {full[0]} x {full[1]} pixels"
+        raise InputError(f"{text}; give a rectangle within")
     return down[:, None] * across
 
 

@@ -186,10 +186,8 @@ def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
         shifts = np.pad(coarse, [(0, height - len(coarse)), (0, width - coarse.shape[1]), (0, 0)], mode="edge")
     around = np.pad(before, [(1, 1), (1, 1), (0, 0)], mode="edge")
     across, down = 0.5 * (around[1:-1, 2:] - around[1:-1, :-2]), 0.5 * (around[2:, 1:-1] - around[:-2, 1:-1])
-    xx, xy, yy = (
-        _windowed((first * second).sum(axis=2)) for first, second in ((across, across), (across, down), (down, down))
-    )
-    xx, yy = xx + STIFFNESS, yy + STIFFNESS
+    xx, yy = (_windowed((slope * slope).sum(axis=2)) + STIFFNESS for slope in (across, down))
+    xy = _windowed((across * down).sum(axis=2))
     determinant = xx * yy - xy * xy
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     for _ in range(ROUNDS):

@@ -97,10 +97,8 @@ class Evaluator:
             psnr(self.engine.gradients(curves.for_engine(), raster, target=self.objective.goal)[0], self.values)
             for raster in (RasterSettings("relaxed", 1.0, samples), self.exact)
         )
-        return (
-            f"no SVG can show soft edges: with them the fit has {soft:.2f} dB, with the file's crisp edges "
-            f"{crisp:.2f} dB"
-        )
+        levels = f"with them the fit has {soft:.2f} dB, with the file's crisp edges {crisp:.2f} dB"
+        return f"no SVG can show soft edges: {levels}"
 
 
 def db_ratio(db: float) -> float:

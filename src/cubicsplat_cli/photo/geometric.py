@@ -141,9 +141,8 @@ def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> tuple[Arr
     index = xp.broadcast_to(xp.arange(count, device=device), (len(ends), count))
     before, after = xp.clip(index - 1, min=0), index + 1
     if mode is Mode.CLOSED:
-        ring = xp.clip(
-            xp.sum(xp.astype(index[:, :, None] >= ends[:, None, :], xp.int64), axis=-1), max=ends.shape[1] - 1
-        )
+        ended = xp.sum(xp.astype(index[:, :, None] >= ends[:, None, :], xp.int64), axis=-1)
+        ring = xp.clip(ended, max=ends.shape[1] - 1)
         start = xp.take_along_axis(xp.concat((xp.zeros_like(ends[:, :1]), ends), axis=1), ring, axis=1)
         end = xp.take_along_axis(ends, ring, axis=1)
         before, after = xp.where(index == start, end - 1, before), xp.where(after >= end, start, after)

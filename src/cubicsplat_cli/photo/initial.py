@@ -155,9 +155,8 @@ def _fills(scene: Scene, settings: FitSettings) -> LinearFills | None:
     xp, spans = namespace(stops), given.offsets[:, 1:2] - given.offsets[:, :1]
     whole = xp.all(spans == 1.0, axis=1) & xp.all(stops[..., 3] == 1.0, axis=1)
     if bool((painted & ~((given.kinds == LINEAR) & (given.counts == 2) & whole)).any()):
-        raise InputError(
-            "the drawing to begin with has gradients other than those of --fill linear; begin with another"
-        )
+        text = "the drawing to begin with has gradients other than those of --fill linear"
+        raise InputError(f"{text}; begin with another")
     middles = middles_of(scene.points, scene.ring_ends)[painted]
     fills.ends[painted] = xp.stack(ends_of(given.frames[painted], middles), axis=1) - middles[:, None]
     fills.stop_logits[painted] = _logits(stops[painted][..., :3])

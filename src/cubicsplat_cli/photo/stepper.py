@@ -199,9 +199,8 @@ class Stepper:
         """
         self._prepare(phases[0], progress, measured=False)
         paces = [(phase.edge_width, *self.schedule.rates(phase, self.unit).sizes) for phase in phases]
-        losses = self.engine.steps(
-            self.scene, self.schedule.raster(phases[0]), self.training, np.array(paces, np.float32), seconds, best
-        )
+        raster, sizes = self.schedule.raster(phases[0]), np.array(paces, np.float32)
+        losses = self.engine.steps(self.scene, raster, self.training, sizes, seconds, best)
         self.loss = losses[-1] if self.engine.runs_ahead else float(losses[-1])
         return len(losses)
 

@@ -21,9 +21,8 @@ class PointTree:
 
     def __init__(self, points: np.ndarray) -> None:
         self._given = given = _pairs(points)
-        order, axes = _native(
-            "cs_tree", len(given), given, Out(len(given), np.int64), Out(len(given), np.uint8), result=None
-        )
+        out = Out(len(given), np.int64), Out(len(given), np.uint8)
+        order, axes = _native("cs_tree", len(given), given, *out, result=None)
         self._sorted = len(given), given[order], order, axes
 
     def query(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -129,9 +129,8 @@ def write_moving_drawing(
     precision = suggested_precision(drawing.width, drawing.height)
     named = tuple(replace(shape, name=f"s{index}", group="") for index, shape in enumerate(drawing.shapes))
     # Shapes that abut get an element each, whatever their colour.
-    text = write_drawing(
-        replace(drawing, shapes=named, abutting=True), precision=precision, title=title, comment=comment
-    )
+    still = replace(drawing, shapes=named, abutting=True)
+    text = write_drawing(still, precision=precision, title=title, comment=comment)
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
     shortest = float(np.diff(np.append(begins, duration)).min())
     decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))

@@ -215,12 +215,10 @@ class _Scan:
         if id(named) not in counts:
             referred = named.uses + (named.paints if following_all else [])
             parts = [*named.inside, *(self.named[name] for name in referred if name in self.named)]
-            counts[id(named)] = named.elements + sum(
-                [self._drawn(part, counts, following_all, depth + 1) for part in parts]
-            )
+            drawn = [self._drawn(part, counts, following_all, depth + 1) for part in parts]
+            counts[id(named)] = named.elements + sum(drawn)
         return counts[id(named)]
 
     def _outside(self, where: str) -> InputError:
-        return InputError(
-            f"{self.source}: refers to something outside the file ({where}), never fetched here; remove it"
-        )
+        text = f"refers to something outside the file ({where}), never fetched here"
+        return InputError(f"{self.source}: {text}; remove it")
