@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, Verbose, option, takes_options
+from cubicsplat_cli.cli.options import Json, Quiet, Verbose, argument, option, takes_options
 from cubicsplat_cli.clip_request import ARTWORK, FIT_SETTINGS, FRAMES, LOTTIE, SMIL, ClipReport, ClipRequest
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 EXIT_INTERRUPTED = 130
 _SUFFIXES = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}
 
-Source = Annotated[str, typer.Argument(metavar="CLIP", help="GIF, animated PNG or WebP, video, or folder of frames.")]
+Source = Annotated[str, argument("CLIP", "GIF, animated PNG or WebP, video, or folder of frames.")]
 Output = Annotated[str | None, option("--output -o OUT", "SVG, Lottie JSON (OUT.json) or folder to write.")]
 
 

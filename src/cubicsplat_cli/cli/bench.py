@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, option, takes_options, write_csv
+from cubicsplat_cli.cli.options import Command, Json, Quiet, argument, check_csv, option, takes_options, write_csv
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.names import pictures_in
 from cubicsplat_cli.files.paths import check_outputs
@@ -30,7 +30,7 @@ bench = typer.Typer(help="Measure the speed of a training step, and quality.")
 
 _MOST_SIDE = 16_384
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
+Folder = Annotated[Path, argument("DIR", "Folder of pictures.")]
 CurvesList = Annotated[str, option("--curves N,...", "Numbers of curves.")]
 ModeList = Annotated[str, option("--mode MODE,...", "closed, open or both.")]
 Cache = Annotated[Path | None, option("--cache DIR", "Keep each result here, and take it from here the next time.")]
@@ -42,10 +42,7 @@ Markdown = Annotated[bool, option("--markdown", "Print the tables as Markdown.")
 @bench.command("step", cls=Command)
 @takes_options("curves", "mode", "preset", "fill", "seed", "device", "threads")
 def step(
-    image: Annotated[
-        Path | None,
-        typer.Argument(metavar="[IMAGE]", help="Picture to fit.  [default: a drawn one]", show_default=False),
-    ] = None,
+    image: Annotated[Path | None, argument("[IMAGE]", "Picture to fit.  [default: a drawn one]")] = None,
     size: Annotated[str, option("--size WxH", "Size of the drawn picture.")] = "768x512",
     warmup_steps: Annotated[int, option("--warmup-steps N", "Steps before the timed ones.")] = 300,
     steps: Annotated[int, option("--steps N", "Timed steps, in each of the two phases.")] = 100,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, check_csv, option, write_csv
+from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, argument, check_csv, option, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, match_folders
 from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
@@ -35,12 +35,12 @@ class ComparedPairs:
     extra: list[Path] = field(default_factory=list)
 
 
-Reference = Annotated[Path, typer.Argument(metavar="REFERENCE", help="The picture to compare with, or a folder.")]
+Reference = Annotated[Path, argument("REFERENCE", "The picture to compare with, or a folder.")]
 Candidate = Annotated[
     Path,
-    typer.Argument(
-        metavar="CANDIDATE",
-        help="SVG (drawn at the reference's size) or picture to judge, - for standard input, or a folder whose files"
+    argument(
+        "CANDIDATE",
+        "SVG (drawn at the reference's size) or picture to judge, - for standard input, or a folder whose files"
         " are matched with the references by name.",
     ),
 ]

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
-from typer import Exit, Option, echo
+from typer import Argument, Exit, Option, echo
 from typer.core import TyperCommand, TyperGroup
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -27,6 +27,11 @@ def option(names: str, text: str, group: str | None = None, **facts: Any) -> Any
     flags = [word for word in names.split() if word.startswith("-")]
     values = [word for word in names.split() if not word.startswith("-")]
     return Option(*flags, metavar="".join(values) or None, help=text, rich_help_panel=group, **facts)
+
+
+def argument(metavar: str, text: str) -> Any:
+    """Return an argument for Typer, the text being its help."""
+    return Argument(metavar=metavar, help=text, show_default=False)
 
 
 Renderer = Annotated[

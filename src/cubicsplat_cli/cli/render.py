@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Quiet, Renderer, option
+from cubicsplat_cli.cli.options import Quiet, Renderer, argument, option
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, files_in, names_a_folder
 from cubicsplat_cli.files.paths import EXPORTS, check_ownership, format_of, is_folder, is_there, make_folder_of
@@ -23,9 +23,7 @@ _ENDINGS = (".png", *(f".{form}" for form in EXPORTS))
 
 
 def render(
-    sources: Annotated[
-        list[str], typer.Argument(metavar="IN...", help="SVGs to draw, folders of them, or - for standard input.")
-    ],
+    sources: Annotated[list[str], argument("IN...", "SVGs to draw, folders of them, or - for standard input.")],
     output: Annotated[
         str | None,
         option(

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Quiet, Verbose, option, override, print_names, takes_options
+from cubicsplat_cli.cli.options import Quiet, Verbose, argument, option, override, print_names, takes_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import parse_formats
 from cubicsplat_cli.files.paths import format_of
@@ -21,10 +21,7 @@ from cubicsplat_cli.options import BOTH, COMMON, FILES, Setting
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
 Pictures = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="IN...", help="Pictures, folders, patterns such as 'photos/*.png', or - for standard input."
-    ),
+    list[str], argument("IN...", "Pictures, folders, patterns such as 'photos/*.png', or - for standard input.")
 ]
 Output = Annotated[
     str | None, option("--output -o OUT", "SVG to write (with OUT.pdf: that too), folder, or - for stdout.", COMMON)
