@@ -27,7 +27,7 @@ def test_imports_of_the_exports_never_run_back():
         imported |= set(names) if folder == "export" else set()
     assert importers == {"export", "pipeline", "jobs", "cli"}
     assert imported - {"artwork", "errors", "evaluate", "export", "files", "formatting", "scene", "svg"} == {
-        "_version", "options", "progress", "request", "settings",
+        "_version", "progress", "request", "settings",
     }  # fmt: skip
 
 
