@@ -192,9 +192,8 @@ class FitLoop:
             return scene
         sized = replace(start.as_numpy().scaled(scene.width, scene.height), background=scene.background)
         if self.start_loss <= self.evaluator.loss(curves):
-            self.log.notes.append(
-                "no step came nearer to the picture than the drawing that the fit began with, which it stays"
-            )
+            text = "no step came nearer to the picture than the drawing that the fit began with, which it stays"
+            self.log.notes.append(text)
             return sized
         if self.inputs.frozen:
             keep_frozen(scene, sized, start.curves)
@@ -249,9 +248,8 @@ class FitLoop:
         self._look_at(self.target, self.inputs)
         self._go_on_with(FitState.unmoved(curves))
         unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"
-        self.log.notes.append(
-            f"{error}; the result is what the fit had come to by step {step} of {self.settings.steps}{unfinished}"
-        )
+        result = f"what the fit had come to by step {step} of {self.settings.steps}{unfinished}"
+        self.log.notes.append(f"{error}; the result is {result}")
 
     def advance(self, until: float = 0.0) -> None:
         """Do one step, and the reallocation that the schedule may ask for after it; or several steps, up to a progress,

@@ -268,9 +268,8 @@ def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
     if rounded is not None:
         return rounded
     if not re.fullmatch(r"[LHVCS]+Z", letters):
-        raise ValueError(
-            "has path data other than closed rings of L, H, V, C, S, two half ellipses, or a rounded rectangle"
-        )
+        known = "closed rings of L, H, V, C, S, two half ellipses, or a rounded rectangle"
+        raise ValueError(f"has path data other than {known}")
     ring = ring_of(subpath)
     return ring, signed_area(ring) > _INVISIBLE
 

@@ -91,17 +91,9 @@ def curves_of(elements: Sequence[OwnElement]) -> Scene:
     rings, colours, opacities, half_widths, paints = zip(*curves[::-1], strict=True)
     points, ring_ends = pack_rings(group.mode, rings)
     scene = Scene(
-        mode=group.mode,
-        width=width,
-        height=height,
-        points=points.astype(np.float32),
-        colours=np.array(colours, np.float32),
-        opacities=np.array(opacities, np.float32),
-        half_widths=np.array(half_widths, np.float32),
-        background=background,
-        ring_ends=ring_ends,
-        gradients=gradients_of(paints),
-    )
+        group.mode, width, height, points.astype(np.float32), np.array(colours, np.float32),
+        np.array(opacities, np.float32), np.array(half_widths, np.float32), background, ring_ends, gradients_of(paints),
+    )  # fmt: skip
     scene.validate()
     return scene
 
