@@ -215,9 +215,7 @@ def head() -> dict[str, Any]:
 
 def gap_db(svg: Quality, surrogate: Quality) -> float | None:
     """Return the PSNR of the own picture minus that of the SVG, dB; None if either is identical to the reference."""
-    if svg.psnr_db is None or surrogate.psnr_db is None:
-        return None
-    return surrogate.psnr_db - svg.psnr_db
+    return None if svg.psnr_db is None or surrogate.psnr_db is None else surrogate.psnr_db - svg.psnr_db
 
 
 def plain(value: Any, name: str = "") -> Any:

@@ -75,8 +75,7 @@ def render_op(*inputs: Any) -> Tensor:
 
 
 @_operator(
-    "cubicsplat::render_backward",
-    schema=f"(Tensor gradient, {_SCHEMA}) -> ({', '.join(['Tensor'] * _DIFFERENTIABLE)})",
+    "cubicsplat::render_backward", schema=f"(Tensor gradient, {_SCHEMA}) -> ({', '.join(['Tensor'] * _DIFFERENTIABLE)})"
 )
 def render_backward_op(gradient: Tensor, *inputs: Any) -> tuple[Tensor, ...]:
     points = inputs[0]
