@@ -10,7 +10,7 @@ from cubicsplat_cli.artwork.finish.merges import Merge, merged, with_merges
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.finish.state import State, begin, drawn, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, divided, points_at, polygon, signed_area
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.cubics import found_merges
 
@@ -125,3 +125,12 @@ def test_pieces_that_the_finish_has_made_even_are_merged_at_its_end():
     """Without merges at the end the house comes back with 330 coordinates."""
     picture = by_resvg(Path(__file__).parent.parent / "samples/artwork/house.svg", 200)
     assert draw(np.asarray(picture.convert("RGB")) / np.float32(255.0)).coordinates < 290
+
+
+def test_faint_edges_are_known_no_better_than_rounding_lets_them():
+    ground, faint = Shape((200, 200, 200, 255), (SQUARE,), "ground"), (200, 200, 201, 255)
+    before, after = (Shape(faint, (Circle(x, 30.0, 10.0),), "disc") for x in (30.0, 30.3))
+    goal = goal_of(picture_of(ground, before))
+    states = [begin(Drawing(SIZE, SIZE, (ground, each)), goal) for each in (before, after)]
+    # The rows of a picture in 8 bits hardly tell a third of a pixel of one level.
+    assert -3.0 * PRICE < states[0].gains(states[1], np.array([False, True]))[1] < 0.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import LEAST, SMOOTH_SPECK, CopyParameters, Parameters, RingParameters
-from cubicsplat_cli.artwork.finish.state import State
+from cubicsplat_cli.artwork.finish.state import ROUNDING, State
 from cubicsplat_cli.artwork.geometry.outlines import polygon_lengths
 from cubicsplat_cli.artwork.shapes import PRICE
 from cubicsplat_cli.progress import work
@@ -21,7 +21,6 @@ TRIAL_ROUNDS, AFTER_REFUSALS = 6, 2  # of what is tried in a settled drawing, an
 PIXEL_SIGMA, FREE = 0.02, 0.5
 # Relative gain of a round below which it is finished, and of an outline's step below which that rests.
 ENOUGH, RESTS = 4e-3, 5e-4
-CHANCE = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
 START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
 TAKEN_BACK = 3  # times that outlines are taken back after a step, for a misfit that has grown
@@ -119,7 +118,7 @@ def _stepped(state: State, families: np.ndarray, damping: np.ndarray, awake: np.
     sizes = np.array([jacobians[k].count for k in models.tolist()])
     starts[models] = np.cumsum(sizes) - sizes
     moved = state.pieces[free], np.diff(state.pieces)[free], starts[families[free]], [*jacobians.values()]
-    found = state.stack.step(*moved, np.repeat(damping[models], sizes), (PIXEL_SIGMA / FREE) ** 2, CHANCE)
+    found = state.stack.step(*moved, np.repeat(damping[models], sizes), (PIXEL_SIGMA / FREE) ** 2, ROUNDING)
     moves = np.zeros(len(outlines))
     np.maximum.at(moves, families[free], found.moves)
     gained = np.add.reduceat(-found.values * found.gradient, starts[models])

@@ -28,6 +28,7 @@ NEAR, FAINT_EDGE = 5, 0.05
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
 FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # of a new fill, and of a shape besides its outlines'
+ROUNDING = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 FAINT = 0.01  # change of a picture with a pixel's coverage: fainter edges than that count as this
 Over = tuple[DrawnStack, np.ndarray]  # the layers of another state, and where among them those of one lie
@@ -161,7 +162,7 @@ class State:
 
     def chance(self, crossed: slice) -> np.ndarray:
         """Return (m,) the misfit that the pixels of some crossings have by chance."""
-        return self.goal.share_error**2 * self.sharing * self.effects(crossed) + self.goal.error**2
+        return self.goal.share_error**2 * self.sharing * self.effects(crossed) + self.goal.error**2 + ROUNDING
 
     def effects(self, crossed: slice) -> np.ndarray:
         """Return (m,) the squares of how much the pixels of some crossings change with their coverage."""
