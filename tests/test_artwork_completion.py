@@ -256,3 +256,18 @@ def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():
     assert len(window.wrong(polygon(contours[1].points))) == 0
     # Nothing of the thin shape itself is so far from its edges that a hole surely must not have it.
     assert len(window.wrong(Circle(20.0, 4.0, 24.0)))
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_a_gap_of_few_px_is_not_closed_from_its_two_sides(width):
+    shown = np.zeros((30, 30), dtype=bool)
+    shown[10:20, 2:28] = True
+    shown[10:20, 14 : 14 + width] = False
+    window = Window.of(Extent(0, 0, 0, shown, shown, np.zeros_like(shown), ()), (30, 30))
+    across = Rectangle(2.0, 10.0, 26.0, 10.0)
+    assert len(window.wrong(across)) >= 8 * width
+    whole = np.zeros_like(shown)
+    whole[10:20, 2:28] = True
+    # Around a part there is a px of tolerance.
+    wide = Window.of(Extent(0, 0, 0, whole, whole, np.zeros_like(whole), ()), (30, 30))
+    assert len(wide.wrong(Rectangle(1.0, 9.0, 28.0, 12.0))) == 0

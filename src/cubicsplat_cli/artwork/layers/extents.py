@@ -123,7 +123,10 @@ class Window:
         beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
         must |= beneath & ~ndimage.binary_dilation(~extent.allowed, ndimage.SQUARE, 2)
         # An outer outline may go around holes, which have outlines of their own.
-        may = ndimage.binary_dilation(extent.allowed | extent.holes, ndimage.SQUARE)
+        may = extent.allowed | extent.holes
+        # The tolerance is not to close a gap that is as narrow as it.
+        wide = ndimage.binary_dilation(ndimage.binary_erosion(~may, ndimage.SQUARE, border_value=1), ndimage.SQUARE, 2)
+        may = ndimage.binary_dilation(may, ndimage.SQUARE) & (may | wide)
         return cls(extent, must, may, canvas, (slice(0, must.shape[0]), slice(0, must.shape[1])))
 
     @cached_property
