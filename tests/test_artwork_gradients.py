@@ -342,3 +342,12 @@ def test_a_damaged_picture_changes_fills_only_by_what_stood_for_its_gradients():
         flat = Flattened(levels, np.array([placeholder], float), (gradient,))
         found = np.array(recoloured(drawing, levels, flat).shapes[1].fill)
         assert np.abs(found - fill).max() <= 3
+
+
+def test_a_rim_of_few_px_has_one_gradient():
+    ramp = '<linearGradient id="a" x1="0" y1="8" x2="0" y2="88" gradientUnits="userSpaceOnUse">{}</linearGradient>'
+    rim = '<circle cx="60" cy="48" r="37" fill="#383838" stroke="url(#a)" stroke-width="6"/>'
+    body = ramp.format('<stop stop-color="#606060"/><stop offset="1" stop-color="#3e3e3e"/>') + GROUND + rim
+    drawing = draw(picture(body))
+    assert sum(shape.gradient is not None for shape in drawing.shapes) == 1 and len(drawing.shapes) == 3
+    assert difference(drawing, body).mean() < 0.1

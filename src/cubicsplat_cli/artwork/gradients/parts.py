@@ -28,6 +28,9 @@ RING = 4  # px around a part in which its surroundings are examined
 def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> tuple[np.ndarray, int]:
     """Return (H, W) int32 numbers of the connected parts in which colours change evenly, 0 for edges; and the count.
 
+    Parts are 3 px wide, or else 2 where they are large enough for a gradient: rims and strokes of 6 px, of which edges
+    bend two on either side.
+
     bend: levels of a second difference that no edge has. A gradient may bend more by its slope over `tip`, the least
     distance in px from the middle of its circles.
     """
@@ -36,9 +39,24 @@ def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> tu
     # The opening gets room around the canvas, so that the border takes nothing away.
     opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), ndimage.SQUARE)[2:-2, 2:-2]
     # Most drawings are flat. A gradient changes in a quarter of its pixels at least.
-    if 4 * (opened & (steps > 0.0)).sum() < LEAST_AREA:
+    if 4 * (smooth & (steps > 0.0)).sum() < LEAST_AREA:
         return np.zeros(smooth.shape, dtype=np.int32), 0
-    return ndimage.label(opened)
+    parts, count = ndimage.label(opened)
+    large = (np.bincount(parts.ravel(), minlength=count + 1) >= LEAST_AREA)[parts] & opened
+    thin, more = ndimage.large_parts(_opened(smooth) & ~ndimage.binary_dilation(large, ndimage.SQUARE), LEAST_AREA)
+    parts = np.where(thin > 0, thin + count, parts)
+    kept = np.bincount(parts.ravel(), minlength=count + more + 1) > 0
+    kept[0] = False
+    return (np.cumsum(kept, dtype=np.int32) * kept)[parts], int(kept.sum())
+
+
+def _opened(pixels: np.ndarray) -> np.ndarray:
+    """Return (H, W) bool: the squares of 2 x 2 px within a mask."""
+    whole = pixels[:-1, :-1] & pixels[1:, :-1] & pixels[:-1, 1:] & pixels[1:, 1:]
+    out = np.zeros_like(pixels)
+    for part in (out[:-1, :-1], out[1:, :-1], out[:-1, 1:], out[1:, 1:]):
+        part |= whole
+    return out
 
 
 @record
