@@ -324,13 +324,26 @@ def test_the_sketch_of_a_blurred_picture_is_compared_blurred():
         drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), see)
 
 
-def test_soft_shading_of_few_pixels_is_nearer_as_a_photo():
+def soft_ball() -> np.ndarray:
+    """A ball with soft shading, on nothing."""
     y, x = np.mgrid[0:64, 0:64] - 31.5
     alpha = np.rint(255 * np.clip(28.0 - np.hypot(x, y), 0.0, 1.0))
     ball = np.dstack([200 + 0.05 * x * y, 120 + 0.08 * (x**2 - y**2), 40 + 0.05 * y**2, alpha])
-    task = task_for(np.rint(np.clip(ball, 0, 255)).astype(np.uint8), curves=48)
+    return np.rint(np.clip(ball, 0, 255)).astype(np.uint8)
+
+
+def test_soft_shading_of_few_pixels_is_nearer_as_a_photo():
+    task = task_for(soft_ball(), curves=48)
     drawing = drawn_outlines(task)
     assert "a quick photo of" in str(photo_is_nearer(task, drawing))
+
+
+@pytest.mark.parametrize(("off", "style"), [((0.4, 0.5), "artwork"), ((0.5, 0.4), "photo")])
+def test_a_photo_must_be_nearer_in_its_colours_too(off, style, monkeypatch):
+    figures = iter(off)
+    monkeypatch.setattr(choose, "delta_e", lambda *_: next(figures))
+    *_, made = candidates(task_for(soft_ball(), curves=48, steps=60), FLAT)
+    assert made.style.name == style
 
 
 def test_a_photo_is_nearer_if_it_is_beyond_what_the_drawing_may_rise_to():

@@ -125,11 +125,11 @@ def over(pixels: np.ndarray, ground: float) -> np.ndarray:
 
 def mean_delta_e(first: np.ndarray, second: np.ndarray) -> float:
     """Return the mean CIEDE2000 (D65, sRGB) of two straight RGBA pictures, the larger one over white and over black."""
-    return max(_mean_delta_e(over(first, ground), over(second, ground)) for ground in (WHITE, BLACK))
+    return max(opaque_delta_e(over(first, ground), over(second, ground)) for ground in (WHITE, BLACK))
 
 
-def _mean_delta_e(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the mean CIEDE2000 of two (H, W, 3) uint8 pictures; each pair of colours is converted once."""
+def opaque_delta_e(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the mean CIEDE2000 (D65, sRGB) of two (H, W, 3) uint8 pictures; each pair of colours is converted once."""
     from skimage.color import deltaE_ciede2000, rgb2lab
 
     differs = (first != second).any(axis=-1)

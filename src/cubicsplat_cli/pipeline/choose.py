@@ -21,7 +21,7 @@ from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
-from cubicsplat_cli.pipeline.likeness import level_db, seen_db
+from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo, whole_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
@@ -167,13 +167,18 @@ def _drawn_or_shaded(task: Task) -> Made:
 
 
 def _nearer_photo(task: Task, drawing: Made) -> Made:
-    """Return the photo of a picture if it is nearer than the drawing; else the drawing, with a note on a failure."""
+    """Return the photo of a picture if it is nearer than the drawing, in colour too unless the drawing has lost much;
+    else the drawing, with a note on a failure.
+    """
     try:
         # Most bytes of a page with photographs are those of their curves.
         reason = photo_is_nearer(task, drawing, quick=isinstance(drawing.scene, LayeredScene))
         if reason is None:
             return drawing
         photo = _photo_instead(task, drawing.style, reason)
+        if not photo.interrupted and drawing.facts["shapes"] and _seen_db(task, drawing) >= LOST_DB:
+            drawn_off, photo_off = (delta_e(task, made.scene, made.samples, made.blur) for made in (drawing, photo))
+            photo = drawing if drawn_off <= photo_off else photo
     except Exception as error:
         return drawing.with_note(f"the drawing stays, since {_failure('photo', error)}")
     except KeyboardInterrupt:

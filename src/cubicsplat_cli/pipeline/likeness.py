@@ -1,4 +1,4 @@
-"""PSNR of results against their picture in dB, infinite for identical ones: it compares photo and drawing."""
+"""How near results are to their picture, to compare photo and drawing: PSNR in dB, infinite for identical ones; CIEDE2000."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
+from cubicsplat_cli.evaluate.perceptual import opaque_delta_e
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.pipeline.task import Task
@@ -51,6 +52,16 @@ def seen_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0,
     return max(_seen_db(task, picture, each, enough_db) for picture in pictures for each in drawn)
 
 
+def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0) -> float:
+    """Return the mean CIEDE2000 of a scene against the target, the larger one over black and over white; 0 without a
+    scene. Parameters, and the copies of which the nearest counts, as of `level_db`.
+    """
+    if scene is None:
+        return 0.0
+    pictures, drawn = _drawn(task, scene, samples, blur)
+    return min(_delta_e(picture, each) for picture in pictures for each in drawn)
+
+
 def _drawn(task: Task, scene: AnyScene, samples: int, blur: float) -> tuple[list[Picture], list[ImageSource]]:
     """Return copies of the target, with and without colour fringes if its text has these, and the engine's pictures of
     a scene at their size: sharp, and blurred if there is a blur.
@@ -77,6 +88,12 @@ def _seen_db(task: Task, picture: Picture, drawn: ImageSource, enough_db: float)
     tones = np.square(ndimage.uniform_filter(off, (COARSE, COARSE, 1))).mean(axis=(0, 1))
     tones_db = decibels(max(float(tones[:3].mean()), float(tones[3:].mean()), 1e-12))
     return math.inf if min(pixels_db, tones_db - TONES_DB) >= enough_db else 0.5 * (pixels_db + tones_db)
+
+
+def _delta_e(picture: Picture, drawn: ImageSource) -> float:
+    pair = [_over_black_and_white(source) for source in (of_picture(picture), drawn)]
+    first, second = (np.rint(255.0 * np.clip(values, 0.0, 1.0)).astype(np.uint8) for values in pair)
+    return max(opaque_delta_e(first[..., part], second[..., part]) for part in (slice(0, 3), slice(3, 6)))
 
 
 def _level_db(task: Task, picture: Picture, drawn: ImageSource) -> float:
