@@ -1,4 +1,4 @@
-"""How near results are to their picture, to compare photo and drawing: PSNR in dB, infinite for identical ones; CIEDE2000."""
+"""How near results are to their picture: PSNR in dB, infinite for identical ones, and mean CIEDE2000."""
 
 from __future__ import annotations
 
