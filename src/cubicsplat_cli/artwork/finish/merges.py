@@ -25,6 +25,7 @@ SEEN_SIGMA, HIDDEN_SIGMA = FEW_SAMPLES, 1.0
 HOPEFUL = 0.5  # of the cost before it is settled, that counts against a merge when runs are chosen
 MOST_TURN = float(np.cos(np.radians(100.0)))  # cosine of the angle by which a run turns from start to end
 FEW = 24  # points of a piece suffice
+MOST_TRIALS = 8  # of merges, and of parts of those that are refused together
 FEWEST_PIECES = 3  # of a ring that is left
 
 
@@ -44,25 +45,46 @@ class Merge:
 def with_merges(state: State, constraints: Constraints, detail: float) -> State:
     """The state with runs of pieces merged wherever that makes the description shorter; the same where none do.
 
-    detail as in ArtworkSettings.
+    detail as in ArtworkSettings. Where all merges of an outline together make it worse parts of them are tried.
     """
     rings = [o.outline() for o in state.outlines]
     plans = [
         _plan(ring, Visibility.of(state, k), constraints, detail) if isinstance(ring, Ring) else []
         for k, ring in enumerate(rings)
     ]
-    if not any(plans):
-        return state
+    left = [[plan] if plan else [] for plan in plans]
+    for _ in range(MOST_TRIALS):
+        plans = [parts.pop() if parts else [] for parts in left]
+        if not any(plans):
+            break
+        after, paying = _merged(state, plans, constraints, detail)
+        refused = np.diff(after.pieces) >= np.diff(state.pieces)
+        for parts, plan, again in zip(left, paying, refused.tolist(), strict=True):
+            half = len(plan) // 2
+            if not again:
+                parts.clear()
+            elif half:
+                parts += [plan[half:], plan[:half]]
+            elif plan and not refused.all():  # others, which have changed, may have spoilt it
+                parts.append(plan)
+        state = after
+    return state
+
+
+def _merged(
+    state: State, plans: list[list[Merge]], constraints: Constraints, detail: float
+) -> tuple[State, list[list[Merge]]]:
+    """The state with some merges, where they pay; and those that pay by themselves, the best first."""
     trial = _with(state, plans, constraints)
     trial = settle(trial, TRIAL_ROUNDS, trim=False, changed=np.array([*map(bool, plans)]))
     paying = _paying(state, trial, plans, detail)
     if not any(paying):
-        return state
+        return state, paying
     differ = np.array([len(fewer) < len(plan) for fewer, plan in zip(paying, plans, strict=True)])
     if differ.any():
         fewer = trial.taken_back(_with(state, paying, constraints), differ)
         trial = settle(fewer, TRIAL_ROUNDS, changed=differ)
-    return judged(state, trimmed(trial, np.array([*map(bool, paying)])), detail)
+    return judged(state, trimmed(trial, np.array([*map(bool, paying)])), detail), paying
 
 
 def merged(ring: Ring, plan: list[Merge]) -> Ring:
