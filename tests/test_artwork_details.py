@@ -20,6 +20,7 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.files.load import as_picture
+from cubicsplat_cli.scene.paint import LinearGradient, Stop
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 CLEAN = Condition()
@@ -278,3 +279,14 @@ def test_what_lies_beyond_the_canvas_changes_no_pixel(off):
     changed = np.zeros((24, 32), dtype=int)
     changed[window] += own
     assert not changed.any()
+
+
+def test_a_drawing_of_gradients_alone_gets_what_it_lacks() -> None:
+    stops = Stop(0.0, (250, 250, 250, 255)), Stop(1.0, (240, 240, 240, 255))
+    page = Rectangle(0.0, 0.0, 64.0, 48.0)
+    alone = Shape((245, 245, 245, 255), (page,), "page", gradient=LinearGradient(0.0, 0.0, 64.0, 0.0, stops))
+    target = np.full((48, 64, 4), 245.0 / 255.0)
+    target[..., 3] = 1.0
+    target[20:30, 20:30, :3] = BLUE[0] / 255.0, BLUE[1] / 255.0, BLUE[2] / 255.0
+    _, new = explained(Drawing(64, 48, (alone,)), target).shapes
+    assert new.fill == BLUE

@@ -132,7 +132,7 @@ class _Trials:
         """
         fills, out = [shape.fill for shape in self.drawing.shapes if shape.gradient is None], list[Placed]()
         for each in new:
-            off = np.abs((np.array(fills, dtype=float) - each.shape.fill) @ LUMA_CHROMA).max(axis=1)
+            off = np.abs((np.array(fills, dtype=float).reshape(-1, 4) - each.shape.fill) @ LUMA_CHROMA).max(axis=1)
             if off.min(initial=UNLIKE) < UNLIKE:
                 fill, (height, width) = fills[int(off.argmin())], self.size
                 each = replace(each, shape=each.shape.filled(fill, width, height))
