@@ -167,23 +167,28 @@ def _drawn_or_shaded(task: Task) -> Made:
 
 
 def _nearer_photo(task: Task, drawing: Made) -> Made:
-    """Return the photo of a picture if it is nearer than the drawing, in colour too unless the drawing has lost much;
-    else the drawing, with a note on a failure.
-    """
+    """Return the photo of a picture if it is nearer than the drawing; else the drawing, with a note on a failure."""
     try:
         # Most bytes of a page with photographs are those of their curves.
         reason = photo_is_nearer(task, drawing, quick=isinstance(drawing.scene, LayeredScene))
         if reason is None:
             return drawing
         photo = _photo_instead(task, drawing.style, reason)
-        if not photo.interrupted and drawing.facts["shapes"] and _seen_db(task, drawing) >= LOST_DB:
-            drawn_off, photo_off = (delta_e(task, made.scene, made.samples, made.blur) for made in (drawing, photo))
-            photo = drawing if drawn_off <= photo_off else photo
+        if not photo.interrupted and _keeps_its_colours(task, drawing, photo):
+            return drawing
     except Exception as error:
         return drawing.with_note(f"the drawing stays, since {_failure('photo', error)}")
     except KeyboardInterrupt:
         return replace(drawing, interrupted=True)
     return replace(drawing, interrupted=True) if photo.interrupted else photo
+
+
+def _keeps_its_colours(task: Task, drawing: Made, photo: Made) -> bool:
+    """True if a drawing of no more bytes than the photo is at least as near in colour, and has not lost much."""
+    if not drawing.facts["shapes"] or curves_of_equal_bytes(task, drawing) > photo_settings(task).curves:
+        return False
+    off, most = (delta_e(task, made.scene, made.samples, made.blur) for made in (drawing, photo))
+    return off <= most and _seen_db(task, drawing) >= LOST_DB
 
 
 def _nearer_drawing(task: Task, photo: Made) -> Made:
