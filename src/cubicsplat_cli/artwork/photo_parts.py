@@ -131,8 +131,7 @@ def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def _even_areas(levels: np.ndarray) -> np.ndarray:
     """Return (H, W) int32 numbers of connected areas in one colour or linear gradient, TILE^2 px and more; else 0."""
     areas, count = ndimage.large_parts(flat_pixels(levels), TILE**2)
-    kept = np.concatenate([[False], _off_planes(levels, areas, count) <= GRAIN])
-    return np.asarray((np.cumsum(kept) * kept)[areas], np.int32)
+    return ndimage.renumbered(areas, np.append(False, _off_planes(levels, areas, count) <= GRAIN))[0]
 
 
 def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray:

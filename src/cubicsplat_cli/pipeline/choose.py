@@ -185,10 +185,11 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
 
 def _keeps_its_colours(task: Task, drawing: Made, photo: Made) -> bool:
     """True if a drawing of no more bytes than the photo is at least as near in colour, and has not lost much."""
-    if not drawing.facts["shapes"] or curves_of_equal_bytes(task, drawing) > photo_settings(task).curves:
+    few = drawing.facts["shapes"] and curves_of_equal_bytes(task, drawing) <= photo_settings(task).curves
+    if not few or _seen_db(task, drawing) < LOST_DB:
         return False
-    off, most = (delta_e(task, made.scene, made.samples, made.blur) for made in (drawing, photo))
-    return off <= most and _seen_db(task, drawing) >= LOST_DB
+    drawn_off, photo_off = (delta_e(task, made.scene, made.samples, made.blur) for made in (drawing, photo))
+    return drawn_off <= photo_off
 
 
 def _nearer_drawing(task: Task, photo: Made) -> Made:

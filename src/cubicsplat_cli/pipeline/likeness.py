@@ -91,9 +91,11 @@ def _seen_db(task: Task, picture: Picture, drawn: ImageSource, enough_db: float)
 
 
 def _delta_e(picture: Picture, drawn: ImageSource) -> float:
-    pair = [_over_black_and_white(source) for source in (of_picture(picture), drawn)]
-    first, second = (np.rint(255.0 * np.clip(values, 0.0, 1.0)).astype(np.uint8) for values in pair)
-    return max(opaque_delta_e(first[..., part], second[..., part]) for part in (slice(0, 3), slice(3, 6)))
+    sources = of_picture(picture), drawn
+    pair = [np.rint(255.0 * np.clip(_over_black_and_white(each), 0.0, 1.0)).astype(np.uint8) for each in sources]
+    # What is opaque looks alike over both.
+    over = [slice(0, 3), slice(3, 6)] if any(each.transparent for each in sources) else [slice(0, 3)]
+    return max(opaque_delta_e(pair[0][..., ground], pair[1][..., ground]) for ground in over)
 
 
 def _level_db(task: Task, picture: Picture, drawn: ImageSource) -> float:

@@ -89,8 +89,13 @@ def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
     """Return the same for parts of at least so many pixels, numbered (H, W) int32 from 1 on, 0 elsewhere. None of
     scipy's."""
     labels, count = label(pixels)
-    kept = np.bincount(labels.ravel(), minlength=count + 1) >= least
-    kept[0] = False
+    return renumbered(labels, np.bincount(labels.ravel(), minlength=count + 1) >= least)
+
+
+def renumbered(labels: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return labels (H, W) int32 of the parts that are kept (count + 1,) bool, numbered from 1 on, 0 for the others and
+    where there was none; and their count. None of scipy's."""
+    kept = kept & (np.arange(len(kept)) > 0)
     return (np.cumsum(kept, dtype=np.int32) * kept)[labels], int(kept.sum())
 
 

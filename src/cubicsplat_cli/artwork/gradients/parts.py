@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed, widened
-from cubicsplat_cli.artwork.regions.fills import CLEAR, EVEN
+from cubicsplat_cli.artwork.regions.fills import CLEAR, EVEN, in_squares
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, bends_and_steps, trimmed_range
 from cubicsplat_cli.record import record
@@ -43,20 +43,10 @@ def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> tu
         return np.zeros(smooth.shape, dtype=np.int32), 0
     parts, count = ndimage.label(opened)
     large = (np.bincount(parts.ravel(), minlength=count + 1) >= LEAST_AREA)[parts] & opened
-    thin, more = ndimage.large_parts(_opened(smooth) & ~ndimage.binary_dilation(large, ndimage.SQUARE), LEAST_AREA)
+    whole = smooth[:-1, :-1] & smooth[1:, :-1] & smooth[:-1, 1:] & smooth[1:, 1:]
+    thin, more = ndimage.large_parts(in_squares(whole) & ~ndimage.binary_dilation(large, ndimage.SQUARE), LEAST_AREA)
     parts = np.where(thin > 0, thin + count, parts)
-    kept = np.bincount(parts.ravel(), minlength=count + more + 1) > 0
-    kept[0] = False
-    return (np.cumsum(kept, dtype=np.int32) * kept)[parts], int(kept.sum())
-
-
-def _opened(pixels: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: the squares of 2 x 2 px within a mask."""
-    whole = pixels[:-1, :-1] & pixels[1:, :-1] & pixels[:-1, 1:] & pixels[1:, 1:]
-    out = np.zeros_like(pixels)
-    for part in (out[:-1, :-1], out[1:, :-1], out[:-1, 1:], out[1:, 1:]):
-        part |= whole
-    return out
+    return ndimage.renumbered(parts, np.bincount(parts.ravel(), minlength=count + more + 1) > 0)
 
 
 @record
@@ -163,8 +153,10 @@ class Part:
 
     def around(self, piece: Part) -> Part:
         """Return a piece of this part with the pixels of the part within RING px."""
-        wide = Part(self.levels, piece.patch.grown(RING, self.levels.shape))
-        return Part(self.levels, wide.within(self.patch.at(wide.rows, wide.columns)))
+        wide = piece.patch.grown(RING, self.levels.shape)
+        mask = wide.mask.copy()
+        mask[wide.mask] = self.patch.at(*wide.places())
+        return Part(self.levels, Patch(wide.top, wide.left, mask))
 
     def range(self) -> float:
         """Return the range of the channel that varies most, in levels, without a few outliers."""
