@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -25,7 +26,7 @@ from cubicsplat_cli.evaluate.perceptual import metric
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.from_options import request_of
-from cubicsplat_cli.pipeline.shaded import shaded_drawing, shaded_objects
+from cubicsplat_cli.pipeline.shaded import PX_PER_CURVE, shade_objects, shaded_objects
 from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import EngineScene, Pass
@@ -69,7 +70,7 @@ def image_of_ball(spots: int = 2) -> np.ndarray:
 def drawing() -> Drawing:
     objects = shaded_objects(ball())
     assert objects is not None
-    return shaded_drawing(objects, QUICK)
+    return shade_objects(objects, QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -263,8 +264,29 @@ def test_curves_of_all_objects_have_one_opacity(drawing):
 
 def test_flat_pictures_and_textures_have_no_shading():
     assert shaded_objects(ball(0)) is None
-    noise = np.random.default_rng(0).random((SIDE, SIDE, 3), np.float32)
-    assert shaded_objects(noise) is None
+    random = np.random.default_rng(0)
+    assert shaded_objects(random.random((SIDE, SIDE, 3), np.float32)) is None
+    grain = ball(0)
+    grain[..., :3] += grain[..., 3:] * random.normal(0.0, 3.0 / 255.0, (SIDE, SIDE, 1)).astype(np.float32)
+    assert shaded_objects(np.clip(grain, 0.0, grain[..., 3:])) is None
+
+
+def test_a_large_picture_has_no_more_curves_than_a_copy_of_it(monkeypatch):
+    monkeypatch.setattr("cubicsplat_cli.pipeline.shaded.MOST_FITTED", SIDE**2 / 4)
+    small = shade_objects(shaded_objects(ball()), QUICK)
+    curves = sum(shape.shading.curves for shape in small.shapes if shape.shading is not None)
+    assert 0 < curves <= math.pi * RADIUS**2 / 4 / PX_PER_CURVE
+    text = write_drawing(small, title="", comment="")
+    assert levels_off(ball(), text).mean() < 0.5 * levels_off(ball(), unshaded(small)).mean()
+
+
+def test_soft_objects_are_shaded_where_the_style_is_chosen():
+    chosen, artwork = (
+        vectorize(image_of_ball(4), style=style, steps=120, threads=1, measure=False) for style in ("auto", "artwork")
+    )
+    assert chosen.report.style == "artwork" and chosen.report.shaded
+    assert any(note.startswith("shaded within its outlines: ") for note in chosen.report.notes)
+    assert not artwork.report.shaded and "clipPath" not in artwork.svg
 
 
 @pytest.mark.slow
@@ -299,7 +321,7 @@ def test_a_drawing_gives_way_to_a_shaded_one_that_its_sketch_cannot_reach(monkey
     for many, drawings in ((150, 2), (0, 1)):  # with and without a sketch; the objects of the shaded one have no fewer
         monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.MANY", many)
         finished.clear()
-        made = vectorize(image_of_ball(4), style="artwork", shading="auto", steps=120, threads=1, measure=False)
+        made = vectorize(image_of_ball(4), style="artwork", shading=200, steps=120, threads=1, measure=False)
         assert "clipPath" in made.svg
         assert len(finished) == drawings
 
@@ -340,7 +362,7 @@ def test_numbers_are_as_fine_as_small_curves_need(drawing):
 def test_an_interrupt_leaves_the_objects_in_their_paints(monkeypatch):
     monkeypatch.setattr("cubicsplat_cli.photo.loop.FitLoop.relax", ctrl_c)
     with under_way(Work()) as work:
-        made = shaded_drawing(shaded_objects(ball()), QUICK)
+        made = shade_objects(shaded_objects(ball()), QUICK)
     assert work.interrupted
     assert len(made.shapes) == 2
     assert all(shape.shading is None for shape in made.shapes)

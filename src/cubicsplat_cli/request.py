@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from cubicsplat_cli.files.weights import Mask
     from cubicsplat_cli.svg.initial import InitialDrawing
 
-STYLES = ("auto", "photo", "artwork", "pixel")
+AUTO = "auto"
+STYLES = (AUTO, "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
 # px between a DXF and the outlines: 13 micrometres at 96 px an inch. Cutters are exact to about 100 micrometres, so a
 # drawing may be cut seven times as large.
@@ -60,7 +61,7 @@ def parse_ground(given: str) -> str:
 def parse_shading(given: str | int) -> str:
     """Return "none", "auto" or a number of curves as text. Raises UsageError for others."""
     lowered = str(given).strip().lower()
-    if lowered in ("none", "auto") or (lowered.isdecimal() and 0 < int(lowered) <= MOST_SHADING):
+    if lowered in (NONE, AUTO) or (lowered.isdecimal() and 0 < int(lowered) <= MOST_SHADING):
         return lowered
     raise UsageError(f"must be none, auto, or a number of curves from 1 to {MOST_SHADING}, not {given!r}", "shading")
 
@@ -97,7 +98,7 @@ class Request:
     settings: FitSettings = field(default_factory=FitSettings)
     artwork: ArtworkSettings = field(default_factory=ArtworkSettings)
     style: str = setting(
-        "auto", "choice", "Blended curves, few opaque shapes, or square cells.", choices=STYLES, group=COMMON
+        AUTO, "choice", "Blended curves, few opaque shapes, or square cells.", choices=STYLES, group=COMMON
     )
     html_report: bool = setting(
         False, "flag", "Also write OUT.html, which shows the result.", option="report", group=COMMON, decides=False
@@ -128,8 +129,8 @@ class Request:
         None, "count", "Outlines have at most so many points.", least=1, optional=True, group=DRAWINGS
     )
     shading: str = setting(
-        NONE, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
-        parse=parse_shading, hidden=True, **_OF_DRAWINGS,
+        AUTO, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
+        parse=parse_shading, hidden=True, group=STRUCTURE,
     )  # fmt: skip
     photo_parts: str = setting(
         CURVES, "choice", "What photos within a drawing become.", choices=PHOTO_PARTS, group=STRUCTURE, hidden=True
@@ -186,20 +187,24 @@ class Request:
 
     @property
     def may_shade(self) -> bool:
-        """True if shapes may have shading: no option asks for few shapes, colours, groups, cutouts, strokes, movies."""
-        return self.shading != NONE and self.settings.curves is None and self._is_plain
+        """True if shapes may have shading: as many curves an object as asked for, or where the style is chosen too."""
+        chosen = self.shading == AUTO and self.style == AUTO and not self.of_artwork()
+        return (chosen or self.shading.isdecimal()) and self.settings.curves is None and self._may_be_layered
 
     @property
     def may_hold_photos(self) -> bool:
-        """True if photos within a drawing may become curves or images: as `may_shade`, but curves may be bounded."""
-        of_style = self.style in ("auto", "artwork") and not self.of_photos()
-        return self.photo_parts != NONE and of_style and self._is_plain
+        """True if photos within a drawing may become curves or images."""
+        return self.photo_parts != NONE and self._may_be_layered
 
     @property
-    def _is_plain(self) -> bool:
-        others = [name for name in self.of_artwork() if name not in ("shading", "detail", "strokes")]
+    def _may_be_layered(self) -> bool:
+        """True if a drawing's shapes may hold more than a paint: no option asks for photos, colours, groups, cutouts,
+        strokes, bytes, or movies.
+        """
+        others = [*self.of_photos(), *(name for name in self.of_artwork() if name not in ("detail", "strokes"))]
         bounds = (self.max_bytes, self.target_psnr, self.settings.time_limit, self.animation)
-        return not others and all(each is None for each in bounds) and not self.strokes
+        plain = not others and all(each is None for each in bounds) and not self.strokes
+        return plain and self.style in (AUTO, "artwork")
 
     @property
     def strokes(self) -> bool | None:
@@ -268,10 +273,10 @@ def _conflicts(request: Request) -> Iterator[tuple[object, str | None, str]]:
     yield drawing and style == "photo", drawing, "is for artwork, not for photos; leave it out, or use style artwork"
     text = f"is for artwork, --{photo.replace('_', '-')} for photos; give one of them"
     yield photo and drawing, drawing, text
-    text = "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies"
-    yield request.shading != NONE and not request.may_shade, "shading", text
     others = "photos, pixels, colours, groups, cutouts, strokes, bytes, time, movies"
-    text = f"image is of drawings as they are; leave out options of {others}"
+    text = f"is of drawings as they are; leave out options of {others}"
+    yield request.shading.isdecimal() and not request.may_shade, "shading", f"{request.shading} {text}"
+    text = f"image {text}"
     yield request.photo_parts == IMAGE and not request.may_hold_photos, "photo_parts", text
     asked = next((name for name in ("layers", "gap_filler", "overlap") if getattr(request, name)), None)
     cutouts = "is of cutouts, which have" if asked else "cutout has"

@@ -18,8 +18,8 @@ from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_p
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
-# Levels per px of an edge of 30 levels after the blur, steeper than shading.
-STEEP = 12.0
+# Levels per px of an edge of 20 levels after the blur, steeper than shading.
+STEEP = 8.0
 LEAST_AREA = 24  # px of an object away from edges
 # An edge changes as much within NEAR px to both sides as within FAR; a ramp changes by NEAR / FAR of that. An edge
 # exceeds a ramp by LEAST_STEP levels.

@@ -241,7 +241,7 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
     if max(sides) <= max_size:
         return picture
     width, height = (max(1, round(side * max_size / max(sides))) for side in sides)
-    scaled = np.clip(_resampled(picture.target(), (width, height), Image.Resampling.LANCZOS), 0.0, 1.0)
+    scaled = np.clip(resampled(picture.target(), (width, height), Image.Resampling.LANCZOS), 0.0, 1.0)
     note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
     return replace(with_target(picture, scaled), notes=(*picture.notes, note))
 
@@ -257,12 +257,12 @@ def enlarge_picture(picture: Picture, factor: int) -> Picture:
     enlarged = np.zeros((size[1], size[0], channels.shape[2]), np.float32)
     for _ in range(_ENLARGED_IN):
         means = enlarged.reshape(picture.height, factor, picture.width, factor, -1).mean(axis=(1, 3))
-        enlarged = np.clip(enlarged + _resampled(channels - means, size, Image.Resampling.BICUBIC), 0.0, 1.0)
+        enlarged = np.clip(enlarged + resampled(channels - means, size, Image.Resampling.BICUBIC), 0.0, 1.0)
     return with_target(picture, enlarged)
 
 
-def _resampled(channels: np.ndarray, size: tuple[int, int], kernel: Image.Resampling) -> np.ndarray:
-    """Scale (H, W, C) float32 channels to a size (width, height); values may overshoot."""
+def resampled(channels: np.ndarray, size: tuple[int, int], kernel: Image.Resampling) -> np.ndarray:
+    """Return (H, W, C) float32 channels in another size (width, height); values may overshoot."""
     images = (Image.fromarray(np.ascontiguousarray(channels[..., k])) for k in range(channels.shape[2]))
     return np.stack([np.asarray(image.resize(size, kernel)) for image in images], axis=2)
 

@@ -1,18 +1,21 @@
 """Choose between photo and drawing: propose a result of one style, compare it with the other, keep the nearer.
 
 1. `_first` makes the style that is requested, or that `choose_style` measures. It may change to the other style on
-   the way: a drawing ends early if a quick photo is nearer (`check_worth_finishing`), and a photo ends early if its
-   drawing is nearer (`_photo_or_drawing`).
+   the way: a drawing ends early if a quick photo or a shaded drawing is nearer (`_check_worth_finishing`), and a photo
+   ends early if its drawing is nearer (`_photo_or_drawing`).
 2. `candidates` yields this result, compares it with the other style (`_nearer_photo`, `_nearer_drawing`), and yields
    that one if it is nearer.
+3. Wherever a photo would be made, a shaded drawing is made instead if no photo of as many bytes is nearer in colour
+   (`_shaded_or_photo`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style, only_fill
 from cubicsplat_cli.errors import CubicSplatError, UsageError
@@ -24,17 +27,20 @@ from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_ou
 from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo, whole_photo
+from cubicsplat_cli.pipeline.shaded import shaded_drawing
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
-from cubicsplat_cli.scene import LayeredScene
+from cubicsplat_cli.scene import LayeredScene, Scene
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 # Shapes can be edited, so curves replace them only if plainly better. A quick photo is at least this far behind a
 # finished one.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
+QUICK_OFF = 0.6  # the least share of a quick photo's mean CIEDE2000 that a finished one has, of seven pictures
 # What its details add to most sketches, and to 11 of 12. A quick photo, which is too low itself, needs no more than the
 # first.
 SKETCH_DB, NEARLY_ALL_DB = 6.0, 9.5
+SHADING, NO_PHOTO = "its areas are shaded", "no photo of as many bytes is nearer"
 LOST_DB = 32.0  # of a drawing that has lost much of what people see: a mean error of 2.5 % of full scale
 
 
@@ -78,9 +84,9 @@ def _first(task: Task, style: Style | None) -> Made:
             return page
         if style.name == PHOTO:
             return _photo_or_drawing(task, replace(style, doubtful=style.doubtful or better_drawn))
-        return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
+        return replace(drawn_outlines(task, partial(_check_worth_finishing, task)), style=style)
     except DrawingGivenUp as reason:
-        return _photo_instead(task, style, str(reason))
+        return _shaded_or_photo(task, style, str(reason))
     except UsageError:
         raise
     except Exception as error:
@@ -108,7 +114,7 @@ def _page(task: Task) -> tuple[Made | None, bool]:
     if page is None:
         return None, better_drawn
     try:
-        made = drawn_page(task, page, partial(check_worth_finishing, quick=True))
+        made = drawn_page(task, page, partial(check_photo, quick=True))
     except DrawingGivenUp:
         return None, better_drawn
     style = Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}")
@@ -118,7 +124,7 @@ def _page(task: Task) -> tuple[Made | None, bool]:
 def _suits_photo(task: Task) -> bool:
     """True if a photo suits a sample of a picture better than a drawing."""
     try:
-        drawing = drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch, quick=True))
+        drawing = drawn_outlines(task, partial(check_photo, task, quick=True))
         # Of so few pixels a quick photo is hardly behind a finished one.
         return photo_is_nearer(task, drawing, QUICK_BEHIND_DB, quick=True) is not None
     except DrawingGivenUp:
@@ -126,15 +132,12 @@ def _suits_photo(task: Task) -> bool:
 
 
 def _requested_style(task: Task) -> Style | None:
-    """Return the style that is requested by name or by an option of one style; shading counts where it is possible."""
+    """Return the style that is requested by name or by an option of one style."""
     if (name := task.request.style) != "auto":
         return Style(name, "asked for")
     if photo := task.request.of_photos():
         return Style(PHOTO, f"asked for by {listed(photo)}")
-    if (drawn := task.request.of_artwork()) == ["shading"]:
-        from cubicsplat_cli.pipeline.shaded import shaded_objects
-
-        drawn = drawn if shaded_objects(task.pixels) is not None else []
+    drawn = task.request.of_artwork()
     return Style(ARTWORK, f"asked for by {listed(drawn)}") if drawn else None
 
 
@@ -146,34 +149,61 @@ def _made(task: Task, style: Style) -> Made:
 
 def _drawn_or_shaded(task: Task) -> Made:
     """Make a drawing; or a shaded one, if that is plainly nearer than the drawing, or than its sketch may become."""
-    from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # few pictures need it
+    drawing = None
+    with suppress(DrawingGivenUp):
+        drawing = drawn_artwork(task, partial(_check_shading, task))
+    if drawing is not None and not _shading_is_nearer(task, drawing):
+        return drawing
+    shaded = shaded_drawing(task)
+    assert shaded is not None
+    return shaded
 
-    shaded = cache(lambda: None if (objects := shaded_objects(task.pixels)) is None else drawn_shaded(task, objects))
 
-    def check(drawing: Made, rise_db: float = SKETCH_DB) -> None:
-        drawn_db = _seen_db(task, drawing, _enough_db(drawing))
-        made = None if math.isinf(drawn_db) or not drawing.may_be_photo or drawing.interrupted else shaded()
-        if made is not None and _seen_db(task, made) > drawn_db + rise_db + MARGIN_DB:
-            raise DrawingGivenUp(instead=made)
-        if made is not None and made.interrupted and rise_db:
-            raise KeyboardInterrupt  # ends the drawing too
+def _check_shading(task: Task, sketch: Made) -> None:
+    """Raise DrawingGivenUp if a shaded drawing is nearer than the drawing can become."""
+    if _shading_is_nearer(task, sketch, SKETCH_DB):
+        raise DrawingGivenUp(SHADING)
+    if (shaded := task.shaded) and shaded[0] is not None and shaded[0].interrupted:
+        raise KeyboardInterrupt  # ends the drawing too
 
-    try:
-        check(drawing := drawn_artwork(task, check), 0.0)
-    except DrawingGivenUp as nearer:
-        assert nearer.instead is not None
-        return nearer.instead
-    return drawing
+
+def _shading_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> bool:
+    """True if a shaded drawing is plainly nearer than a drawing whose level may still rise by `rise_db`."""
+    if not drawing.may_be_photo or drawing.interrupted:
+        return False
+    drawn_db = _seen_db(task, drawing, _enough_db(drawing))
+    shaded = None if math.isinf(drawn_db) else shaded_drawing(task)
+    return shaded is not None and _seen_db(task, shaded) > drawn_db + rise_db + MARGIN_DB
+
+
+def _shaded_or_photo(task: Task, drawn: Style, reason: str) -> Made:
+    """Make the shaded drawing of a picture whose drawing is too far from it, or the photo if that is nearer."""
+    return _shaded_instead(task, drawn, reason) or _photo_instead(task, drawn, reason)
+
+
+def _shaded_instead(task: Task, style: Style, reason: str) -> Made | None:
+    """Make the shaded drawing of a picture, with a note; None if a photo of as many bytes is nearer in colour."""
+    shaded = shaded_drawing(task)
+    if shaded is None:
+        return None
+    if not shaded.interrupted:
+        fit = _quick_photo(task, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
+        if QUICK_OFF * delta_e(task, fit, shaded.samples) < delta_e(task, shaded.scene, shaded.samples):
+            return None
+    made = replace(shaded, style=Style(ARTWORK, f"{style.reason}, shaded within its outlines"), may_be_photo=False)
+    return made.with_note(f"shaded within its outlines: {reason}")
 
 
 def _nearer_photo(task: Task, drawing: Made) -> Made:
     """Return the photo of a picture if it is nearer than the drawing; else the drawing, with a note on a failure."""
     try:
         # Most bytes of a page with photographs are those of their curves.
-        reason = photo_is_nearer(task, drawing, quick=isinstance(drawing.scene, LayeredScene))
+        page = isinstance(drawing.scene, LayeredScene)
+        shaded = not page and _shading_is_nearer(task, drawing)
+        reason = SHADING if shaded else photo_is_nearer(task, drawing, quick=page)
         if reason is None:
             return drawing
-        photo = _photo_instead(task, drawing.style, reason)
+        photo = _shaded_or_photo(task, drawing.style, reason)
         if not photo.interrupted and _keeps_its_colours(task, drawing, photo):
             return drawing
     except Exception as error:
@@ -208,6 +238,8 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
+    if (shaded := _shaded_instead(task, style, NO_PHOTO)) is not None:
+        return shaded
     fit = whole_photo(task)
     expected = fit.expected()
     if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
@@ -224,7 +256,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
             and curves_of_equal_bytes(task, drawing) < photo_settings(task).curves
             and photo_is_nearer(task, drawing) is None
         ):
-            return _drawing_instead(drawing, "no photo of as many bytes is nearer")
+            return _drawing_instead(drawing, NO_PHOTO)
     return _nearer_of(task, replace(fit.finished, style=style), drawing)
 
 
@@ -293,7 +325,13 @@ def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
     return seen_db(task, made.scene, made.samples, made.blur, enough_db)
 
 
-def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False) -> None:
+def _check_worth_finishing(task: Task, sketch: Made) -> None:
+    """Raise DrawingGivenUp if a shaded drawing or a photo is nearer than the drawing can become."""
+    _check_shading(task, sketch)
+    check_photo(task, sketch)
+
+
+def check_photo(task: Task, sketch: Made, *, quick: bool = False) -> None:
     """Raise DrawingGivenUp if a photo is nearer than the drawing can become, and the errors of a fit."""
     reason = photo_is_nearer(task, sketch, SKETCH_DB, quick=quick)
     if reason is not None:
@@ -318,10 +356,15 @@ def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0, *, quick: b
         least_db = drawn_db + (NEARLY_ALL_DB if rise_db else 0.0) + MARGIN_DB
         photo_db = whole_photo(task).seen_if_above(least_db)
         return f"a photo has {photo_db:.1f} dB, drawn it has {drawn_db:.1f} dB" if photo_db > least_db else None
-    if curves not in task.quick_photos:
-        task.quick_photos[curves] = quick_photo(task, curves)
-    photo_db = seen_db(task, task.quick_photos[curves], drawing.samples)
+    photo_db = seen_db(task, _quick_photo(task, curves), drawing.samples)
     if photo_db <= drawn_db + rise_db + MARGIN_DB - QUICK_BEHIND_DB:
         return None
     near = "is identical" if math.isinf(photo_db) else f"has {photo_db:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn_db:.1f} dB, as pixels and as tones"
+
+
+def _quick_photo(task: Task, curves: int) -> Scene:
+    """Return the quick fit of some curves, which is made once."""
+    if curves not in task.quick_photos:
+        task.quick_photos[curves] = quick_photo(task, curves)
+    return task.quick_photos[curves]

@@ -11,12 +11,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from PIL import Image
 
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
 from cubicsplat_cli.artwork.vectorize import draw_flat
 from cubicsplat_cli.evaluate.perceptual import metric as ciede2000_metric
+from cubicsplat_cli.files.load import resampled
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.pipeline.artwork import result_of_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
@@ -34,15 +36,18 @@ SHAPES = "triangle"
 SHARED_OPACITY = 0.5
 SHADED = 2.0  # levels of root mean square error of its paint, above which an object gets shading
 PX_PER_CURVE = 42.0  # at first: few curves at the start are better than many removed at the end
-# 512 x 512 px, the largest picture with shading: a larger one would need thousands of curves, and minutes.
-MOST_PIXELS = 2**18
-# The squared CIEDE2000, summed over pixels, that a curve must save to stay. The mean 3D emoji then takes the bytes of a
-# photo of 128 curves.
-PRICE = 43.0
+# 1024 x 1024 px, the largest picture with shading.
+MOST_PIXELS = 2**20
+# 256 x 256 px. Curves are fitted to a copy of so many pixels at most, since shading is as soft in a larger picture.
+MOST_FITTED = 2**16
+# The squared CIEDE2000, summed over the copy's pixels, that a curve must save to stay. The mean 3D emoji then takes the
+# bytes of a photo of 140 curves.
+PRICE = 25.0
 # A picture with more objects, or with a larger share of rough pixels in them, has textures rather than shading.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels between a rough pixel and the mean of 3 x 3 px; shading never differs so much
 LEAST_SHADED = 0.1  # share of the objects' pixels that need more than paint
+EVEN = 5  # px each way of an object's inside
 REACH = 3  # px from a pixel at an edge to the pixel whose colour it takes
 # The share of an error's cost that is alike in all directions: CIEDE2000 is quadratic for small errors only.
 PLAIN = 0.1
@@ -63,14 +68,14 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     levels = as_levels(target)
     labels = objects_of(levels)
     count = int(labels.max()) + 1
-    visible = ndimage.alike(labels, 5) & (levels[..., 3] >= CLEAR)
+    visible = ndimage.alike(labels, EVEN) & (levels[..., 3] >= CLEAR)
     if count > MOST_OBJECTS or not visible.any() or (levels[..., 3][visible] < 250.0).mean() > MOST_ROUGH:
         return None
     rough = np.abs(levels - ndimage.uniform_filter(levels, (3, 3, 1))).max(axis=2) > ROUGH
     if rough[visible].mean() > MOST_ROUGH:
         return None
     off = np.zeros(labels.shape)
-    straight = _straight(levels)
+    straight = ndimage.uniform_filter(_straight(levels), (EVEN, EVEN, 1))  # without grain, which is no shading
     for number in range(count):
         own = visible & (labels == number)
         if own.any():
@@ -78,17 +83,26 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     return (levels, labels) if (off[visible] > SHADED**2).mean() >= LEAST_SHADED else None
 
 
-def drawn_shaded(task: Task, objects: Objects) -> Made:
-    """Return the shaded drawing of a picture's objects as a result."""
+def shaded_drawing(task: Task) -> Made | None:
+    """Return the shaded drawing of a picture as a result, which is made once; None if the picture does not consist of
+    shaded objects, or the request rules shading out.
+    """
+    if not task.shaded:
+        objects = shaded_objects(task.pixels) if task.request.may_shade else None
+        task.shaded.append(None if objects is None else _drawn_shaded(task, objects))
+    return task.shaded[0]
+
+
+def _drawn_shaded(task: Task, objects: Objects) -> Made:
     request = task.request
     most = int(request.shading) if request.shading.isdecimal() else None
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
-        drawing = shaded_drawing(objects, task.settings(), most)
+        drawing = shade_objects(objects, task.settings(), most)
     made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
-    return replace(made, interrupted=doing.interrupted, may_be_photo=True)
+    return replace(made, interrupted=doing.interrupted)
 
 
-def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
+def shade_objects(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
     """Draw objects with their shading; some have none if the current work is stopped. most: curves of an object, or
     None for as many as are useful.
     """
@@ -118,13 +132,15 @@ def _shaded(
     whole = share > FULL
     if not whole.any() or math.sqrt(float(_off(straight, plain.fill, plain.gradient)[whole].mean())) < SHADED:
         return plain
-    curves = round(min(float(whole.sum()) / PX_PER_CURVE, math.inf if most is None else most))
+    scale = min(1.0, math.sqrt(MOST_FITTED / whole.size))
+    curves = round(min(scale**2 * float(whole.sum()) / PX_PER_CURVE, math.inf if most is None else most))
     if curves < 1:
         return plain
     goal, weights = _continued(straight, share)
     goal += np.where(whole, 0.0, share)[..., None] * spread
     ground = _painted(plain.fill, plain.gradient, share.shape)
-    return replace(plain, shading=_fitted(np.clip(goal, 0.0, 255.0), weights, ground, settings.with_(curves=curves)))
+    shading = _fitted(np.clip(goal, 0.0, 255.0), weights, ground, settings.with_(curves=curves), scale)
+    return replace(plain, shading=shading)
 
 
 def _continued(straight: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -177,13 +193,20 @@ def _off(straight: np.ndarray, fill: Rgba, gradient: Gradient | None) -> np.ndar
     return np.asarray(((straight - _painted(fill, gradient, straight.shape[:2])) ** 2).mean(axis=2))
 
 
-def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings) -> Scene:
-    """Fit curves over a ground to a picture, both (H, W, 3) in levels, in the box of the weights (H, W) above 0."""
+def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings, scale: float) -> Scene:
+    """Fit curves over a ground to a picture, both (H, W, 3) in levels, in the box of the weights (H, W) above 0.
+    scale: of the copy that is fitted, at most 1.
+    """
     from cubicsplat_cli.photo.loop import FitLoop
 
     rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    target, behind = ((levels[window] / 255.0).astype(np.float32) for levels in (goal, ground))
+    height, width = (each.stop - each.start for each in window)
+    weight = weights[window][..., None]
+    channels = np.concatenate([weight, weight * goal[window] / 255.0, ground[window] / 255.0], axis=2, dtype=np.float32)
+    size = max(1, round(scale * width)), max(1, round(scale * height))
+    small = resampled(channels, size, Image.Resampling.BOX)
+    target, behind = small[..., 1:4] / np.maximum(small[..., :1], 1e-6), small[..., 4:]
     steps = round(settings.steps * min(1.0, max(LEAST_STEPS, settings.curves / FULL_STEPS)))
     recipe = settings.recipe  # its first edges suit this number of curves
     own = FitSettings.from_preset(settings.preset, shapes=SHAPES).with_(
@@ -191,8 +214,8 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
         background="auto",
         recipe=replace(recipe, shared_opacity=SHARED_OPACITY, rate_opacities=0.0, edge_start=recipe.edge_end),
     )  # fmt: skip
-    metric = _error_metric(goal[window])
-    inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind, metric=metric)
+    metric = _error_metric(255.0 * target)
+    inputs = FitInputs(np.ascontiguousarray(small[..., 0]), ground=np.ascontiguousarray(behind), metric=metric)
     fitting = FitLoop(target, own, inputs=inputs)
     if fitting.relax():
         importance = fitting.importance()
@@ -202,7 +225,7 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
     fitted = fitting.finish()
     if fitted.interrupted:
         raise KeyboardInterrupt
-    scene = fitted.scene
+    scene = fitted.scene.scaled(width, height)
     points = scene.points + np.array([columns[0], rows[0]], np.float32)
     return replace(scene, points=points, background=None, width=goal.shape[1], height=goal.shape[0])
 
