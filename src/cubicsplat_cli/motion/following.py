@@ -19,7 +19,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.ndimage import uniform_filter
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.arrays import as_numpy
+from cubicsplat_cli.scene.arrays import as_numpy, block_means
 from cubicsplat_cli.settings import FitSettings
 
 RATE, RATE_END = 0.4, 0.2  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
@@ -182,7 +182,7 @@ def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     height, width = before.shape[:2]
     shifts = np.zeros((height, width, 2), np.float32)
     if min(height, width) >= 2 * SMALLEST:
-        coarse = 2.0 * flow(_halved(before), _halved(after)).repeat(2, axis=0).repeat(2, axis=1)
+        coarse = 2.0 * flow(block_means(before, 2), block_means(after, 2)).repeat(2, axis=0).repeat(2, axis=1)
         shifts = np.pad(coarse, [(0, height - len(coarse)), (0, width - coarse.shape[1]), (0, 0)], mode="edge")
     around = np.pad(before, [(1, 1), (1, 1), (0, 0)], mode="edge")
     across, down = 0.5 * (around[1:-1, 2:] - around[1:-1, :-2]), 0.5 * (around[2:, 1:-1] - around[:-2, 1:-1])
@@ -221,10 +221,3 @@ def _windowed(values: np.ndarray, side: int = WINDOW) -> np.ndarray:
     """The mean over the square around each pixel."""
     across = uniform_filter(values, (1, side, 1)[: values.ndim], mode="nearest")
     return uniform_filter(across, (side, 1, 1)[: values.ndim], mode="nearest").astype(np.float32)
-
-
-def _halved(picture: np.ndarray) -> np.ndarray:
-    """Means of 2 x 2 pixels, without an odd last row or column."""
-    height, width = (size // 2 * 2 for size in picture.shape[:2])
-    even = picture[:height, :width]
-    return (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]) / np.float32(4.0)

@@ -189,39 +189,14 @@ def _cheapest(errors: np.ndarray, price: float) -> tuple[np.ndarray, np.ndarray]
 
 def least_squares(track: KnotTrack, wanted: np.ndarray, there: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(F, N, C): values at the knots of a track with which its path is nearest to the wanted ones (F, N, C), at the
-    frames that count, `there` (F, N); others count a little.
-
-    A frame's value is (1 - s) a + s b of the knots a, b around it, so the normal equations of a curve are tridiagonal
-    over its knots. They are solved for all curves at once over all frames: a frame that is no knot has the equation
-    x = 0, and passes the knots' elimination on.
+    frames that count, `there` (F, N); others count a little. Elsewhere they are 0.
     """
     lines, (frames, curves, _) = track.lines(times), wanted.shape
-    diagonal, upper = np.zeros((frames, curves)), np.zeros((frames, curves))
-    right, every = np.zeros(wanted.shape), np.arange(curves)
-    following = np.zeros((frames, curves), np.int64)
-    for frame in range(frames):
-        a, b, s = lines.before[frame], lines.after[frame], lines.share[frame].astype(np.float64)
-        value, weight = wanted[frame].astype(np.float64), np.where(there[frame], 1.0, UNSEEN)
-        diagonal[a, every] += weight * (1.0 - s) ** 2
-        diagonal[b, every] += weight * s * s
-        upper[a, every] += weight * (1.0 - s) * s
-        following[a, every] = np.maximum(following[a, every], b)
-        right[a, every] += (weight * (1.0 - s))[:, None] * value
-        right[b, every] += (weight * s)[:, None] * value
-    return _tridiagonal(diagonal, upper, following, right).astype(np.float32)
-
-
-def _tridiagonal(diagonal: np.ndarray, upper: np.ndarray, following: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(F, N, C): the solution of symmetric systems, one of each curve, whose unknown i is coupled to `following`[i]."""
-    frames, curves = diagonal.shape
-    every, used = np.arange(curves), diagonal > 0.0
-    diagonal = np.where(used, diagonal, 1.0)
-    for i in range(frames):
-        j, factor = following[i], np.where(following[i] > i, upper[i] / diagonal[i], 0.0)
-        diagonal[j, every] -= factor * np.where(following[i] > i, upper[i], 0.0)
-        right[j, every] -= factor[:, None] * right[i]
-    for i in range(frames - 1, -1, -1):
-        j = following[i]
-        ahead = np.where(j > i, upper[i], 0.0)[:, None] * right[j, every]
-        right[i] = (right[i] - ahead) / diagonal[i][:, None]
-    return right
+    each, every = np.indices((frames, curves))
+    shares = np.zeros((curves, frames, frames))  # of knots, the last axis, in frames
+    shares[every, each, lines.before] = 1.0 - lines.share
+    shares[every, each, lines.after] += lines.share
+    weighted = (shares * np.where(there, 1.0, UNSEEN).T[..., None]).swapaxes(1, 2)
+    unused = np.eye(frames) * (shares.sum(axis=1) == 0.0)[:, None]
+    found = np.linalg.solve(weighted @ shares + unused, weighted @ wanted.swapaxes(0, 1))
+    return np.ascontiguousarray(found.swapaxes(0, 1), np.float32)
