@@ -17,7 +17,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, ImageOps
 from PIL.JpegImagePlugin import JpegImageFile, get_sampling
 
 from cubicsplat_cli.errors import InputError
@@ -33,15 +33,6 @@ READ_WHOLE_PIXELS = 2**25  # larger pictures may be read smaller; those up to he
 MOST_PIXELS = 2**24  # of a picture that is read smaller, which has a quarter of them at least
 MAX_DECODED_PIXELS = 2**29  # in Pillow's memory: 2 GiB
 BAND_PIXELS = 2**22
-_UPRIGHT = {
-    2: Image.Transpose.FLIP_LEFT_RIGHT,
-    3: Image.Transpose.ROTATE_180,
-    4: Image.Transpose.FLIP_TOP_BOTTOM,
-    5: Image.Transpose.TRANSPOSE,
-    6: Image.Transpose.ROTATE_270,
-    7: Image.Transpose.TRANSVERSE,
-    8: Image.Transpose.ROTATE_90,
-}
 # The colour space of a profile: the mode that its transform reads, and the modes of pictures that it fits.
 _PROFILES = {"RGB": ("RGB", ("RGB", "RGBX", "L", "YCbCr")), "GRAY": ("L", ("L",)), "CMYK": ("CMYK", ("CMYK",))}
 
@@ -158,16 +149,10 @@ def decode(
 def _turn_upright(image: Image.Image, notes: list[str]) -> Image.Image:
     """Apply the EXIF orientation; Pillow removes the tag if it did so on loading, as for TIFF."""
     try:
-        orientation = image.getexif().get(0x0112, 1)
+        return ImageOps.exif_transpose(image) if image.getexif().get(0x0112, 1) != 1 else image
     except Exception as error:  # EXIF may be as hostile as the pixels; without it the picture is only not turned
         notes.append(f"EXIF data unreadable ({type(error).__name__}): orientation not applied")
         return image
-    method = _UPRIGHT.get(orientation) if isinstance(orientation, int) else None
-    if method is None:
-        return image
-    turned = image.transpose(method)
-    turned.info = image.info
-    return turned
 
 
 def _split_alpha(image: Image.Image) -> tuple[Image.Image, np.ndarray | None]:
