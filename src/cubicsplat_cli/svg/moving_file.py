@@ -21,7 +21,7 @@ from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.markup import document, empty_document, format_number, joined, short_colour
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, TIME_DECIMALS, WIDTH, GridClip, GridTrack
-from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, path_values
+from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, GROUP_STYLES, path_values
 
 _DISPLAY, _MOVE = "display", "transform"
 _SHOWN, _MOVED = {"attributeName": _DISPLAY}, {"attributeName": _MOVE, "type": "translate"}
@@ -38,9 +38,7 @@ def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int
     if clip.background is not None:
         box = {"id": BACKGROUND_ID, "width": str(clip.width), "height": str(clip.height)}
         ElementTree.SubElement(root, "rect", {**box, "fill": short_colour(*clip.background)})
-    shared = {"fill-rule": "nonzero"}
-    if clip.mode is Mode.OPEN:
-        shared = {"fill": "none", "stroke-linecap": "round", "stroke-linejoin": "round"}
+    shared = {**GROUP_STYLES[clip.mode]}
     if clip.precision:
         shared["transform"] = f"scale({format_number(1, clip.precision)})"
     begins = ["0", *(format_number(round(group.end / clip.key_s), clip.key_decimals) for group in clip.groups[:-1])]

@@ -21,19 +21,13 @@ from cubicsplat_cli.svg.drawing_reader import angle_of, drawing_of, holds_drawin
 from cubicsplat_cli.svg.own import REFERENCE, GradientReader, OwnElement, own_elements
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
-from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID, write_svg
+from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, GROUP_STYLES, UNITS_ID, write_svg
 from cubicsplat_cli.svg.values import hex_colour, parse_number, unit_colour
 
 _WIDTH_DECIMALS, _GRADIENT_DECIMALS = 9, 7  # more than any file has
 _SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
 _BACKGROUND_ATTRIBUTES = ("id", "x", "y", "width", "height", "fill")
-_GROUP_ATTRIBUTES = {
-    "id": CURVES_ID,
-    "fill-rule": "nonzero",
-    "fill": "none",
-    "stroke-linecap": "round",
-    "stroke-linejoin": "round",
-}
+_GROUP_ATTRIBUTES = {"id": CURVES_ID, **GROUP_STYLES[Mode.CLOSED], **GROUP_STYLES[Mode.OPEN]}
 _PATH_ATTRIBUTES = {
     Mode.CLOSED: ("d", "fill", "fill-opacity"),
     Mode.OPEN: ("d", "stroke", "stroke-opacity", "stroke-width"),
@@ -138,10 +132,10 @@ def _group_of(element: OwnElement) -> _CurveGroup:
     opacity = given.pop("stroke-opacity" if "fill" in given else "fill-opacity", "1")
     replace(element, attributes=given).check_attributes(_GROUP_ATTRIBUTES)
     for name, value in given.items():
-        if value != _GROUP_ATTRIBUTES[name]:
+        if value != _GROUP_ATTRIBUTES.get(name, value):
             raise ValueError(f"has {name}={value!r}")
-    kinds = {("fill-rule",): Mode.CLOSED, ("fill", "stroke-linecap", "stroke-linejoin"): Mode.OPEN}
-    mode = kinds.get(tuple(name for name in _GROUP_ATTRIBUTES if name != "id" and name in given))
+    said = {name for name in given if name in _GROUP_ATTRIBUTES and name != "id"}
+    mode = next((mode for mode, style in GROUP_STYLES.items() if style.keys() == said), None)
     if mode is None:
         raise ValueError("has a <g> that says neither closed nor open curves")
     return _CurveGroup(mode, 0 if scale[1] is None else len(scale[1]) + 1, opacity)

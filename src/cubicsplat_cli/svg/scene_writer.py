@@ -28,6 +28,11 @@ OPACITY_MARKUP = {Mode.CLOSED: 20, Mode.OPEN: 22}
 # Bytes of a gradient besides those of `gradient_element`: two names, and a transform in place of the units.
 GRADIENT_MARKUP = 34
 ANGLE_DECIMALS = 2
+# What the group of the curves says for all of them.
+GROUP_STYLES = {
+    Mode.CLOSED: {"fill-rule": "nonzero"},
+    Mode.OPEN: {"fill": "none", "stroke-linecap": "round", "stroke-linejoin": "round"},
+}
 # The numbers of Geometrize for the kinds of shapes.
 _BACKGROUND_TYPE, GEOMETRIZE_TYPES = 0, {"rectangle": 1, "triangle": 2, "ellipse": 4}
 
@@ -92,10 +97,8 @@ def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
 def _curve_group(drawing: svgwrite.Drawing, grid: GridScene, paints: list[str]) -> svgwrite.container.Group:
     """Return the group of all paths with what they share; index 0 is the front, so it comes last."""
     closed = grid.mode is Mode.CLOSED
-    if closed:
-        group = drawing.g(id=CURVES_ID, fill_rule="nonzero")
-    else:
-        group = drawing.g(id=CURVES_ID, fill="none", stroke_linecap="round", stroke_linejoin="round")
+    group = drawing.g(id=CURVES_ID)
+    group.update(GROUP_STYLES[grid.mode])
     if grid.precision > 0:
         # The unit of the paths is one step of their grid, because whole numbers are the shortest.
         group.update({"transform": f"scale({format_number(1, grid.precision)})"})
