@@ -57,6 +57,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def level_text(psnr_db: float | None, decimals: int = 2) -> str:
+    """Return `31.92 dB`, or `identical` for None, the PSNR of pictures that do not differ."""
+    return "identical" if psnr_db is None else f"{psnr_db:.{decimals}f} dB"
+
+
 def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return rows of the same members as CSV with a header; None is an empty field, floats have up to six decimals."""
     import csv

@@ -15,7 +15,7 @@ from cubicsplat_cli.evaluate.perceptual import WHITE, over, straight_rgba
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.write import encode_png
-from cubicsplat_cli.formatting import mean, number, text_table, titled
+from cubicsplat_cli.formatting import level_text, mean, number, text_table, titled
 from cubicsplat_cli.metrics import head
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.settings import FitSettings
@@ -107,10 +107,9 @@ def _sheet_row(run: FitFigures, svg: bytes, path: Path) -> Image.Image:
     original = over(straight_rgba(picture), WHITE)
     drawn = over(rerender(svg, picture.width, picture.height).pixels, WHITE)
     error = np.minimum(ERROR_GAIN * np.abs(original.astype(int) - drawn), 255).astype(np.uint8)
-    level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"
-    labels = (run.picture, f"{run.configuration}: SVG {level}, {run.bytes / 1000:.0f} kB", f"error x {ERROR_GAIN}")
+    about = f"{run.configuration}: SVG {level_text(run.psnr_db)}, {run.bytes / 1000:.0f} kB"
     cells = [cell(pixels, MAX_CELL) for pixels in (original, drawn, error)]
-    return labelled_row(cells, labels, max(cells[0].width, _LEAST_COLUMN))
+    return labelled_row(cells, (run.picture, about, f"error x {ERROR_GAIN}"), max(cells[0].width, _LEAST_COLUMN))
 
 
 def cell(pixels: np.ndarray, longest: int, *, enlarge: bool = False) -> Image.Image:

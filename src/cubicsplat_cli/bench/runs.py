@@ -15,7 +15,7 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import settings_hash, sha256_of
 from cubicsplat_cli.files.write import write_atomically
-from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.formatting import level_text, one_line
 from cubicsplat_cli.metrics import Report
 from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
@@ -109,9 +109,8 @@ def run_all(
             tell(f"{', '.join(filter(None, runs.failed[-1][:2]))}: failed: {one_line(error)}")
             continue
         runs.done.append((run, svg))
-        level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"
         cached = "  (from the cache)" if run.cached else ""
-        tell(f"{fit.path.name}, {configuration}: {level}  {run.seconds:.1f} s{cached}")
+        tell(f"{fit.path.name}, {configuration}: {level_text(run.psnr_db)}  {run.seconds:.1f} s{cached}")
     return runs
 
 

@@ -16,7 +16,7 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
 from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_folder, is_lottie, make_folder_of
 from cubicsplat_cli.files.write import write_atomically, write_stdout
-from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
+from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size, level_text
 from cubicsplat_cli.from_options import clip_request_of
 from cubicsplat_cli.progress import StageTimer, command_began
 from cubicsplat_cli.settings import FitSettings
@@ -145,10 +145,9 @@ def _write(animation: Animation, result: Path, request: ClipRequest) -> None:
 def clip_summary(report: ClipReport) -> str:
     """Return `clip.svg  photo  60 frames  256 curves  180 kB  27.9 dB  72 s`."""
     output, quality = report.output, report.quality
-    level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.1f} dB"
     what = "shape" if report.style == ARTWORK else "curve"
     parts = [
         str(output.path), report.style, counted(report.input.frames, "frame"), counted(output.curves, what),
-        file_size(output.bytes), level, duration(report.timing["total_s"]),
+        file_size(output.bytes), level_text(quality.psnr_db, 1), duration(report.timing["total_s"]),
     ]  # fmt: skip
     return "  ".join(parts)

@@ -15,7 +15,7 @@ from cubicsplat_cli.cli.options import Json, MaxPixels, Quiet, Renderer, argumen
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, match_folders
 from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
-from cubicsplat_cli.formatting import mean, one_line
+from cubicsplat_cli.formatting import level_text, mean, one_line
 from cubicsplat_cli.metrics import NAMES, USUAL, Quality, chosen_metrics, figures_text, head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
 
@@ -160,7 +160,7 @@ def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
 
 def _quality_parts(quality: Quality) -> list[str]:
     return [
-        "identical" if quality.psnr_db is None else f"{quality.psnr_db:.2f} dB",
+        level_text(quality.psnr_db),
         f"SSIM {quality.ssim:.4f}" if quality.ssim is not None else f"SSIM n/a ({quality.ssim_note})",
     ]
 

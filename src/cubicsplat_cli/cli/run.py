@@ -16,7 +16,7 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.paths import check_ownership
 from cubicsplat_cli.files.write import write_stdout
-from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
+from cubicsplat_cli.formatting import counted, duration, file_size, level_text, mean, number, printable, text_table
 from cubicsplat_cli.jobs.execute import execute, lacking, look, pictures_at_once, with_others, write_index
 from cubicsplat_cli.jobs.plan import Job, JobPlan
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, uri_line
@@ -216,6 +216,6 @@ def _quality_parts(report: Report) -> list[str]:
         return ["not measured"]
     svg = report.quality.svg
     return [
-        "SVG identical" if svg.psnr_db is None else f"SVG {svg.psnr_db:.1f} dB",
+        f"SVG {level_text(svg.psnr_db, 1)}",
         "SSIM n/a" if svg.ssim is None else f"SSIM {svg.ssim:.2f}",
     ]

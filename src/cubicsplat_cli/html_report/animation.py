@@ -15,7 +15,7 @@ from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.files.write import encoded
-from cubicsplat_cli.formatting import counted, duration, file_size
+from cubicsplat_cli.formatting import counted, duration, file_size, level_text
 from cubicsplat_cli.html_report.embed import picture_data_url, rendered
 from cubicsplat_cli.html_report.page import Fact, course, setting_texts
 from cubicsplat_cli.progress import FrameRecorder
@@ -107,9 +107,8 @@ def player_page(svg: str, report: ClipReport, frames: Iterable[Frame], title: st
 def _facts(report: ClipReport) -> list[Fact]:
     quality, output, clip = report.quality, report.output, report.input
     worst = "" if quality.worst_psnr_db is None else f"worst frame {quality.worst_psnr_db:.2f} dB"
-    level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.2f} dB"
     return [
-        ("PSNR", level, worst),
+        ("PSNR", level_text(quality.psnr_db), worst),
         ("curves", f"{output.curves:,}", counted(output.groups, "group") + f" of frames, {output.knots:,} knots"),
         ("file", file_size(output.bytes), f"{file_size(output.compressed_bytes)} compressed"),
         ("a second", file_size(round(output.compressed_bytes / clip.seconds)), "compressed"),

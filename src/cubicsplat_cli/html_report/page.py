@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import made_mark
-from cubicsplat_cli.formatting import counted, duration, file_size
+from cubicsplat_cli.formatting import counted, duration, file_size, level_text
 from cubicsplat_cli.html_report.embed import Shown, data_url, picture_url, rendered, shown_elements
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Setting, renamed, settings_of
@@ -119,10 +119,8 @@ def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
 
 def _quality_facts(quality: Quality, drawn_by: str | None) -> list[Fact]:
     by = f"drawn by {drawn_by}" if drawn_by else "of the candidate"
-    if quality.identical:
-        return [("PSNR", "identical", by)]
-    facts = [] if quality.psnr_db is None else [("PSNR", f"{quality.psnr_db:.2f} dB", by)]
-    if quality.ssim is not None:
+    facts = [("PSNR", level_text(quality.psnr_db), by)]
+    if quality.ssim is not None and not quality.identical:
         facts.append(("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
     return facts
 
