@@ -19,13 +19,39 @@ from torch import Tensor
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings, image_loss
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.gradients import FLAT, paint_at
+from cubicsplat_cli.scene.arrays import Array, namespace
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients
 
 # Of the kernels' pixel.h, and so are those of the coverage. A pixel's alpha is kept below one so that the backward pass
 # may divide by 1 - alpha; the transmittance at which a pixel stops lies just above 1 - MAX_ALPHA, so that one opaque
 # curve ends the pixel in every precision.
 MAX_ALPHA = 0.9995
 MIN_TRANSMITTANCE = 5.1e-4
+# Of the way between two stops: the second of nearer ones takes over at once.
+LEAST_LENGTH = 1e-6
+
+
+def paint_at(gradients: Gradients, curve: int, places: Array) -> Array:
+    """Return colour and opacity (P, 4) of one curve that is not flat at places (P, 2) px; differentiable."""
+    xp = namespace(places)
+    frame = xp.astype(gradients.frames[curve], places.dtype)
+    plane, lean = places @ frame[:, :2].T + frame[:, 2], frame[:, 3]
+    if int(gradients.kinds[curve]) == LINEAR:
+        t = plane[..., 0]
+    else:
+        # The square root has no derivative at 0.
+        squared = xp.sum(plane * plane, axis=-1)
+        t = xp.sqrt(xp.where(squared > 0.0, squared, 1.0)) * (squared > 0.0) + plane @ lean
+    offsets, stops = (xp.astype(given[curve], places.dtype) for given in (gradients.offsets, gradients.stops))
+    value = xp.broadcast_to(stops[0], (*t.shape, 4))
+    for k in range(1, int(gradients.counts[curve])):
+        length = offsets[k] - offsets[k - 1]
+        if length > LEAST_LENGTH:
+            ramp = xp.clip((t - offsets[k - 1]) / length, 0.0, 1.0)
+        else:
+            ramp = xp.astype(t >= offsets[k], places.dtype)
+        value = value + ramp[..., None] * (stops[k] - stops[k - 1])
+    return value
 
 
 def alpha_of(covered: Tensor, opacity: Tensor) -> Tensor:

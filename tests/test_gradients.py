@@ -28,6 +28,7 @@ from engines import (
     state_for,
     with_cases,
 )
+from reference import paint_at
 from scenes import (
     MODES,
     PAPER,
@@ -56,7 +57,6 @@ from cubicsplat_cli.scene.gradients import (
     ends_of,
     gradients_of,
     linear_frames,
-    paint_at,
 )
 from cubicsplat_cli.scene.paint import RadialGradient, Stop, parameter, radial_of_frame
 from cubicsplat_cli.settings import Mode

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from reference import paint_at
 from scenes import MODES, PAPER, painted_scene, random_gradients, random_scene, rectangle, scene_of
 from test_gradients import one
 
@@ -18,7 +19,7 @@ from cubicsplat_cli.evaluate.images import Tile, draw_part
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames, paint_at
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_writer import write_drawing

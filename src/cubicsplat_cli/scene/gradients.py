@@ -12,8 +12,6 @@ from cubicsplat_cli.scene.arrays import Array, CurveArrays, copied, is_array, ki
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient
 
 FLAT, LINEAR, RADIAL = 0, 1, 2  # values of `Gradients.kinds`
-# Of the way between two stops: the second of nearer ones takes over at once.
-LEAST_LENGTH = 1e-6
 
 
 @dataclass(eq=False)
@@ -122,29 +120,6 @@ def ends_of(frames: Array, near: Array) -> tuple[Array, Array]:
     along = row[:, :2] / xp.sum(row[:, :2] * row[:, :2], axis=1, keepdims=True)
     starts = near - (xp.sum(row[:, :2] * near, axis=1, keepdims=True) + row[:, 2:3]) * along
     return starts, starts + along
-
-
-def paint_at(gradients: Gradients, curve: int, places: Array) -> Array:
-    """Return colour and opacity (P, 4) of one curve that is not flat at places (P, 2) px; differentiable."""
-    xp = namespace(places)
-    frame = xp.astype(gradients.frames[curve], places.dtype)
-    plane, lean = places @ frame[:, :2].T + frame[:, 2], frame[:, 3]
-    if int(gradients.kinds[curve]) == LINEAR:
-        t = plane[..., 0]
-    else:
-        # The square root has no derivative at 0.
-        squared = xp.sum(plane * plane, axis=-1)
-        t = xp.sqrt(xp.where(squared > 0.0, squared, 1.0)) * (squared > 0.0) + plane @ lean
-    offsets, stops = (xp.astype(given[curve], places.dtype) for given in (gradients.offsets, gradients.stops))
-    value = xp.broadcast_to(stops[0], (*t.shape, 4))
-    for k in range(1, int(gradients.counts[curve])):
-        length = offsets[k] - offsets[k - 1]
-        if length > LEAST_LENGTH:
-            ramp = xp.clip((t - offsets[k - 1]) / length, 0.0, 1.0)
-        else:
-            ramp = xp.astype(t >= offsets[k], places.dtype)
-        value = value + ramp[..., None] * (stops[k] - stops[k - 1])
-    return value
 
 
 def gradients_of(paints: Sequence[Gradient | None]) -> Gradients | None:

@@ -14,8 +14,8 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene import Scene, pack_rings, ring_slices
-from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
-from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, radial_of_frame
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, Gradients, ends_of
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, mean_fill, parameter, radial_of_frame
 from cubicsplat_cli.settings import PRECISION, Mode, width_decimals
 from cubicsplat_cli.svg.values import levels_of
 
@@ -173,7 +173,8 @@ def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.n
     for curve in np.flatnonzero(given.kinds != FLAT).tolist():
         middle = np.concatenate(scene.rings(curve)).astype(np.float64).mean(axis=0)
         gradient = _in_px(given, curve, middle, step, float(opacities[curve]))
-        paint = paint_at(given, curve, middle)
+        t, stops = parameter(given.frames[curve], given.kinds[curve] == RADIAL, *middle), slice(given.counts[curve])
+        paint = [np.interp(t, given.offsets[curve, stops], channel) for channel in given.stops[curve, stops].T]
         alike = gradient is None or len({stop.colour[3] for stop in gradient.stops}) == 1
         # The rounded fills have 8 bits, an opacity three decimals.
         opacities[curve] = opacities[curve] * paint[3] if alike else 1.0
