@@ -14,7 +14,6 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.from_options import request_of
 from cubicsplat_cli.options import parse_bytes
 from cubicsplat_cli.pipeline import budget
-from cubicsplat_cli.pipeline.budget import CLOSE, most_within
 from cubicsplat_cli.svg.scene_reader import read_svg
 from cubicsplat_cli.svg.scene_writer import bytes_by_curve, write_svg
 
@@ -121,23 +120,6 @@ def test_amounts():
 )
 def test_a_file_of_few_bytes_has_the_segments_that_give_most_for_a_byte(options, segments):
     assert request_of(options).settings.segments == segments
-
-
-@pytest.mark.parametrize("each", [1, 7, 100])
-def test_the_most_that_fits_is_found_with_few_files_written(each):
-    head, written = 300, []
-
-    def size(number: int) -> int:
-        written.append(number)
-        return head + each * number + number % 3  # not quite even
-
-    assert most_within(50, head, size) == 0
-    for most in (head + each, head + 5 * each, head + 31 * each, head + 60 * each):
-        written.clear()
-        found = most_within(50, most, size)
-        assert size(found) <= most
-        assert found == 50 or size(found) >= CLOSE * most or size(found + 1) > most
-        assert len(written) < 10
 
 
 @pytest.mark.parametrize("mode", ["closed", "open"])

@@ -38,7 +38,6 @@ SHARED_OPACITY = 0.78  # at first, under a limit of bytes: an opacity of its own
 COMPRESSED = 0.45  # share of a file that gzip leaves
 MIDWAY = 0.3  # of the steps before the exact finish
 SPARE, SPARE_AT_FINISH = 1.15, 1.01  # times the sufficient curves, before the finish and from then on
-CLOSE = 0.995  # share of the allowed bytes that is near enough
 # The shares of the steps before the finish at which the level is measured, and by how many dB it then rises to the end.
 LOOKS = ((0.15, 3.9), (0.4, 2.0), (0.65, 1.0), (0.9, 0.55))
 DB_PER_DOUBLING = 1.4
@@ -127,7 +126,7 @@ def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:
     if photo.size(scene) <= most:
         return fitted
     order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, photo)
-    count = most_within(scene.curves, most, lambda n: photo.size(_kept(scene, order, n)))
+    count = bisect_right(range(1, scene.curves + 1), most, key=lambda n: photo.size(_kept(scene, order, n)))
     return _trimmed(fitted, order, count)
 
 
@@ -185,26 +184,6 @@ def _grown(curves: int, missing: float, limit: int) -> int:
     """Return the number of curves that give `missing` dB more than these, at most `limit`."""
     factor = min(MOST_GROWTH, 2.0 ** (missing / DB_PER_DOUBLING))
     return max(1, min(limit, math.ceil(factor * curves)))
-
-
-def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
-    """Return the largest number up to `limit` with size(number) <= most, or one whose size is nearly `most`; 0 if there
-    is none. size: rises with the number, about evenly.
-    """
-    low, high, number = 0, limit + 1, limit
-    before = (0, 0)
-    while high - low > 1:
-        taken = size(number)
-        if taken <= most:
-            low = number
-            if taken >= CLOSE * most:
-                break
-        else:
-            high = number
-        slope = max((taken - before[1]) / (number - before[0]), 1e-3)
-        before = (number, taken)
-        number = max(low + 1, min(high - 1, number + math.floor((most - taken) / slope)))
-    return low
 
 
 def guessed_curves(most: int, segments: int, request: Request) -> int:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from xml.etree import ElementTree
 from xml.parsers import expat
 
 from cubicsplat_cli.errors import InputError
@@ -28,8 +30,6 @@ _PICTURES = {"feImage", "foreignObject"}
 _DRAWN_ONCE = {"svg", "g"}  # elements that may hold an embedded picture, because no reference draws them again
 _OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
 _INSIDE = re.compile(r"url\(\s*['\"]?\s*#([^'\")\s]+)")
-_ROOT = re.compile(rb"""<(?:[\w.-]+:)?svg(?=[\s/>])(?:[^>"']|"[^"]*"|'[^']*')*>""")
-_SIZES = re.compile(rb"""\s(?:width|height)\s*=\s*(?:"[^"]*"|'[^']*')""")
 
 
 @record
@@ -90,14 +90,12 @@ def _pixels(text: str | None) -> float | None:
 
 
 def with_size(data: bytes, size: SvgSize) -> bytes:
-    """Return the bytes of an SVG in UTF-8 with this size in its root, the only place where renderers read it."""
-
-    def with_size(match: re.Match[bytes]) -> bytes:
-        tag = _SIZES.sub(b"", match[0])
-        end = len(tag) - (2 if tag.endswith(b"/>") else 1)
-        return tag[:end] + f' width="{size.width:g}" height="{size.height:g}"'.encode() + tag[end:]
-
-    return _ROOT.sub(with_size, data, count=1)
+    """Return the bytes of an SVG with this size in its root, the only place where renderers read it."""
+    with suppress(ElementTree.ParseError):  # of a prefix without a namespace, which renderers report
+        root = ElementTree.fromstring(data)
+        root.attrib |= {"width": f"{size.width:g}", "height": f"{size.height:g}"}
+        return ElementTree.tostring(root)
+    return data
 
 
 @dataclass(eq=False)

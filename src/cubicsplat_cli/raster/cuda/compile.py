@@ -7,13 +7,13 @@ cache afterwards.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from ctypes import sizeof
 from dataclasses import dataclass
 from pathlib import Path
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.write import read_cache, write_cache
 from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cuda import nvrtc
@@ -108,14 +108,7 @@ def compile_text(
 
 def cache_key(program: Program, architecture: str, version: tuple[int, int], text: dict[str, bytes]) -> str:
     """Return a key that changes with the kernels' text, the options, the architecture and the compiler's version."""
-    digest = hashlib.sha256()
-    parts = sorted(text.items())
-    parts += [("options", "\n".join(options(program, architecture)).encode())]
-    parts += [("nvrtc", ".".join(map(str, version)).encode())]
-    for name, part in parts:
-        digest.update(f"{name} {len(part)}\n".encode())
-        digest.update(part)
-    return digest.hexdigest()
+    return sha256_of(repr((sorted(text.items()), options(program, architecture), version)).encode())
 
 
 def machine_code(
