@@ -190,13 +190,8 @@ def draw_by_resvg(module: ModuleType, svg: str, width: int, height: int) -> np.n
 
 def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
     """Centre a picture of resvg, which keeps the SVG's shape, in width x height px, as viewers do (xMidYMid meet)."""
-    drawn_height, drawn_width = pixels.shape[:2]
-    if (drawn_width, drawn_height) == (width, height):
-        return pixels
-    canvas = np.zeros((height, width, 4), np.uint8)
-    top, left = (height - drawn_height) // 2, (width - drawn_width) // 2
-    canvas[top : top + drawn_height, left : left + drawn_width] = pixels
-    return canvas
+    down, across = height - pixels.shape[0], width - pixels.shape[1]
+    return np.pad(pixels, ((down // 2, down - down // 2), (across // 2, across - across // 2), (0, 0)))
 
 
 def embedded_only(url: str, _resource_type: str) -> bytes:

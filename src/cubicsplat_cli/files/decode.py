@@ -242,11 +242,9 @@ def draft(image: Image.Image, factor: int, shown: str) -> int:
     Raises InputError, naming the file, for a picture that is too large to be decoded whole.
     """
     width, height = image.size
-    for scale in (8, 4, 2):
-        if isinstance(image, JpegImageFile) and factor >= scale:
-            image.draft(None, (max(1, width // scale), max(1, height // scale)))
-            factor = max(1, factor // scale)
-            break
+    if isinstance(image, JpegImageFile):
+        image.draft(None, (max(1, width // factor), max(1, height // factor)))
+        factor = max(1, factor // round(max(width, height) / max(image.size)))
     if factor > 1 and image.width * image.height > MAX_DECODED_PIXELS:
         size = f"{width} x {height} = {width * height / 1e6:.1f} megapixels"
         limit = f"a file of its kind is read up to {MAX_DECODED_PIXELS / 1e6:.0f}"

@@ -166,9 +166,8 @@ def write_index(path: Path, outcomes: list[Outcome]) -> None:
 
 def _short_names(names: list[str]) -> list[str]:
     """Return the names without the folder that all of them share, which says nothing and may be long."""
-    folders = {os.path.dirname(name) for name in names}  # noqa: PTH120 (names may be patterns)
-    absolute = {os.path.isabs(name) for name in names}  # noqa: PTH117
-    if len(absolute) != 1:
+    try:
+        shared = os.path.commonpath([os.path.dirname(name) for name in names])  # noqa: PTH120 (names may be patterns)
+    except ValueError:  # of absolute and relative names
         return names
-    shared = os.path.commonpath(folders)
     return [os.path.relpath(name, shared) for name in names] if shared else names

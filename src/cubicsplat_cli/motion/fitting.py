@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from PIL import Image
 
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.motion.following import follow
@@ -246,9 +247,5 @@ def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iter
 def _blocks(picture: np.ndarray) -> np.ndarray:
     """Means of about square blocks, `BLOCKS` along the longer side."""
     side = max(1, -(-max(picture.shape[:2]) // BLOCKS))
-    for axis in (0, 1):
-        edges = np.arange(0, picture.shape[axis], side)
-        counts = np.diff(np.append(edges, picture.shape[axis])).astype(np.float32)
-        means = np.add.reduceat(picture, edges, axis=axis)
-        picture = means / counts.reshape([-1, 1, 1] if axis == 0 else [1, -1, 1])
-    return picture
+    planes = (Image.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(picture, 2, 0))
+    return np.stack([np.asarray(plane.reduce(side)) for plane in planes], axis=2)

@@ -7,6 +7,7 @@ had as a still SVG.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -175,8 +176,10 @@ def still(text: str, seconds: float) -> str:
     for parent in [*root.iter()]:
         for element in [*parent]:
             for animation in [each for each in element if each.tag.startswith(f"{SVG}animate")]:
-                value = _value(animation, seconds)
-                name = animation.attrib["attributeName"]
+                given = animation.attrib
+                share = seconds / float(given["dur"].removesuffix("s"))
+                latest = bisect_right([*map(float, given["keyTimes"].split(";"))], share + 1e-9) - 1
+                value, name = given["values"].split(";")[latest], given["attributeName"]
                 element.set(name, value if name == _DISPLAY else f"translate({value})")
                 element.remove(animation)
             if element.get(_DISPLAY) == "none":
@@ -184,11 +187,3 @@ def still(text: str, seconds: float) -> str:
             elif _DISPLAY in element.attrib:
                 del element.attrib[_DISPLAY]
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _value(animation: ElementTree.Element, seconds: float) -> str:
-    """Return the value of an animation in steps at a time, s."""
-    share = seconds / float(animation.attrib["dur"].removesuffix("s"))
-    keys = [float(key) for key in animation.attrib["keyTimes"].split(";")]
-    latest = max(place for place, key in enumerate(keys) if key <= share + 1e-9)
-    return animation.attrib["values"].split(";")[latest]
