@@ -8,11 +8,10 @@ the exact finish, so that the finish optimises the curves of the file.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,8 +42,6 @@ LOOKS = ((0.15, 3.9), (0.4, 2.0), (0.65, 1.0), (0.9, 0.55))
 DB_PER_DOUBLING = 1.4
 BEGINNING = 256  # curves of a fit that is to reach a level
 AIM = 0.35  # dB above the requested level: at the last look the rise is uncertain by 0.16 dB (standard deviation)
-NEAR = 0.1  # dB above the requested level at which no more curves are removed
-MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find the surplus curves; the least factor of their importance
 MOST_GROWTH = 8.0  # times the curves, at one look
 # Further fits after the first; their share of its steps; and the least growth of the curves, since few steps with less
 # growth gain nothing.
@@ -176,8 +173,13 @@ def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult
         hint = "more --steps" if settings.time_limit is None else "a longer --time-limit"
         note = f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"
         return replace(fitted, notes=[*fitted.notes, note])
-    order, spare = _to_spare(fitted.scene, least, level, photo)
-    return _trimmed(fitted, order, fitted.scene.curves - spare)
+    scene = fitted.scene
+    order = np.argsort(-photo.importance(scene)[1], kind="stable")
+
+    def too_many(spared: int) -> bool:
+        return photo.level(_kept(scene, order, scene.curves - spared)) < least
+
+    return _trimmed(fitted, order, scene.curves - bisect_left(range(1, scene.curves), True, key=too_many))
 
 
 def _grown(curves: int, missing: float, limit: int) -> int:
@@ -190,35 +192,6 @@ def guessed_curves(most: int, segments: int, request: Request) -> int:
     """Return about how many curves of so many segments a file of `most` bytes holds, and a few more."""
     whole = most / (COMPRESSED if request.counts_compressed else 1.0)
     return max(1, min(1_000_000, int(SPARE * whole / (28 + (3.0 + file_precision(request)) * (2 + 6 * segments)))))
-
-
-def _to_spare(scene: Scene, least: float, level: float, photo: Photo) -> tuple[np.ndarray, int]:
-    """Return the curves by importance, the highest first, and how many of the last a file of `least` dB can spare.
-
-    The loss without several curves is about the sum of the loss with them and their importances. Rendered files
-    correct this estimate.
-    """
-    loss, importance = photo.importance(scene)
-    order = np.argsort(-importance, kind="stable")
-    rises = list(accumulate((np.maximum(importance[order[::-1]].astype(np.float64), 0.0) / loss).tolist()))
-    allowed, factor, reached = _rise(level, least), 1.0, level
-    low, high = 0, scene.curves
-    for _ in range(MOST_DRAWN):
-        if reached < least + NEAR or high - low < 2:
-            break
-        number = max(low + 1, min(high - 1, bisect_right(rises, allowed / factor)))
-        level_now = photo.level(_kept(scene, order, scene.curves - number))
-        factor = max(LEAST_FACTOR, _rise(level, level_now) / max(rises[number - 1], 1e-12))
-        if level_now >= least:
-            low, reached = number, level_now
-        else:
-            high = number
-    return order, low
-
-
-def _rise(before: float, after: float) -> float:
-    """Return by which share the squared error rises between two levels in dB."""
-    return 10.0 ** ((before - after) / 10.0) - 1.0
 
 
 def _kept(scene: Scene, order: np.ndarray, count: int) -> Scene:
