@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -35,9 +36,9 @@ from cubicsplat_cli.svg.moving_file import write_clip, write_moving_drawing
 # with those that come and go in its place; the share of a file that gzip leaves.
 FITS, STANDING, CURVE_BYTES, COMPRESSED = 4, 0.3, 100.0, 0.36
 # Steps of the grid by which paths may be off when knots are removed to save bytes, and after the last fit; the number
-# of bisections for that; the share of the bytes that a further fit aims at; the most curves, as a multiple of the usual
+# of values up to these; the share of the bytes that a further fit aims at; the most curves, as a multiple of the usual
 # number; the share of the bytes from which on no further fit is made.
-MOST_OFF, LAST_OFF, LOOKS, AGAIN, DENSE, FULL = 2.0, 20.0, 6, 0.9, 4, 0.8
+MOST_OFF, LAST_OFF, OFFS, AGAIN, DENSE, FULL = 2.0, 20.0, 65, 0.9, 4, 0.8
 
 
 def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -> Animation:
@@ -146,15 +147,9 @@ def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
 
 def _thinned(most: int, clip: list[Tracks], task: ClipTask, most_off: float) -> Animation | None:
     """Return the animation with as many knots as the bytes hold; None if paths would be off by more than `most_off`."""
-    low, high, made = 0.5, most_off, None
-    for _ in range(LOOKS):
-        middle = math.sqrt(low * high)
-        smaller = _animation(clip, task, middle)
-        if _size(smaller, task) <= most:
-            high, made = middle, smaller
-        else:
-            low = middle
-    return made
+    offs = np.geomspace(0.5, most_off, OFFS)[1:-1].tolist()
+    place = bisect_left(offs, True, key=lambda off: _size(_animation(clip, task, off), task) <= most)
+    return _animation(clip, task, offs[place]) if place < len(offs) else None
 
 
 def _size(animation: Animation, task: ClipTask) -> int:

@@ -31,7 +31,6 @@ LETTERS = ("HAHAZ", "VAVAZ", "HAVAHAVAZ", "VAHAVAHAZ")
 MOST_ON_RECT = 3.0  # px, the radius up to which viewers agree about `<rect rx>` to a tenth of a px
 _SMOOTH = math.radians(0.5)  # joints that turn by less are smooth
 MIRROR_REACH = 1  # steps; a handle that is off the mirror image of the one before it by no more is written as that
-_TOGETHER = 20_000  # pieces of rings that are rounded at once, which limits the memory
 Step = tuple[int, int]
 
 
@@ -47,14 +46,21 @@ def grid_rings(rings: Sequence[Ring], precision: int, exact: bool = False) -> li
     Each begins after its line that is the longest to write, since closing a ring draws that line. exact: every point
     goes to the nearest step, as in the rings that share it; otherwise handles keep joints smooth.
     """
-    grid: list[Ring] = []
-    first, pieces = 0, 0
-    for number, ring in enumerate(rings, start=1):
-        pieces += ring.pieces
-        if pieces >= _TOGETHER or number == len(rings):
-            grid += _on_grid(rings[first:number], precision, exact)
-            first, pieces = number, 0
-    return grid
+    if not rings:
+        return []
+    # As pieces of one array.
+    parts = zip(*((ring.anchors, ring.controls, ring.lines, ring.smooth) for ring in rings), strict=True)
+    anchors, controls, lines, smooth = (np.concatenate(part) for part in parts)
+    pieces = Ring(to_steps(anchors, precision), to_steps(controls, precision), lines.astype(bool), smooth.astype(bool))
+    owner = np.repeat(np.arange(len(rings)), [ring.pieces for ring in rings])
+    moved = (pieces.anchors[_next_in_loops(owner)] != pieces.anchors).any(axis=1)
+    bent = ~pieces.lines & (pieces.controls != pieces.anchors[:, None]).any(axis=(1, 2))
+    pieces, owner = pieces.chosen(moved | bent), owner[moved | bent]
+    pieces = pieces.chosen(_started_after_a_line(pieces, owner))
+    if not exact:
+        pieces = replace(pieces, controls=smoothed(pieces, _next_in_loops(owner)))
+    ends = np.cumsum(np.bincount(owner, minlength=len(rings)))
+    return [pieces.chosen(np.arange(first, end)) for first, end in pairwise([0, *ends.tolist()])]
 
 
 class GridRings:
@@ -86,22 +92,6 @@ class GridRings:
         """Append a ring, as seen clockwise or not; equal forms have equal texts."""
         grid = self._of(ring, clockwise)
         add_ring(path, grid, self._exact, relative=_form_of(grid) in self._repeated)
-
-
-def _on_grid(rings: Sequence[Ring], precision: int, exact: bool) -> list[Ring]:
-    """Return the rings of `grid_rings`; they are pieces of one array on the way."""
-    parts = zip(*((ring.anchors, ring.controls, ring.lines, ring.smooth) for ring in rings), strict=True)
-    anchors, controls, lines, smooth = (np.concatenate(part) for part in parts)
-    pieces = Ring(to_steps(anchors, precision), to_steps(controls, precision), lines.astype(bool), smooth.astype(bool))
-    owner = np.repeat(np.arange(len(rings)), [ring.pieces for ring in rings])
-    moved = (pieces.anchors[_next_in_loops(owner)] != pieces.anchors).any(axis=1)
-    bent = ~pieces.lines & (pieces.controls != pieces.anchors[:, None]).any(axis=(1, 2))
-    pieces, owner = pieces.chosen(moved | bent), owner[moved | bent]
-    pieces = pieces.chosen(_started_after_a_line(pieces, owner))
-    if not exact:
-        pieces = replace(pieces, controls=smoothed(pieces, _next_in_loops(owner)))
-    ends = np.cumsum(np.bincount(owner, minlength=len(rings)))
-    return [pieces.chosen(np.arange(first, end)) for first, end in pairwise([0, *ends.tolist()])]
 
 
 def _next_in_loops(owner: np.ndarray) -> np.ndarray:
