@@ -15,7 +15,6 @@ from urllib.error import URLError
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import packed
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.formatting import one_line
@@ -129,16 +128,13 @@ def mean_delta_e(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def opaque_delta_e(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the mean CIEDE2000 (D65, sRGB) of two (H, W, 3) uint8 pictures; each pair of colours is converted once."""
+    """Return the mean CIEDE2000 (D65, sRGB) of two (H, W, 3) uint8 pictures."""
     from skimage.color import deltaE_ciede2000, rgb2lab
 
     differs = (first != second).any(axis=-1)
-    codes = (packed(first[differs]) << 24) | packed(second[differs])
-    pairs, counts = np.unique(codes, return_counts=True)
-    if not len(pairs):
+    if not differs.any():
         return 0.0
-    lab = [rgb2lab((codes[:, None] >> np.array([0, 8, 16]) & 255) / 255.0) for codes in (pairs >> 24, pairs)]
-    return float((deltaE_ciede2000(*lab) * counts).sum() / differs.size)
+    return float(deltaE_ciede2000(rgb2lab(first[differs]), rgb2lab(second[differs])).sum() / differs.size)
 
 
 def metric(colours: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from cubicsplat_cli.motion.tracks import KEEP_MEAN, KEEP_SQUARE
 from cubicsplat_cli.photo.inputs import FitInputs
@@ -202,19 +203,8 @@ def sampled(picture: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(..., C): the values of a picture (H, W, C) between the middles of pixels, at these places (...) from the first;
     beyond the edge those of the edge.
     """
-    height, width, channels = picture.shape
-    x, y = x.clip(0.0, width - 1.0), y.clip(0.0, height - 1.0)
-    left, top = x.astype(np.int32).clip(0, max(width - 2, 0)), y.astype(np.int32).clip(0, max(height - 2, 0))
-    across, down = ((each - at).astype(np.float32)[..., None] for each, at in ((x, left), (y, top)))
-    values, first = picture.reshape(-1, channels), top * width + left
-    right, below = min(1, width - 1), width * min(1, height - 1)
-
-    def between(at: np.ndarray) -> np.ndarray:
-        here = values.take(at, axis=0)
-        return here + across * (values.take(at + right, axis=0) - here)
-
-    upper = between(first)
-    return upper + down * (between(first + below) - upper)
+    planes = np.moveaxis(picture, 2, 0)
+    return np.stack([map_coordinates(plane, (y, x), order=1, mode="nearest") for plane in planes], axis=-1)
 
 
 def _windowed(values: np.ndarray, side: int = WINDOW) -> np.ndarray:
