@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -19,8 +20,7 @@ from cubicsplat_cli.settings import cpu_count
 
 # Squared difference, far below half a step of 16 bits: smaller ones come from float arithmetic, not from the pictures.
 IDENTICAL_SQUARE = 1e-12
-# The tile that one thread works on: small enough for a core's cache.
-_TILE_HEIGHT, _TILE_WIDTH = 64, 256
+_BAND = 64  # rows that one thread works on
 STRIP_PIXELS = 2**20  # px read, or drawn, at a time
 _CHANNELS = 3
 # A rendering of so many px takes 4 bytes for each, the picture 12.
@@ -110,37 +110,30 @@ def _compared(
             above, below = max(0, top - REACH), min(reference.height, bottom + REACH)
             parts = [layer.rows(above, below) for layer in layers]
             for ground, total in zip(grounds, totals, strict=True):
-                tiles = _tiles(top - above, bottom - above, reference.width)
-                work = [pool.submit(_tile, parts, ground, rows, columns, similarity) for rows, columns in tiles]
-                # In the order of the tiles, whichever is done first: sums of floats depend on it.
-                for done in work:
-                    sums = done.result()
+                bands = _bands(top - above, bottom - above)
+                # In the order of the bands, whichever is done first: sums of floats depend on it.
+                for sums in pool.map(partial(_sums_of, parts, ground, similarity), bands):
                     total[:, 1] = np.maximum(total[:, 1], sums[:, 1])
                     total[:, ::2] += sums[:, ::2]
     return totals
 
 
 def _strips(layer: ImageSource, pixels: int = STRIP_PIXELS) -> Iterator[tuple[int, int]]:
-    """Yield the first and last row of parts of the picture: whole tiles, of about so many pixels."""
-    rows = max(1, pixels // (layer.width * _TILE_HEIGHT)) * _TILE_HEIGHT
+    """Yield the first and last row of parts of the picture: whole bands, of about so many pixels."""
+    rows = max(1, pixels // (layer.width * _BAND)) * _BAND
     for top in range(0, layer.height, rows):
         yield top, min(layer.height, top + rows)
 
 
-def _tiles(top: int, bottom: int, width: int) -> Iterator[tuple[slice, slice]]:
-    for row in range(top, bottom, _TILE_HEIGHT):
-        for column in range(0, width, _TILE_WIDTH):
-            yield slice(row, min(bottom, row + _TILE_HEIGHT)), slice(column, min(width, column + _TILE_WIDTH))
+def _bands(top: int, bottom: int) -> Iterator[slice]:
+    return (slice(row, min(bottom, row + _BAND)) for row in range(top, bottom, _BAND))
 
 
-def _tile(parts: Sequence[np.ndarray], ground: float, rows: slice, columns: slice, similarity: bool) -> np.ndarray:
-    """Return the sums (P, 3) of one tile of a strip, see `_compared`; its windows have their middle on the tile."""
-    height, width = parts[0].shape[:2]
-    tall = slice(max(0, rows.start - REACH), min(height, rows.stop + REACH))
-    wide = slice(max(0, columns.start - REACH), min(width, columns.stop + REACH))
-    pictures = [_planes(part[tall, wide], ground) for part in parts]
-    down, across = (slice(s.start - t.start, s.stop - t.start) for s, t in ((rows, tall), (columns, wide)))
-    inner = [picture[:, down, across] for picture in pictures]
+def _sums_of(parts: Sequence[np.ndarray], ground: float, similarity: bool, band: slice) -> np.ndarray:
+    """Return the sums (P, 3) of one band of a strip, see `_compared`; its windows have their middle on the band."""
+    above = max(0, band.start - REACH)
+    pictures = [_planes(part[above : band.stop + REACH], ground) for part in parts]
+    inner = [picture[:, band.start - above : band.stop - above] for picture in pictures]
     squared = [np.square(first - second) for first, second in combinations(inner, 2)]
     sums = np.array([[squares.sum(dtype=np.float64), squares.max(), 0.0] for squares in squared])
     if similarity and min(pictures[0].shape[1:]) >= TAPS:
