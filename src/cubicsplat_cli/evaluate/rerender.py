@@ -230,17 +230,12 @@ def draw_by_cairo(
 
 
 def _straight(pixels: np.ndarray) -> np.ndarray:
-    """Turn a result of `draw_by_cairo` into straight RGBA in place, rounded as in cairo's PNG files."""
-    rows = max(1, 2**18 // pixels.shape[1])  # a strip is small enough for a core's cache
-    for top in range(0, pixels.shape[0], rows):
-        part = pixels[top : top + rows]
-        straight = part[..., RGBA]
-        alpha = straight[..., 3:]
-        if int(alpha.min()) < 255:
-            colours = straight[..., :3] * np.uint16(255) + alpha // 2
-            straight[..., :3] = colours // np.maximum(alpha, 1)
-        part[:] = straight
-    return pixels
+    """Return a result of `draw_by_cairo` as straight RGBA, rounded as in cairo's PNG files."""
+    straight = pixels[..., RGBA]
+    alpha = straight[..., 3:]
+    if int(alpha.min()) < 255:
+        straight[..., :3] = (straight[..., :3] * np.uint16(255) + alpha // 2) // np.maximum(alpha, 1)
+    return straight
 
 
 def import_cairosvg() -> ModuleType:

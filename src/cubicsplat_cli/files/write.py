@@ -210,9 +210,7 @@ def encode_png(pixels: np.ndarray) -> bytes:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
-    height, width = pixels.shape[:2]
-    # Contiguous pixels, such as those of our renderer, are not copied.
-    image = Image.frombuffer("RGBA", (width, height), np.ascontiguousarray(pixels), "raw", "RGBA", 0, 1)
+    image = Image.fromarray(np.ascontiguousarray(pixels))
     if int(pixels[..., 3].min()) == 255:
         image = image.convert("RGB")
     info = PngInfo()

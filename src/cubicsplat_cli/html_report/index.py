@@ -49,7 +49,6 @@ def entry_of(name: str, page: Path, report: Report, png: Path | None, svg: Path)
     """Return the row of a vectorised picture, with a thumbnail of the SVG."""
     if png is not None and is_file(png):
         with Image.open(png) as image:
-            image.draft("RGB", (THUMBNAIL, THUMBNAIL))
             thumbnail = thumbnail_url(np.asarray(image.convert("RGBA")))
     else:
         thumbnail = svg_thumbnail(read_file(svg), str(svg), report.input.width, report.input.height)

@@ -60,7 +60,7 @@ def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> 
     Raises EngineError if the library is missing, for an array that is not contiguous, or if the call fails: then memory
     is missing for the `work`.
     """
-    value = function(name, result)(*[_KINDS.get(argument.__class__, _in_c)(argument) for argument in given])
+    value = function(name, result)(*map(_in_c, given))
     if result is not None and (value is None or value < 0 or (result is c_int32 and value)):
         raise EngineError(f"there is no memory for the {work} of the drawing; make the picture smaller")
     arrays = [argument.array for argument in given if argument.__class__ is Out]
@@ -86,17 +86,16 @@ def address_of(array: np.ndarray) -> int:
 
 
 def _in_c(given: Any) -> Any:
-    """Convert an argument of a type that `_KINDS` lacks: a number of numpy, memory-mapped array, object of ctypes."""
+    """Convert an argument of `native`."""
+    given = given.array if isinstance(given, Out) else given
     if isinstance(given, np.ndarray):
         return _memory_of(given)
+    if isinstance(given, float):
+        return c_double(given)
     return c_int64(int(given)) if isinstance(given, (int, np.integer)) else given
 
 
 _Memory = c_char * 0
-_KINDS: dict[type, Any] = {
-    np.ndarray: _memory_of, Out: lambda out: _memory_of(out.array), int: c_int64, bool: c_int64, float: c_double,
-    np.float64: c_double,
-}  # fmt: skip
 # Contiguous arrays of one type, as the library takes them; an array that is one already stays the same object.
 doubles, floats, int32s, int64s, bools = (
     partial(np.ascontiguousarray, dtype=t) for t in (np.float64, np.float32, np.int32, np.int64, bool)
