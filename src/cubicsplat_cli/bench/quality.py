@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,10 @@ def quality_jobs(
 
     fit: settings by name, as `FitSettings.from_preset` takes them.
     """
-    jobs = []
-    for mode in modes:
-        for count in curves:
-            settings = FitSettings.from_preset(mode=mode, curves=count, **fit)
-            jobs += [FitJob(path, configuration_name(mode, count), settings) for path in pictures]
-    return jobs
+    return [
+        FitJob(path, configuration_name(mode, count), FitSettings.from_preset(mode=mode, curves=count, **fit))
+        for mode, count, path in product(modes, curves, pictures)
+    ]
 
 
 def means(runs: Sequence[FitFigures]) -> dict[str, float | int | None]:

@@ -6,7 +6,6 @@ import importlib.util
 import math
 import re
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from cubicsplat_cli.errors import EngineError, InputError
@@ -14,7 +13,6 @@ from cubicsplat_cli.evaluate.rerender import MAX_RENDER_PIXELS, checked, choose_
 from cubicsplat_cli.export.android import vector_drawable
 from cubicsplat_cli.export.dxf import dxf
 from cubicsplat_cli.files.marks import made_mark, sha256_of
-from cubicsplat_cli.files.paths import is_file, read_ends
 from cubicsplat_cli.progress import warnings_to
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.svg.painted import painted_shapes
@@ -70,11 +68,6 @@ def exported(
 def mark_of(svg: bytes, form: str, tolerance: float) -> str:
     """Return the mark of an SVG's file in a format, which holds all that the file depends on."""
     return made_mark(sha256_of(svg) + (f", tolerance {tolerance:g} px" if form == "dxf" else ""))
-
-
-def is_current(path: Path, svg: bytes, tolerance: float) -> bool:
-    """Return whether there is a file at `path` that this version made of the SVG."""
-    return is_file(path) and mark_of(svg, path.suffix[1:].lower(), tolerance).encode() in read_ends(path)
 
 
 def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> tuple[bytes, list[str]]:

@@ -64,7 +64,7 @@ def check_ownership(paths: list[Path], *, force: bool, source: Path | None = Non
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
     for path in paths:
         if not force and not is_replaceable(path):
-            tiny = (_head_or_nothing(path) or b"").startswith(_TINY)
+            tiny = _head(path).startswith(_TINY)
             other = ", or is a placeholder whose JSON is gone" if tiny else ""
             text = f"{path} exists and was not written by cubicsplat{other}; use --force or choose another output"
             raise UsageError(text)
@@ -79,8 +79,8 @@ def is_replaceable(path: Path) -> bool:
 
 def is_ours(path: Path) -> bool:
     """Return whether a regular file carries the mark of a file that cubicsplat wrote; False if it cannot be read."""
-    head, suffix = _head_or_nothing(path), path.suffix.lower()
-    if head is None:
+    head, suffix = _head(path), path.suffix.lower()
+    if not head:
         return False
     if suffix == ".png":
         return f"tEXtSoftware\0{PROGRAM} ".encode() in head
@@ -90,13 +90,13 @@ def is_ours(path: Path) -> bool:
         return MADE.search(read_ends(path)) is not None
     if suffix == ".json":
         # A report that was cut short counts too.
-        return _PROGRAM.search(head) is not None or (head != b"" and _REPORT.startswith(head))
+        return _PROGRAM.search(head) is not None or _REPORT.startswith(head)
     return svg_is_ours(head) or _is_in_report(path)
 
 
 def is_lottie(path: Path) -> bool:
     """Return whether a file is a Lottie animation that cubicsplat wrote."""
-    return (_head_or_nothing(path) or b"").startswith(b'{"meta":{"program":')
+    return _head(path).startswith(b'{"meta":{"program":')
 
 
 def _is_in_report(path: Path) -> bool:
@@ -110,22 +110,27 @@ def _is_in_report(path: Path) -> bool:
 
 def pictured_name(path: Path) -> str | None:
     """Return the title of an SVG of ours, which is the name of its picture; None if there is no such SVG."""
-    head = _head_or_nothing(path) or b""
+    head = _head(path)
     title = re.search(rb"<title>(.*?)</title>", head, re.DOTALL) if svg_is_ours(head) else None
     return None if title is None else html.unescape(title[1].decode(errors="replace"))
 
 
 def is_svg(path: Path) -> bool:
     """Return whether a regular file begins like an SVG or any XML; False if it cannot be read."""
-    return (_head_or_nothing(path) or b"").lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
+    return _head(path).lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
 
 
-def _head_or_nothing(path: Path) -> bytes | None:
-    """Return `read_head` of a regular file; None if there is none, or it cannot be read."""
+def is_marked(path: Path, mark: str) -> bool:
+    """Return whether there is a file whose first or last bytes hold a mark. Raises OSError if it cannot be read."""
+    return is_file(path) and mark.encode() in read_ends(path)
+
+
+def _head(path: Path) -> bytes:
+    """Return `read_head` of a regular file; nothing if there is none, or it cannot be read."""
     try:
-        return read_head(path) if is_file(path) else None
+        return read_head(path) if is_file(path) else b""
     except OSError:
-        return None
+        return b""
 
 
 def read_ends(path: Path) -> bytes:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import made_mark, sha256_of
-from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, read_head
+from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, is_marked
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
@@ -105,26 +105,22 @@ def lacking(job: Job, report: Report, request: Request, observer: Observer) -> d
     if outputs.svg is None or not (outputs.html_report or outputs.exports or outputs.layers):
         return files
     svg, page = read_file(outputs.svg), outputs.html_report
-    if page is not None and not _is_made_of(page, report.output.svg_sha256):
+    if page is not None and not is_marked(page, made_mark(report.output.svg_sha256)):
         from cubicsplat_cli.html_report.page import page_of_result
 
         threads = request.settings.threads
         files[page] = lambda: page_of_result(load_job(job, request), job.source(), svg, report, threads)
     if outputs.exports:
-        from cubicsplat_cli.export.formats import is_current
+        from cubicsplat_cli.export.formats import mark_of
 
         for path in outputs.exports:
-            if not is_current(path, svg, request.dxf_tolerance):
+            if not is_marked(path, mark_of(svg, path.suffix[1:].lower(), request.dxf_tolerance)):
                 files[path] = partial(export_of, path, svg, job, request, lambda text: observer.note(text, job.name))
     for kind, data in layer_files(svg).items() if outputs.layers is not None else ():
         layer = outputs.place(kind)
-        if layer is not None and not _is_made_of(layer, sha256_of(svg)):
+        if layer is not None and not is_marked(layer, made_mark(sha256_of(svg))):
             files[layer] = partial(bytes, data)
     return files
-
-
-def _is_made_of(path: Path, sha256: str) -> bool:
-    return is_file(path) and made_mark(sha256).encode() in read_head(path)
 
 
 def with_others(outcome: Outcome, request: Request, observer: Observer, *, dry_run: bool = False) -> Outcome:
