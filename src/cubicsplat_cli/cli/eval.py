@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -26,13 +25,12 @@ _USUAL = ",".join(USUAL)
 Compare = Callable[[Path, Path], "Comparison"]
 
 
-@dataclass(eq=False)
-class ComparedPairs:
-    """Results: comparisons, failures as (reference, error), and candidates without a reference."""
+class ComparedPairs(NamedTuple):
+    """Results: one or more comparisons, failures as (reference, error), and candidates without a reference."""
 
-    compared: list[Comparison] = field(default_factory=list)
-    failed: list[tuple[Path, str]] = field(default_factory=list)
-    extra: list[Path] = field(default_factory=list)
+    compared: list[Comparison]
+    failed: list[tuple[Path, str]]
+    extra: list[Path]
 
 
 Reference = Annotated[Path, argument("REFERENCE", "The picture to compare with, or a folder.")]
@@ -89,7 +87,7 @@ def evaluate(
         pairs = _folders(reference, candidate, compare, reporter, () if json else chosen)
         printed = _folder_report(reference, candidate, pairs)
     else:
-        pairs = ComparedPairs([compare(reference, candidate)])
+        pairs = ComparedPairs([compare(reference, candidate)], [], [])
         printed = {**head(), **pairs.compared[0].public()}
         if not json:
             _show(pairs.compared[0], chosen)
@@ -125,7 +123,7 @@ def _folders(
 ) -> ComparedPairs:
     """Compare all pairs of two folders, failures or not. shown: metrics to print; without any print nothing."""
     matched, missing, extra = match_folders(reference, candidate)
-    pairs = ComparedPairs(failed=[(path, f"nothing in {candidate} has its name") for path in missing], extra=extra)
+    pairs = ComparedPairs([], [(path, f"nothing in {candidate} has its name") for path in missing], extra)
     for first, second in matched:
         try:
             pairs.compared.append(compare(first, second))
@@ -188,13 +186,12 @@ def _means(pairs: ComparedPairs) -> dict[str, Any]:
     """Return the means of the pairs that have a figure; an identical pair has no PSNR and is counted apart."""
     qualities = [comparison.quality for comparison in pairs.compared]
     scales = [comparison.scale for comparison in pairs.compared if comparison.scale is not None]
-    further = pairs.compared[0].measures if pairs.compared else ()
     means = {
         "pairs": len(qualities),
         "identical": sum(quality.identical for quality in qualities),
         "psnr_db": mean(quality.psnr_db for quality in qualities),
         "ssim": mean(quality.ssim for quality in qualities),
-        **{name: mean(comparison.measures[name] for comparison in pairs.compared) for name in further},
+        **{name: mean(each.measures[name] for each in pairs.compared) for name in pairs.compared[0].measures},
         "svg_change_db": mean(scale.svg.change_db for scale in scales),
         "engine_change_db": mean(scale.engine.change_db for scale in scales if scale.engine is not None),
     }

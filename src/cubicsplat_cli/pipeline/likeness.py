@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from itertools import product
 
 import numpy as np
 
@@ -33,10 +35,7 @@ def level_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0
     scene. samples: edges per cubic. blur: px of the target by which its picture is blurred; the scene counts sharp or
     blurred alike, and its text with an LCD's colour fringes or without, whichever is nearer.
     """
-    if scene is None:
-        return math.inf
-    pictures, drawn = _drawn(task, scene, samples, blur)
-    return max(_level_db(task, picture, each) for picture in pictures for each in drawn)
+    return max((_level_db(task, *pair) for pair in _pairs(task, scene, samples, blur)), default=math.inf)
 
 
 def seen_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0, enough_db: float = math.inf) -> float:
@@ -46,28 +45,24 @@ def seen_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0,
     without a scene, and if the PSNR by pixels reaches `enough_db` and that by tones TONES_DB more. Other parameters as
     of `level_db`.
     """
-    if scene is None:
-        return math.inf
-    pictures, drawn = _drawn(task, scene, samples, blur)
-    return max(_seen_db(task, picture, each, enough_db) for picture in pictures for each in drawn)
+    return max((_seen_db(task, *pair, enough_db) for pair in _pairs(task, scene, samples, blur)), default=math.inf)
 
 
 def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0) -> float:
     """Return the mean CIEDE2000 of a scene against the target, the larger one over black and over white; 0 without a
     scene. Parameters, and the copies of which the nearest counts, as of `level_db`.
     """
-    if scene is None:
-        return 0.0
-    pictures, drawn = _drawn(task, scene, samples, blur)
-    return min(_delta_e(picture, each) for picture in pictures for each in drawn)
+    return min((_delta_e(*pair) for pair in _pairs(task, scene, samples, blur)), default=0.0)
 
 
-def _drawn(task: Task, scene: AnyScene, samples: int, blur: float) -> tuple[list[Picture], list[ImageSource]]:
-    """Return copies of the target, with and without colour fringes if its text has these, and the engine's pictures of
-    a scene at their size: sharp, and blurred if there is a blur.
+def _pairs(task: Task, scene: AnyScene | None, samples: int, blur: float) -> Iterable[tuple[Picture, ImageSource]]:
+    """Return each copy of the target, with and without colour fringes if its text has these, with each of the engine's
+    pictures of a scene at their size: sharp, and blurred if there is a blur. None without a scene.
 
     The scene is compressed as the target was, so that it is not blamed for artefacts that it lacks.
     """
+    if scene is None:
+        return ()
     pictures, threads = [resize_picture(each, LIKENESS_SIDE) for each in task.targets], task.request.settings.threads
     picture = pictures[0]
     sharp = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
@@ -79,7 +74,7 @@ def _drawn(task: Task, scene: AnyScene, samples: int, blur: float) -> tuple[list
     if compression is not None and compression.known:
         again = [compression.again(255.0 * values[..., :3]) / np.float32(255.0) for values in drawn]
         drawn = [np.concatenate([rgb, values[..., 3:]], axis=2) for rgb, values in zip(again, drawn, strict=True)]
-    return pictures, [of_values(values) for values in drawn]
+    return product(pictures, map(of_values, drawn))
 
 
 def _seen_db(task: Task, picture: Picture, drawn: ImageSource, enough_db: float) -> float:
