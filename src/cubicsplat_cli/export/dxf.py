@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import points_at
+from cubicsplat_cli.artwork.geometry.outlines import cubic_parts, points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.scene.paint import mean_fill
@@ -102,12 +102,9 @@ def arcs_along(cubics: np.ndarray, tolerance: float, most: int = _MOST_VERTICES)
 
 
 def _halves(cubics: np.ndarray) -> np.ndarray:
-    """Return the halves (2 n, 4, 2) of n cubics, by de Casteljau's algorithm."""
-    a, b, c, d = cubics.transpose(1, 0, 2)
-    ab, bc, cd = (a + b) / 2.0, (b + c) / 2.0, (c + d) / 2.0
-    abc, bcd = (ab + bc) / 2.0, (bc + cd) / 2.0
-    middle = (abc + bcd) / 2.0
-    return np.stack([a, ab, abc, middle, middle, bcd, cd, d], axis=1).reshape(-1, 4, 2)
+    """Return the halves (2 n, 4, 2) of n cubics."""
+    halves = np.stack(cubic_parts(cubics.transpose(1, 0, 2), 0.5))
+    return halves.transpose(2, 0, 1, 3).reshape(-1, 4, 2)
 
 
 def _biarcs(cubics: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
