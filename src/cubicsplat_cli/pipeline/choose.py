@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -151,29 +151,31 @@ def _drawn_or_shaded(task: Task) -> Made:
     """Make a drawing; or a shaded one, if that is plainly nearer than the drawing, or than its sketch may become."""
     drawing = None
     with suppress(DrawingGivenUp):
-        drawing = drawn_artwork(task, partial(_check_shading, task))
-    if drawing is not None and not _shading_is_nearer(task, drawing):
+        drawing = drawn_artwork(task, partial(_check_shading, task, shaded_drawing))
+    if drawing is not None and not _shading_is_nearer(task, shaded_drawing, drawing):
         return drawing
     shaded = shaded_drawing(task)
     assert shaded is not None
     return shaded
 
 
-def _check_shading(task: Task, sketch: Made) -> None:
+def _check_shading(task: Task, shaded: Callable[[Task], Made | None], sketch: Made) -> None:
     """Raise DrawingGivenUp if a shaded drawing is nearer than the drawing can become."""
-    if _shading_is_nearer(task, sketch, SKETCH_DB):
+    if _shading_is_nearer(task, shaded, sketch, SKETCH_DB):
         raise DrawingGivenUp(SHADING)
-    if (shaded := task.shaded) and shaded[0] is not None and shaded[0].interrupted:
+    if any(made is not None and made.interrupted for made in task.shaded):
         raise KeyboardInterrupt  # ends the drawing too
 
 
-def _shading_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0) -> bool:
-    """True if a shaded drawing is plainly nearer than a drawing whose level may still rise by `rise_db`."""
+def _shading_is_nearer(task: Task, shaded: Callable[[Task], Made | None], drawing: Made, rise_db: float = 0.0) -> bool:
+    """True if a shaded drawing is plainly nearer than a drawing whose level may still rise by `rise_db`. shaded: makes
+    it, or None.
+    """
     if not drawing.may_be_photo or drawing.interrupted:
         return False
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
-    shaded = None if math.isinf(drawn_db) else shaded_drawing(task)
-    return shaded is not None and _seen_db(task, shaded) > drawn_db + rise_db + MARGIN_DB
+    made = None if math.isinf(drawn_db) else shaded(task)
+    return made is not None and _seen_db(task, made) > drawn_db + rise_db + MARGIN_DB
 
 
 def _shaded_or_photo(task: Task, drawn: Style, reason: str) -> Made:
@@ -183,15 +185,21 @@ def _shaded_or_photo(task: Task, drawn: Style, reason: str) -> Made:
 
 def _shaded_instead(task: Task, style: Style, reason: str) -> Made | None:
     """Make the shaded drawing of a picture, with a note; None if a photo of as many bytes is nearer in colour."""
-    shaded = shaded_drawing(task)
+    shaded = _nearest_shaded(task)
     if shaded is None:
         return None
-    if not shaded.interrupted:
-        fit = _quick_photo(task, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
-        if QUICK_OFF * delta_e(task, fit, shaded.samples) < delta_e(task, shaded.scene, shaded.samples):
-            return None
     made = replace(shaded, style=Style(ARTWORK, f"{style.reason}, shaded within its outlines"), may_be_photo=False)
     return made.with_note(f"shaded within its outlines: {reason}")
+
+
+def _nearest_shaded(task: Task) -> Made | None:
+    """Return the shaded drawing of a picture, if any; None if a photo of as many bytes is nearer in colour."""
+    shaded = shaded_drawing(task)
+    if shaded is None or shaded.interrupted:
+        return shaded
+    fit = _quick_photo(task, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
+    nearer = QUICK_OFF * delta_e(task, fit, shaded.samples) >= delta_e(task, shaded.scene, shaded.samples)
+    return shaded if nearer else None
 
 
 def _nearer_photo(task: Task, drawing: Made) -> Made:
@@ -199,7 +207,7 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
     try:
         # Most bytes of a page with photographs are those of their curves.
         page = isinstance(drawing.scene, LayeredScene)
-        shaded = not page and _shading_is_nearer(task, drawing)
+        shaded = not page and _shading_is_nearer(task, _nearest_shaded, drawing)
         reason = SHADING if shaded else photo_is_nearer(task, drawing, quick=page)
         if reason is None:
             return drawing
@@ -327,7 +335,7 @@ def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
 
 def _check_worth_finishing(task: Task, sketch: Made) -> None:
     """Raise DrawingGivenUp if a shaded drawing or a photo is nearer than the drawing can become."""
-    _check_shading(task, sketch)
+    _check_shading(task, _nearest_shaded, sketch)
     check_photo(task, sketch)
 
 
