@@ -130,7 +130,7 @@ def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, si
     fill of each pixel that is near one, -1 of others.
     """
     solid = solid_labels(pure)
-    y, x = np.nonzero((pure < 0) & (solid < 0))
+    y, x = np.nonzero(pure < 0)
     near = near_fills(solid, y, x, REACH)
     odd = (best_blend(seen[y, x], fills, near)[1] > NO_BLEND * sigma) & (near[:, 0] >= 0)
     y, x = y[odd], x[odd]
@@ -291,7 +291,7 @@ def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, b
     pure = np.where(gap <= OUTLIER * sigma, nearest, -1).astype(np.int32)
     solid = np.where(pure >= thick, pure, solid_labels(pure))
     y, x = np.nonzero(solid < 0)
-    labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
+    labels = nearest.astype(np.int32)
     if not len(y):
         return labels
     candidates = near_fills(solid, y, x, REACH)

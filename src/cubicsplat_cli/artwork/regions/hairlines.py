@@ -122,7 +122,6 @@ def with_lines(
     search = standing, max(CLOSE, off), less, 3 * CONTACT, SEEN
     fill, own = nearest_line_fills(levels, (y, x), palette, near, *search)
     # Pixels beside an area of the line's colour are its edge.
-    own &= away[y, x] | (solid[y, x] < 0)
     own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)
     out = labels.copy()
     out[y[own], x[own]] = fill[own]
@@ -131,14 +130,13 @@ def with_lines(
 
 
 def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: the connected parts of `where` with a pixel of `some` that are CONTACT px long."""
+    """Return (H, W) bool: the connected parts of `where` that are CONTACT px long and have a pixel of `some` of it."""
     parts, count = ndimage.label(where, ndimage.SQUARE)
     long = np.zeros(count + 1, dtype=bool)
     long[1:] = [max(s.stop - s.start for s in box) >= CONTACT for box in ndimage.find_objects(parts)]
-    return (long & (np.bincount(parts[some & where], minlength=count + 1) > 0))[parts]
+    return (long & (np.bincount(parts[some], minlength=count + 1) > 0))[parts]
 
 
 def solid_labels(labels: np.ndarray) -> np.ndarray:
     """Return (H, W) the labels of pixels that belong to 3 x 3 px of one label, else -1."""
-    middle = np.where(ndimage.alike(labels, 3) & (labels >= 0), labels, -1)
-    return np.where(labels >= 0, ndimage.maximum_filter(middle, 3), -1)
+    return ndimage.maximum_filter(np.where(ndimage.alike(labels, 3), labels, -1), 3)
