@@ -16,7 +16,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
-from cubicsplat_cli.artwork.finish.state import UNSEEN, State, begin, drawn
+from cubicsplat_cli.artwork.finish.state import State, begin, drawn
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, cubic_parts, divided, polygon_lengths
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.progress import log, nothing, work
@@ -128,8 +128,8 @@ class Complaints:
     @classmethod
     def of(cls, state: State) -> Complaints:
         """Return the complaints against the pieces of a drawing, numbered through all its outlines."""
-        c, floor = state.stack.crossings, np.maximum(state.chance(slice(None)), UNSEEN)
-        chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / floor, MOST_CHI) - 1.0, 0.0)
+        c = state.stack.crossings
+        chi = np.minimum(state.misfit[c.pixel] / state.chance(slice(None)), MOST_CHI) - 1.0
         lengths = polygon_lengths(state.drawn.cubics)
         along, weight = c.t * lengths[c.piece], np.maximum(chi, 0.0)
         parts = chi, weight, weight * c.t, weight * (along < NEAR), weight * (along > lengths[c.piece] - NEAR)

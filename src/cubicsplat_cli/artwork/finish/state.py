@@ -30,7 +30,6 @@ WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so th
 FILL_PARAMETERS = SHAPE_PARAMETERS = 3.0  # of a new fill, and of a shape besides its outlines'
 ROUNDING = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
-FAINT = 0.01  # change of a picture with a pixel's coverage: fainter edges than that count as this
 Over = tuple[DrawnStack, np.ndarray]  # the layers of another state, and where among them those of one lie
 
 
@@ -171,8 +170,7 @@ class State:
     def floor(self, number: int) -> float:
         """Return the misfit that a pixel which an outline crosses has by chance."""
         chance = self.chance(slice(self.marks[number], self.marks[number + 1]))
-        least = self.goal.share_error**2 * self.sharing * FAINT**2
-        return max(float(np.median(chance)) if len(chance) else 0.0, least)
+        return float(np.median(chance)) if len(chance) else ROUNDING
 
     def gains(self, after: State, which: np.ndarray) -> np.ndarray:
         """Return (outlines,) by how much half of chi^2 falls on the pixels that some outlines (outlines,) bool cross

@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.finish.parameters import (
     parametrised,
 )
 from cubicsplat_cli.artwork.finish.settle import AFTER_REFUSALS, TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import UNSEEN, State, begin, drawn, layer_of
+from cubicsplat_cli.artwork.finish.state import State, begin, drawn, layer_of
 from cubicsplat_cli.artwork.geometry.fitting import SYSTEMATIC
 from cubicsplat_cli.artwork.geometry.outlines import FINE, Circle, Ellipse, Ring, level_box
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
@@ -135,7 +135,7 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
     gained = state.gains(trial, wanted)
     for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
-        known = 1.0 - state.goal.error**2 / max(state.floor(k), state.goal.error**2, UNSEEN)
+        known = 1.0 - state.goal.error**2 / state.floor(k)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / state.goal.share_error) ** 2
         saved[k] = (gained[k] + allowed) * detail
     for k, parameters in tied.items():
