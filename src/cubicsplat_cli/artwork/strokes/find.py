@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR
 from cubicsplat_cli.artwork.finish.state import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Rectangle, Ring, flattened, pieces_of_rings
-from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE, ROUND, Stroke, line_chain, pieces_of
+from cubicsplat_cli.artwork.geometry.stroke import EVEN_PX, EVEN_SHARE, ROUND, Stroke, line_chain
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.traced import MOST_OFF
 from cubicsplat_cli.raster.outlines import coverage
@@ -99,12 +99,8 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     is known: its ends and corners are where it is off by more.
     """
     rings = shape.oriented()
-    low, high = _box([ring.cubics for ring in rings])
-    # A line that has gone astray need not be drawn to be seen.
-    first, last = _box([pieces_of(stroke.path)[0] for stroke in strokes])
-    size = high - low
-    if (first < low - size).any() or (last > high + size).any():
-        return False
+    points = np.concatenate([ring.cubics.reshape(-1, 2) for ring in rings])
+    low, high = np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
     drawn = [shape.stroked(stroke).oriented() for stroke in strokes]
     margin = math.ceil(2.0 * max(stroke.width for stroke in strokes))
     low, high = low - margin, high + margin
@@ -116,12 +112,6 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     ends = sum(stroke.width**2 for stroke in strokes)  # that these may be off, in place of MOST_OFF
     far = float(off[off > MOST_OFF].sum())
     return bool(off.sum() - far <= most and far <= ends)
-
-
-def _box(cubics: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The corners (2,) int of the pixels that hold all control points."""
-    points = np.concatenate([each.reshape(-1, 2) for each in cubics])
-    return np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
 
 
 def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) -> np.ndarray:
