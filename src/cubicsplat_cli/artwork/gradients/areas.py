@@ -24,7 +24,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
 )
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import common_shade, reaching, shade_of
-from cubicsplat_cli.artwork.regions.fills import APART, CLEAR, CONTACT, FLAT_RANGE, SEEN
+from cubicsplat_cli.artwork.regions.fills import APART, CONTACT, FLAT_RANGE, SEEN
 from cubicsplat_cli.progress import log, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels, part_spreads
@@ -83,16 +83,14 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     if depth > DEEPEST or part.range() <= FLAT_RANGE:
         return
     fill, even = plateau(part)
-    clear = fill[3] <= CLEAR and even.any()
-    if not clear:
-        shade = search.shade(part.pixels)
-        if shade is None:
-            return
-        off = shade.off(part.pixels)
-        if (off <= CLOSE).mean() >= EXPLAINED:
-            search.found.append(ShadedArea(shade, _with_rests(part, off)))
-            return
-    if clear or even.mean() >= LEAST_PLATEAU:
+    shade = search.shade(part.pixels)
+    if shade is None:
+        return
+    off = shade.off(part.pixels)
+    if (off <= CLOSE).mean() >= EXPLAINED:
+        search.found.append(ShadedArea(shade, _with_rests(part, off)))
+        return
+    if even.mean() >= LEAST_PLATEAU:
         for piece in part.pieces(~even):
             _fading(part, piece, fill, search, depth)
         return
