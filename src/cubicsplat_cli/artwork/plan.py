@@ -28,10 +28,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions
 from cubicsplat_cli.record import record
 
-# A picture whose regions, if they are more than FEW, have less than LEAST_AREA px on average is blurred by the next of
-# BLURS, px.
-FEW, LEAST_AREA = 16, 10
-BLURS = (0.0, *(1.5 * 2.0**k for k in range(5)))
+BLUR = 1.5  # px, through which pictures without interiors have regions
 SMALL = 600  # px of a picture that may consist of edges
 
 
@@ -148,19 +145,12 @@ def planned(
 
 
 def _regions(picture: FlatPicture, min_area: float) -> tuple[np.ndarray, PixelFills, Regions]:
-    """Return the picture, blurred if it had a region for nearly every pixel, its fills, and its regions."""
-    levels, colours = picture.levels, picture.palette
-    many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
-    soft = levels
-    for blur in BLURS:
-        work().at()
-        if blur:
-            soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
-        elif levels.shape[0] * levels.shape[1] > SMALL and flat_pixels(levels).mean() < LEAST_FLAT:
-            continue
-        palette, most = (picture_fills(soft), None) if colours is None else (colours, len(colours))
-        blurred = replace(picture, levels=soft, palette=palette, labels=None if blur else picture.labels)
-        fills, regions = bounded_regions(blurred, min_area, most, MOST_COMPLETED if blur else MOST_REGIONS)
-        if regions.count <= many:
-            break
-    return soft, fills, regions
+    """Return the picture, blurred if it has no interiors, its fills, and its regions."""
+    soft, limit = picture.levels, MOST_REGIONS
+    if soft.shape[0] * soft.shape[1] > SMALL and flat_pixels(soft).mean() < LEAST_FLAT:
+        soft, limit = ndimage.gaussian_filter(soft, (BLUR, BLUR, 0.0), mode="nearest"), MOST_COMPLETED
+        picture = replace(picture, levels=soft, labels=None)
+    most = None if picture.palette is None else len(picture.palette)
+    if most is None:
+        picture = replace(picture, palette=picture_fills(soft))
+    return soft, *bounded_regions(picture, min_area, most, limit)
