@@ -38,15 +38,13 @@ from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.prepare import PreparedInput, analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import seen_as
-from cubicsplat_cli.artwork.layers.extents import OVERLAY
-from cubicsplat_cli.artwork.layers.translucent import parts_of
 from cubicsplat_cli.artwork.limits import blocks_of
 from cubicsplat_cli.artwork.plan import Plan, as_if_clean, flat_fills, planned
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.scene import scene_of
-from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
+from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.noisy import noisy_lifted
 from cubicsplat_cli.artwork.shadows.slices import Shadows
@@ -228,12 +226,6 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     smaller = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED)
     finer = smaller if condition.clean else 1.0
     shapes = traced(plan, settings, flat, finer)
-    if any(part.extent.layer == OVERLAY for part in plan.parts):
-        opaque = replace(plan, parts=parts_of(plan.regions, plan.edges, settings.completion == ON, None, shaded))
-        if settings.curves is None or len(opaque.parts) <= settings.curves:
-            without = traced(opaque, settings, flat, finer)
-            if length(without) < length(shapes):
-                plan, shapes = opaque, without
     return Outlined(flat, target, error, placeholders, plan, smaller, shapes)
 
 
