@@ -99,7 +99,7 @@ def _area(
     even = smooth & (far <= error)
     # All pixels tell the colour of a shade best; where it meets others as dark, only its foot tells it.
     for most in (np.inf, FOOT * error):
-        on_ground = _on_ground(off, fill, even, smooth, even | (smooth & (far <= most)), error)
+        on_ground = _on_ground(off, fill, even, smooth, smooth & (far <= most), error)
         best = None if on_ground is None else _best(*on_ground)
         if on_ground is None or best is None:
             continue
