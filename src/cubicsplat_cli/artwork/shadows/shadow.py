@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import EVEN
-from cubicsplat_cli.artwork.regions.sampling import EXAMINED, ROUNDING
+from cubicsplat_cli.artwork.regions.sampling import EXAMINED
 from cubicsplat_cli.artwork.shadows.boxes import BlurredBox, Box, nearest_layers, numbers_of, reached, shaded, too_dark
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shades import ShadowSamples
@@ -125,17 +125,13 @@ class _ShadowSearch:
         """Return the layers of each caster, None for one without a shadow; None if they leave much unexplained."""
         everyone = list(range(len(self.casters)))
         whole = self._samples(everyone, [None] * len(everyone))
-        if self.dark.sum() < LEAST_AREA:
-            return None
         shared = self._layers(whole, (), MOST_LAYERS if len(everyone) == 1 else 1, [])
         if shared is not None and self._explained([shared] * len(everyone)).mean() >= EXPLAINED:
-            shared = _more(whole, shared, MOST_LAYERS)
-            return [shared] * len(everyone) if self._faint([shared] * len(everyone)) else None
+            return [_more(whole, shared, MOST_LAYERS)] * len(everyone)
         if len(everyone) == 1:
             return None
         found = self._each()
-        explained = any(found) and self._explained(found).mean() >= EXPLAINED
-        return found if explained and self._faint(found) else None
+        return found if any(found) and self._explained(found).mean() >= EXPLAINED else None
 
     def _each(self) -> list[Layers | None]:
         """Return the layers of each caster, fitted one at a time with the shadows of the others."""
@@ -190,21 +186,16 @@ class _ShadowSearch:
         at = np.flatnonzero(self.dark)[:EXAMINED]
         return np.asarray(self.scale * np.abs(1.0 - self._light(found, at) - self.seen[at]) <= CLOSE)
 
-    def _faint(self, found: Sequence[Layers | None]) -> bool:
-        """Return True if the shadows leave unshaded pixels alone."""
-        at = np.flatnonzero(~self.dark)[: 4 * LIGHT]
-        return len(at) == 0 or bool((self.scale * (1.0 - self._light(found, at)) <= CLOSE).mean() >= EXPLAINED)
-
 
 def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
     """Return the layers with further ones, `most` in all, as long as these bring them nearer to the samples."""
     while len(best) < most and _explained(samples, best) >= HALFWAY:
-        if _explained(samples, best) >= EXPLAINED and _rough(samples, best) <= ROUNDING:
+        if _explained(samples, best) >= EXPLAINED:
             break
         last = best[-1]
         weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]
         more = _nearest(samples, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in BLURS])
-        if not all(map(_plausible, more)) or _rough(samples, more) >= _rough(samples, best):
+        if _rough(samples, more) >= _rough(samples, best):
             break
         best = more
     return best
