@@ -100,19 +100,12 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
         if direction is None or (fill[3] > CLEAR and _is_cut(clear, piece)) or _is_gradient(part, piece, smooth()):
             continue
         colour = end_of(fill, direction)
-        if np.abs(colour - fill).max() <= LEAST_RANGE:
-            continue  # no colour is as far from the fill as the pixels are
         same = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= SAME]
         if not same:
             same = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
             found.append((same[0], colour))
         same[0].mask[part.rows, part.columns] = True
-    areas: list[SoftArea] = []
-    for ground, colour in found:
-        # The middle of one area looks like the ground of another.
-        others = [area.mask for area in areas if (area.ground.fill != ground.fill).any()]
-        if not any((mask & ground.mask).sum() > 0.5 * ground.mask.sum() for mask in others):
-            areas.append(_area(levels, parts, ground, colour))
+    areas = [_area(levels, parts, ground, colour) for ground, colour in found]
     return [area for area in areas if area.mask.any()]
 
 
