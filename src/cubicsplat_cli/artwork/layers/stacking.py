@@ -201,12 +201,9 @@ def _candidates(facts: _Facts) -> list[tuple[int, int]]:
 def _shows_through(facts: _Facts, a: int, b: int) -> bool:
     """Return whether one lies in a hole of a region that the other encloses: then that region has a hole."""
     for outer, inner in ((a, b), (b, a)):
-        around = [inner, *facts.enclosing(inner)]
-        if outer in around:
-            # The only one of those between the two that may touch the outer one.
-            between = [r for r in around[: around.index(outer)] if r not in facts.ground][-1]
-            if between != inner and (outer in facts.ground or outer in facts.regions.borders.beside[between]):
-                return True
+        around = list(facts.enclosing(inner))
+        if outer in around and any(r not in facts.ground for r in around[: around.index(outer)]):
+            return True
     return False
 
 
