@@ -161,15 +161,15 @@ def _with_its_shadow(
         first = shadows.over(outlined.drawing)
     if first is None:
         return None
-    plain, of_plain = replace(prepared, condition=prepared.with_shadow or prepared.condition), None
+    of_plain = None
     if without.areas:
         with work().stoppable():
-            of_plain = _outlined(plain, settings)
+            of_plain = _outlined(prepared, settings)
     if of_plain is not None:
         # Outlines are not fitted yet, which costs both most inside of what hides the shadow.
         shown = ~np.logical_or.reduce([outer for _, outer in without.sides])
-        if _description(of_plain.drawing, plain.levels, shown) < _description(first, plain.levels, shown):
-            return _fitted(of_plain, plain, settings, on_sketch)
+        if _description(of_plain.drawing, prepared.levels, shown) < _description(first, prepared.levels, shown):
+            return _fitted(of_plain, prepared, settings, on_sketch)
 
     def show(sketch: Drawing) -> None:
         if (whole := shadows.over(sketch)) is None:
@@ -182,7 +182,7 @@ def _with_its_shadow(
     except _NoPlaceError:
         first = None
     if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
-        return None if of_plain is None else _fitted(of_plain, plain, settings, on_sketch)
+        return None if of_plain is None else _fitted(of_plain, prepared, settings, on_sketch)
     return chain([first], filter(None, drawings))
 
 

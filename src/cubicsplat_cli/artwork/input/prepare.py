@@ -42,10 +42,10 @@ class PreparedInput:
     levels: (H, W, 4) float32 premultiplied RGBA in 0..255, the picture to draw, in a condition. scale: the factors
     across and down by which its drawing is enlarged to the canvas of (width, height) px. upscale_factor: the mean
     factor by which the picture had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made
-    even; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated
-    from these. lifted: levels without their soft shadow, if the condition was estimated from these; with_shadow: the
-    condition estimated with it. compression: that of the levels' file, if it has any loss. shaded: the sides of the
-    shadows that levels lack. edge_notes: notes on how edges had been blended.
+    even; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated from these.
+    lifted: levels without their soft shadow, if the condition was estimated from these. compression: that of the
+    levels' file, if it has any loss. shaded: the sides of the shadows that levels lack. edge_notes: notes on how edges
+    had been blended.
     """
 
     levels: np.ndarray
@@ -58,7 +58,6 @@ class PreparedInput:
     pens: Pens | None = None
     flat: Flattened | None = None
     lifted: Lifted | None = None
-    with_shadow: Condition | None = None
     compression: Compression | None = None
     shaded: Sequence[ShadowSides] = ()
     edge_notes: tuple[str, ...] = ()
@@ -170,7 +169,7 @@ def _prepared(
     if not (condition.clean or known or everywhere) and (without := lifted(levels)):
         unshaded = condition_of(flattened(without.levels).levels)
         if unshaded.clean:
-            return replace(prepared, condition=unshaded, lifted=without, with_shadow=condition)
+            return replace(prepared, condition=unshaded, lifted=without)
     if condition.only_blurred:
         flat = without_blurred_gradients(levels, condition.blur)
         condition = condition_of(flat.levels)
