@@ -42,8 +42,7 @@ def rounding_noise(levels: np.ndarray) -> float:
 
     least, _ = cKDTree(unpacked(colours)).query(first + share[:, None] * (last - first))
     nearest = wide & (error <= least + NEARLY)
-    rounded, odd = nearest & (error > ROUGH), wide & ~nearest & (error > ROUGH)
-    if rounded.sum() < ROUNDED * wide.sum() or odd.sum() > 2 * rounded.sum():
+    if (nearest & (error > ROUGH)).sum() < ROUNDED * wide.sum():
         return 0.0
     # The error of a channel, of which two are off the line.
     deviation = float(np.sqrt(0.5 * np.average(error[nearest] ** 2, weights=counts[nearest])))
