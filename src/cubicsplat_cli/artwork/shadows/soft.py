@@ -25,7 +25,6 @@ from cubicsplat_cli.record import record
 LEAST_AREA = 200  # px of an area
 REACH = 6  # px from the visible pixels of an area, or of its ground, in which it goes on as it changes there
 BESIDE = 32  # px around the visible pixels of an area, beyond which it ends
-ROUNDS_SEEN = 2  # in which more pixels are found to show an area
 ROUNDS = 60  # of smoothing within the error of rounding
 
 
@@ -144,12 +143,11 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
 
     uneven |= share_of(through) > ON_LINE
     field = _continued(seen, shown | nothing, scale)
-    for _ in range(ROUNDS_SEEN):
-        gap, shaded = np.abs(field - seen), field > ROUNDED
-        alike = uneven | (share_of(possible * gap) <= SAME)
-        more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
-        shown |= possible & ((shaded & (gap <= SAME)) | more[parts])
-        field = _continued(seen, shown | nothing, scale)
+    gap, shaded = np.abs(field - seen), field > ROUNDED
+    alike = uneven | (share_of(possible * gap) <= SAME)
+    more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
+    shown |= possible & ((shaded & (gap <= SAME)) | more[parts])
+    field = _continued(seen, shown | nothing, scale)
     return SoftArea(replace(ground, mask=shown), colour, field / scale)
 
 
