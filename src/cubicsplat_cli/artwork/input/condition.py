@@ -38,7 +38,7 @@ WAVES = (
 SEEN = np.append(LUMA, 0.7).astype(np.float32)
 # px: a narrower blur is the way in which programs smooth edges, or the effect of a JPEG on them.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG = 0.35, 0.6
-NEAR_EDGES = 2.0  # times a JPEG's noise, a few px from edges
+NEAR_EDGES = 2.0  # times as much as elsewhere, by which the pixels of a JPEG are off a few px from edges
 SKEWED = 2.0  # how many times as far as the upper quartile the lower one is off the median where some edges are sharp
 
 

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.gradients.noisy import roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA as LEAST_EVEN
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
-from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.condition import NEAR_EDGES, Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
 from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Ground, end_of
@@ -35,7 +35,6 @@ SOFT_BEND = 4.0  # levels of a second difference after that, which no edge of 20
 RIM = 2  # px by which edges are wider after that, on either side
 # Times the error up to which shade is a shadow's foot, and the rounds in which all of it is found from that.
 FOOT, ROUNDS = 3.0, 3
-AT_EDGES = 2.0  # times the error by which pixels beside edges may be off
 MOST_CASTERS = 6  # with an opacity of their own; the smaller ones share one
 FITTED, SAMPLES = 256, 2000  # px of the longer side of what shadows are fitted to; shaded pixels of it, and others
 MOVED = 5.0  # px of the first offsets
@@ -106,7 +105,7 @@ def _area(
         line, (shown, field, _) = on_ground[0], best
         # Beside edges luma rings, and chroma is blurred.
         rim = ndimage.binary_dilation(shown, ndimage.SQUARE, iterations=RING)
-        rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= AT_EDGES * error
+        rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= NEAR_EDGES * error
         shown = ndimage.binary_propagation(shown, None, rim)
         return SoftArea(Ground(fill, shown), fill + line.way, field, error / CLOSE)
     return None
