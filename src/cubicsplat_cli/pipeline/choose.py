@@ -1,7 +1,7 @@
 """Choose between photo and drawing: propose a result of one style, compare it with the other, keep the nearer.
 
 1. `_first` makes the style that is requested, or that `choose_style` measures. It may change to the other style on
-   the way: a drawing ends early if a quick photo or a shaded drawing is nearer (`_check_worth_finishing`), and a photo
+   the way: a drawing ends early if a quick photo or a shaded drawing is nearer (`check_worth_finishing`), and a photo
    ends early if its drawing is nearer (`_photo_or_drawing`).
 2. `candidates` yields this result, compares it with the other style (`_nearer_photo`, `_nearer_drawing`), and yields
    that one if it is nearer.
@@ -84,7 +84,7 @@ def _first(task: Task, style: Style | None) -> Made:
             return page
         if style.name == PHOTO:
             return _photo_or_drawing(task, replace(style, doubtful=style.doubtful or better_drawn))
-        return replace(drawn_outlines(task, partial(_check_worth_finishing, task)), style=style)
+        return replace(drawn_outlines(task, partial(check_worth_finishing, task, or_shaded=True)), style=style)
     except DrawingGivenUp as reason:
         return _shaded_or_photo(task, style, str(reason))
     except UsageError:
@@ -114,7 +114,7 @@ def _page(task: Task) -> tuple[Made | None, bool]:
     if page is None:
         return None, better_drawn
     try:
-        made = drawn_page(task, page, partial(check_photo, quick=True))
+        made = drawn_page(task, page, partial(check_worth_finishing, quick=True))
     except DrawingGivenUp:
         return None, better_drawn
     style = Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}")
@@ -124,7 +124,7 @@ def _page(task: Task) -> tuple[Made | None, bool]:
 def _suits_photo(task: Task) -> bool:
     """True if a photo suits a sample of a picture better than a drawing."""
     try:
-        drawing = drawn_outlines(task, partial(check_photo, task, quick=True))
+        drawing = drawn_outlines(task, partial(check_worth_finishing, task, quick=True))
         # Of so few pixels a quick photo is hardly behind a finished one.
         return photo_is_nearer(task, drawing, QUICK_BEHIND_DB, quick=True) is not None
     except DrawingGivenUp:
@@ -149,33 +149,38 @@ def _made(task: Task, style: Style) -> Made:
 
 def _drawn_or_shaded(task: Task) -> Made:
     """Make a drawing; or a shaded one, if that is plainly nearer than the drawing, or than its sketch may become."""
+
+    def is_nearer(drawing: Made, rise_db: float = 0.0) -> bool:
+        drawn_db = _seen_db(task, drawing, _enough_db(drawing)) + rise_db
+        return _shading_is_nearer(task, shaded_drawing, drawing, drawn_db)
+
+    def check(sketch: Made) -> None:
+        if is_nearer(sketch, SKETCH_DB):
+            raise DrawingGivenUp
+        _check_stop(task)
+
     drawing = None
     with suppress(DrawingGivenUp):
-        drawing = drawn_artwork(task, partial(_check_shading, task, shaded_drawing))
-    if drawing is not None and not _shading_is_nearer(task, shaded_drawing, drawing):
+        drawing = drawn_artwork(task, check)
+    if drawing is not None and not is_nearer(drawing):
         return drawing
     shaded = shaded_drawing(task)
     assert shaded is not None
     return shaded
 
 
-def _check_shading(task: Task, shaded: Callable[[Task], Made | None], sketch: Made) -> None:
-    """Raise DrawingGivenUp if a shaded drawing is nearer than the drawing can become."""
-    if _shading_is_nearer(task, shaded, sketch, SKETCH_DB):
-        raise DrawingGivenUp(SHADING)
+def _check_stop(task: Task) -> None:
+    """Raise KeyboardInterrupt, which ends a drawing, if one ended the shaded drawing."""
     if any(made is not None and made.interrupted for made in task.shaded):
-        raise KeyboardInterrupt  # ends the drawing too
+        raise KeyboardInterrupt
 
 
-def _shading_is_nearer(task: Task, shaded: Callable[[Task], Made | None], drawing: Made, rise_db: float = 0.0) -> bool:
-    """True if a shaded drawing is plainly nearer than a drawing whose level may still rise by `rise_db`. shaded: makes
-    it, or None.
-    """
-    if not drawing.may_be_photo or drawing.interrupted:
+def _shading_is_nearer(task: Task, shaded: Callable[[Task], Made | None], drawing: Made, drawn_db: float) -> bool:
+    """True if a shaded drawing is plainly nearer than a drawing of a level. shaded: makes it, or None."""
+    if math.isinf(drawn_db) or not drawing.may_be_photo or drawing.interrupted:
         return False
-    drawn_db = _seen_db(task, drawing, _enough_db(drawing))
-    made = None if math.isinf(drawn_db) else shaded(task)
-    return made is not None and _seen_db(task, made) > drawn_db + rise_db + MARGIN_DB
+    made = shaded(task)
+    return made is not None and _seen_db(task, made) > drawn_db + MARGIN_DB
 
 
 def _shaded_or_photo(task: Task, drawn: Style, reason: str) -> Made:
@@ -207,8 +212,7 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
     try:
         # Most bytes of a page with photographs are those of their curves.
         page = isinstance(drawing.scene, LayeredScene)
-        shaded = not page and _shading_is_nearer(task, _nearest_shaded, drawing)
-        reason = SHADING if shaded else photo_is_nearer(task, drawing, quick=page)
+        reason = photo_is_nearer(task, drawing, quick=page, or_shaded=not page)
         if reason is None:
             return drawing
         photo = _shaded_or_photo(task, drawing.style, reason)
@@ -333,30 +337,31 @@ def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
     return seen_db(task, made.scene, made.samples, made.blur, enough_db)
 
 
-def _check_worth_finishing(task: Task, sketch: Made) -> None:
-    """Raise DrawingGivenUp if a shaded drawing or a photo is nearer than the drawing can become."""
-    _check_shading(task, _nearest_shaded, sketch)
-    check_photo(task, sketch)
-
-
-def check_photo(task: Task, sketch: Made, *, quick: bool = False) -> None:
-    """Raise DrawingGivenUp if a photo is nearer than the drawing can become, and the errors of a fit."""
-    reason = photo_is_nearer(task, sketch, SKETCH_DB, quick=quick)
+def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False, or_shaded: bool = False) -> None:
+    """Raise DrawingGivenUp if a photo is nearer than the drawing can become, and the errors of a fit. quick, or_shaded:
+    as of `photo_is_nearer`.
+    """
+    reason = photo_is_nearer(task, sketch, SKETCH_DB, quick=quick, or_shaded=or_shaded)
     if reason is not None:
         raise DrawingGivenUp(reason)
+    _check_stop(task)
 
 
-def photo_is_nearer(task: Task, drawing: Made, rise_db: float = 0.0, *, quick: bool = False) -> str | None:
-    """Return why the photo style suits the picture better than its drawing; None if it does not.
+def photo_is_nearer(
+    task: Task, drawing: Made, rise_db: float = 0.0, *, quick: bool = False, or_shaded: bool = False
+) -> str | None:
+    """Return why a photo suits the picture better than its drawing; None if it does not.
 
     rise_db: by how much the level of the drawing may still rise. quick: compare it with a quick photo even if the whole
-    one has no more bytes. Raises the errors of a fit, and KeyboardInterrupt.
+    one has no more bytes. or_shaded: a shaded drawing counts as well. Raises the errors of a fit, and KeyboardInterrupt.
     """
     if not drawing.facts["shapes"]:
         return TOO_FINE
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
+    if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
+        return SHADING
     curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
