@@ -353,7 +353,7 @@ def photo_is_nearer(
     """Return why a photo suits the picture better than its drawing; None if it does not.
 
     rise_db: by how much the level of the drawing may still rise. quick: compare it with a quick photo even if the whole
-    one has no more bytes. or_shaded: a shaded drawing counts as well. Raises the errors of a fit, and KeyboardInterrupt.
+    one has no more bytes. or_shaded: a shaded drawing counts too. Raises the errors of a fit, and KeyboardInterrupt.
     """
     if not drawing.facts["shapes"]:
         return TOO_FINE
