@@ -41,7 +41,7 @@ MOST_PIXELS = 2**20
 # 256 x 256 px. Curves are fitted to a copy of so many pixels at most, since shading is as soft in a larger picture.
 MOST_FITTED = 2**16
 # The squared CIEDE2000, summed over the copy's pixels, that a curve must save to stay. The mean 3D emoji then takes the
-# bytes of a photo of 140 curves.
+# bytes of a photo of 135 curves.
 PRICE = 25.0
 # A picture with more objects, or with a larger share of rough pixels in them, has textures rather than shading.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
