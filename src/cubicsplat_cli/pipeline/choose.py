@@ -27,7 +27,6 @@ from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_ou
 from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo, whole_photo
-from cubicsplat_cli.pipeline.shaded import shaded_drawing
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 from cubicsplat_cli.scene import LayeredScene, Scene
 
@@ -152,7 +151,7 @@ def _drawn_or_shaded(task: Task) -> Made:
 
     def is_nearer(drawing: Made, rise_db: float = 0.0) -> bool:
         drawn_db = _seen_db(task, drawing, _enough_db(drawing)) + rise_db
-        return _shading_is_nearer(task, shaded_drawing, drawing, drawn_db)
+        return _shading_is_nearer(task, _shaded, drawing, drawn_db)
 
     def check(sketch: Made) -> None:
         if is_nearer(sketch, SKETCH_DB):
@@ -164,9 +163,23 @@ def _drawn_or_shaded(task: Task) -> Made:
         drawing = drawn_artwork(task, check)
     if drawing is not None and not is_nearer(drawing):
         return drawing
-    shaded = shaded_drawing(task)
+    shaded = _shaded(task)
     assert shaded is not None
     return shaded
+
+
+def _shaded(task: Task) -> Made | None:
+    """Return the shaded drawing of a picture, which is made once; None if the picture does not consist of shaded
+    objects, or the request rules shading out.
+    """
+    if not task.shaded:
+        made = None
+        if task.request.may_shade:
+            from cubicsplat_cli.pipeline.shaded import drawn_shaded  # few pictures need it
+
+            made = drawn_shaded(task)
+        task.shaded.append(made)
+    return task.shaded[0]
 
 
 def _check_stop(task: Task) -> None:
@@ -199,7 +212,7 @@ def _shaded_instead(task: Task, style: Style, reason: str) -> Made | None:
 
 def _nearest_shaded(task: Task) -> Made | None:
     """Return the shaded drawing of a picture, if any; None if a photo of as many bytes is nearer in colour."""
-    shaded = shaded_drawing(task)
+    shaded = _shaded(task)
     if shaded is None or shaded.interrupted:
         return shaded
     fit = _quick_photo(task, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))

@@ -83,18 +83,11 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     return (levels, labels) if (off[visible] > SHADED**2).mean() >= LEAST_SHADED else None
 
 
-def shaded_drawing(task: Task) -> Made | None:
-    """Return the shaded drawing of a picture as a result, which is made once; None if the picture does not consist of
-    shaded objects, or the request rules shading out.
-    """
-    if not task.shaded:
-        objects = shaded_objects(task.pixels) if task.request.may_shade else None
-        task.shaded.append(None if objects is None else _drawn_shaded(task, objects))
-    return task.shaded[0]
-
-
-def _drawn_shaded(task: Task, objects: Objects) -> Made:
-    request = task.request
+def drawn_shaded(task: Task) -> Made | None:
+    """Return the shaded drawing of a picture as a result; None if the picture does not consist of shaded objects."""
+    objects, request = shaded_objects(task.pixels), task.request
+    if objects is None:
+        return None
     most = int(request.shading) if request.shading.isdecimal() else None
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
         drawing = shade_objects(objects, task.settings(), most)
