@@ -37,7 +37,7 @@ from cubicsplat_cli.pipeline.choose import (
     candidates,
     photo_is_nearer,
 )
-from cubicsplat_cli.pipeline.likeness import level_db, seen_db
+from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, photo_settings, whole_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
@@ -187,6 +187,29 @@ def test_a_photo_is_fitted_to_the_end_where_the_drawing_fails(monkeypatch):
     only, told = only_made(small_text(), MEASURED)
     assert only.style.name == "photo" and is_finished(told)
     assert "the photo stays, since artwork failed: it is broken" in only.notes
+
+
+def graded() -> np.ndarray:
+    """A disc with a radial gradient on white."""
+    y, x = np.mgrid[:128, :128].astype(float)
+    t = np.minimum(np.hypot(x - 50, y - 45) / 60, 1.0)[..., None]
+    share = np.clip(50.0 - np.hypot(x - 63.5, y - 63.5), 0.0, 1.0)[..., None]
+    return np.rint(255 + share * ((1.0 - t) * [250, 220, 120] + t * [150, 30, 60] - 255)).astype(np.uint8)
+
+
+def test_a_drawing_of_no_more_bytes_that_is_as_near_as_a_shaded_one_is_kept(monkeypatch):
+    task, doubtful = task_for(graded(), steps=60), replace(MEASURED, doubtful=True)
+    only, told = only_made(task, doubtful)
+    assert (only.style.name, only.facts["shapes"], is_finished(told)) == ("artwork", 2, False)
+    (shaded,) = task.shaded
+    assert shaded is not None and curves_of_equal_bytes(task, only) <= curves_of_equal_bytes(task, shaded)
+    assert delta_e(task, only.scene, only.samples) <= delta_e(task, shaded.scene, shaded.samples)
+    monkeypatch.setattr(choose, "_nearest_shaded", lambda _: shaded)
+    certain, _ = only_made(task, MEASURED)
+    assert "shaded within its outlines: no photo of as many bytes is nearer" in certain.notes
+    monkeypatch.setattr(choose, "drawn_outlines", fails)
+    kept, _ = only_made(task, doubtful)
+    assert "the shading stays, since artwork failed: it is broken" in kept.notes
 
 
 def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer():

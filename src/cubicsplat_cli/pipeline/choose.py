@@ -264,7 +264,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
     if (shaded := _shaded_instead(task, style, NO_PHOTO)) is not None:
-        return shaded
+        return _drawing_or_shaded(task, style, shaded) if style.doubtful and not shaded.interrupted else shaded
     fit = whole_photo(task)
     expected = fit.expected()
     if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
@@ -283,6 +283,31 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
         ):
             return _drawing_instead(drawing, NO_PHOTO)
     return _nearer_of(task, replace(fit.finished, style=style), drawing)
+
+
+def _drawing_or_shaded(task: Task, style: Style, shaded: Made) -> Made:
+    """Return the drawing of a picture, with a note, if it has no more bytes than the shaded one and is as near in
+    colour; else the shaded one, with a note on a failure.
+    """
+    most = curves_of_equal_bytes(task, shaded)
+
+    def check(made: Made) -> None:
+        if curves_of_equal_bytes(task, made) > most:
+            raise DrawingGivenUp
+
+    try:
+        made = drawn_outlines(task, check)
+        if made.interrupted:
+            return replace(shaded, interrupted=True)
+        check(made)
+    except DrawingGivenUp:
+        return shaded
+    except Exception as error:
+        return shaded.with_note(f"the shading stays, since {_failure('artwork', error)}")
+    off = delta_e(task, shaded.scene, shaded.samples)
+    if delta_e(task, made.scene, made.samples, made.blur) > off:
+        return shaded
+    return _drawing_instead(replace(made, style=Style(ARTWORK, f"{style.reason}, but {NO_PHOTO}")), NO_PHOTO)
 
 
 def _drawing_of(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
