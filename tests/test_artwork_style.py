@@ -219,3 +219,5 @@ def test_what_gradients_explain_for_the_most_part_is_doubtful():
     picture[soft] += np.random.default_rng(0).normal(0.0, 0.8, picture.shape)[soft]
     found = choose_style(np.rint(picture).astype(np.float32) / np.float32(255))
     assert (found.name, found.doubtful) == ("photo", True) and "drift" in found.reason
+    gradient = np.rint(picture)[:, :180].astype(np.float32) / np.float32(255)
+    assert choose_style(gradient).name == "artwork"

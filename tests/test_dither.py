@@ -10,7 +10,7 @@ from image_files import by_resvg
 from PIL import Image, ImageDraw
 
 from cubicsplat_cli.api import vectorize
-from cubicsplat_cli.artwork.input.dither import dithered, without_dither
+from cubicsplat_cli.artwork.input.dither import banded, dithered, without_dither
 from cubicsplat_cli.raster.unmix import dither_dots, guided_means
 
 SIZE = 160
@@ -41,10 +41,43 @@ def test_dots_are_drawn_as_the_colours_that_they_stand_for(opaque):
     picture = meant(opaque=opaque)
     done = vectorize(diffused(picture), measure=False)
     assert done.report.style == "artwork" and done.report.shapes <= 3
-    assert "drawn in the colours that its dither stands for" in done.report.notes
+    assert "drawn in the colours that its palette stands for" in done.report.notes
     shown = np.asarray(picture)[..., 3] == 255
     assert np.abs(levels(by_resvg(done.svg)) - levels(picture))[shown].mean() < 3.0
     assert np.abs(levels(diffused(picture)) - levels(picture))[shown].mean() > 12.0
+
+
+def leaf(slope: float, colours: int | None = None) -> Image.Image:
+    """A disc whose colours change by so many levels a px, in a palette of so many colours."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    t = slope * (0.8 * x + 0.6 * y)[..., None]
+    ramp = np.clip(np.concatenate([20 + t, 60 + 0.4 * t, 250 - 0.7 * t], axis=2), 0, 255)
+    mask = Image.new("L", (4 * SIZE, 4 * SIZE))
+    ImageDraw.Draw(mask).ellipse((40, 40, 600, 600), fill=255)
+    picture = Image.new("RGB", (SIZE, SIZE), "white")
+    picture.paste(Image.fromarray(np.rint(ramp).astype(np.uint8)), mask=mask.resize((SIZE, SIZE), Image.Resampling.BOX))
+    return picture if colours is None else picture.quantize(colours, dither=Image.Dither.NONE).convert("RGB")
+
+
+@pytest.mark.parametrize(("slope", "colours"), [(0.35, 24), (0.35, 32), (0.6, 48)])
+def test_bands_of_a_palette_are_drawn_as_the_gradient_that_they_stand_for(slope, colours):
+    given, picture = leaf(slope, colours), leaf(slope)
+    assert banded(levels(given))
+    done = vectorize(given, style="artwork", measure=False, threads=1)
+    assert done.report.shapes == 2 and done.svg.count("<linearGradient") == 1  # on the white ground
+    assert "drawn in the colours that its palette stands for" in done.report.notes
+    off = np.abs(levels(by_resvg(done.svg)) - levels(picture))[40:120, 40:120].mean()
+    assert off < 0.7 * np.abs(levels(given) - levels(picture))[40:120, 40:120].mean()
+
+
+@pytest.mark.parametrize("slope", [0.1, 0.4, 1.0, 1.8, 3.0])
+def test_gradients_as_they_are_drawn_have_no_bands(slope):
+    assert not banded(levels(leaf(slope)))
+    y, x = np.mgrid[:SIZE, :SIZE]
+    for ramp in (y, x, np.hypot(x - 80, y - 80), np.minimum(y, 80)):
+        grey = np.rint(np.clip(slope * ramp, 0, 255))[..., None].astype(np.float32)
+        assert not banded(np.repeat(grey, 3, axis=2))
+    assert not banded(levels(leaf(slope))[:2]) and not banded(np.zeros((1, 1, 4), np.float32))
 
 
 def test_only_places_with_dither_change_and_keep_their_mean():

@@ -108,8 +108,10 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str, *, lossy: b
     reason = f"{reason}, but colours drift across {100 * areas.soft:.0f} % of it"
     # A window with a soft shadow is mostly even, and a logo may consist of gradients, in a JPEG with artefacts on them.
     even = 2.0 * areas.soft < areas.ground + areas.even
-    explained = _in_possible_fills if lossy else _shaded
-    return Style(PHOTO, reason, doubtful=even or explained(levels, drawn) >= LEAST_DOUBTFUL)
+    explained = _in_possible_fills(levels, drawn) if lossy else _shaded(levels, drawn)
+    if not lossy and explained >= LEAST_SHADED:
+        return Style(ARTWORK, f"{reason} in gradients")
+    return Style(PHOTO, reason, doubtful=even or explained >= LEAST_DOUBTFUL)
 
 
 def _like_paper(levels: np.ndarray) -> bool:

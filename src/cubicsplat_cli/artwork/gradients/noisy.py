@@ -12,13 +12,14 @@ from itertools import combinations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, joined, patches_of, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
-from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH, JPEG_TIMES, MISFIT, seen_as
 from cubicsplat_cli.artwork.regions.fills import BLEND
@@ -58,6 +59,23 @@ def without_noisy_gradients(
     areas += _united(levels, [_grown(levels, area, condition, kinds) for area in new], condition, kinds)
     flat = without_areas(levels, even, _to_the_nearest(levels, areas, condition), STRANGE)
     return replace(flat, areas=tuple(areas))
+
+
+def with_exact_gradients(levels: np.ndarray, noise: float) -> np.ndarray:
+    """Return a picture (H, W, 4), premultiplied levels, in which pixels that show a gradient through noise, in levels,
+    have its colours; the same array if it has no gradients.
+    """
+    condition, kinds = Condition(noise), np.zeros(levels.shape[:2], np.uint8)
+    areas = [_grown(levels, area, condition, kinds) for area in plane_areas(levels, condition)]
+    if not areas:
+        return levels
+    out = levels.copy()
+    for area in _to_the_nearest(levels, _united(levels, areas, condition, kinds), condition):
+        shade, (y, x) = area.shade.extended(), area.patch.places()
+        colours = np.clip(np.rint(shade.at(x + 0.5, y + 0.5)), 0.0, 255.0)
+        near = largest(np.abs(colours - levels[y, x])) <= OUTLIER * noise
+        out[y[near], x[near]] = colours[near]
+    return out
 
 
 def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:

@@ -1,4 +1,5 @@
-"""Undo the dither of GIFs and PNGs with few colours: dots of two or more colours that stand for a colour between them.
+"""Undo what a palette does to GIFs and PNGs: dots of two or more colours that stand for a colour between them, and
+gradients in bands.
 
 Error diffusion (Floyd and Steinberg 1976) keeps the mean of every place, so a small blur shows the colours that were
 meant, though no sharp edges. Guided by it, means of the pixels on one side of an edge are sharp. Ordered dither repeats
@@ -10,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import packed
-from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
+from cubicsplat_cli.artwork.regions.fills import CONTACT, FLAT_RANGE, SEEN
 from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import dither_dots, guided_means, spread
@@ -26,24 +28,59 @@ AROUND = 7  # px of the square in which residuals are compared; it holds a few d
 # px: standard deviations of the guide's blur; of the means on one side of an edge, and of the blur that takes dots off.
 BLUR, SIDE = 1.0, 1.5
 ALIKE = 20.0  # levels by which the guide differs on one side of an edge: what the blur leaves of dither in 216 colours
-LEFT = 2.0  # levels of noise that the means leave
+LEFT = 2.0  # levels of noise that the means leave, and the rounding of gradients to palettes
+STEEP = 1.0  # levels between neighbours where a gradient has plateaus: below, rounding to 8 bits makes them too
+FEWEST_BANDS = 8  # fewer tones that differ by little may be meant
 
 
 def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return a picture (H, W, 3 or 4) in levels with means in place of its dither by error diffusion, and the levels of
-    noise that they leave: LEFT if most of what is not even is dither, else 0. It is the same array if it has none.
+    """Return a picture (H, W, 3 or 4) in levels in the colours that its palette stands for, and the levels of noise
+    that are left: LEFT if most of what is not even is dither, else 0. Means replace dither by error diffusion, and
+    gradients their bands; it is the same array if it has neither.
     """
     found = dithered(levels)
     if found is None:
-        return levels, 0.0
+        return _with_gradients(levels) if banded(levels) else levels, 0.0
     dots, dense = found
     uneven = spread(levels, 3, 3) > 0.0
-    most = 2 * (_around(dense) & uneven).sum() > uneven.sum()
+    most = bool(2 * (_around(dense) & uneven).sum() > uneven.sum())
     meant = dots if most else dense & _high_in_frequency(levels)
     if not meant.any():
         return levels, 0.0
     guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    return guided_means(levels, guide, _around(meant), SIDE, ALIKE), LEFT if most else 0.0
+    means = guided_means(levels, guide, _around(meant), SIDE, ALIKE)
+    return (means, LEFT) if most else (_with_gradients(means), 0.0)
+
+
+def banded(levels: np.ndarray) -> bool:
+    """Return True if a picture (H, W, C) in levels with few colours has gradients in bands, as palettes leave them.
+
+    Where neighbours in a gradient as it is drawn differ by more than STEEP levels, the next ones differ as well.
+    """
+    colours = packed(np.rint(levels))
+    if not _are_few(colours):
+        return False
+    parts, count = ndimage.large_parts(spread(levels, 3, 3) <= SEEN, LEAST_AREA)
+    steps, alone = (np.zeros(count + 1) for _ in range(2))
+    for part, own, values in ((parts, colours, levels), (parts.T, colours.T, levels.swapaxes(0, 1))):
+        before, first, last, after = (own[k : max(0, len(own) - 3) + k] for k in range(4))
+        where = part[1:-2]
+        step = (where == part[2:-1]) & (np.abs(np.diff(values[1:-1], axis=0)).max(axis=-1) > STEEP)
+        two = ((before == first) | (before == last)) & ((after == first) | (after == last))
+        steps += np.bincount(where[step], minlength=count + 1)
+        alone += np.bincount(where[step & two], minlength=count + 1)
+    kinds = np.bincount(np.unique(np.stack([parts.ravel(), colours.ravel()]), axis=1)[0], minlength=count + 1)
+    return bool(((kinds >= FEWEST_BANDS) & (2 * alone > steps) & (alone >= CONTACT * kinds))[1:].any())
+
+
+def _with_gradients(levels: np.ndarray) -> np.ndarray:
+    """Return a picture (H, W, 3 or 4) in levels with gradients in place of bands; the same array if none is found."""
+    from cubicsplat_cli.artwork.gradients.noisy import with_exact_gradients  # few pictures need it
+
+    opaque = np.full((*levels.shape[:2], 4 - levels.shape[2]), 255.0, np.float32)
+    whole = np.concatenate([levels, opaque], axis=2)
+    exact = with_exact_gradients(whole, LEFT)
+    return levels if exact is whole else exact[..., : levels.shape[2]]
 
 
 def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -58,8 +95,12 @@ def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     if dense.sum() <= MOST_STRAY:
         return None
     colours = packed(np.rint(levels))
-    few = len(np.unique(colours)) <= MOST_COLORS
-    return (dots, dense) if few and _repeated(colours, dense) < REPEATED else None
+    return (dots, dense) if _are_few(colours) and _repeated(colours, dense) < REPEATED else None
+
+
+def _are_few(colours: np.ndarray) -> bool:
+    """Return True if a picture (H, W) in numbers for colours has as few as a palette. Some rows tell most others."""
+    return all(len(np.unique(some)) <= MOST_COLORS for some in (colours[::16], colours))
 
 
 def _around(dots: np.ndarray) -> np.ndarray:
