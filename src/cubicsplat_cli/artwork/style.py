@@ -64,7 +64,7 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
     if not drawn.any():
         return Style(ARTWORK, "nothing is drawn")
     is_drawn, reason = _drawn(levels)
-    suits = _unless_soft(levels, drawn, reason, lossy=lossy) if is_drawn else None
+    suits = _unless_soft(levels, drawn, reason, lossy=lossy, plain=not lossy) if is_drawn else None
     if suits is not None and suits.name == ARTWORK:
         return suits
     # Colours drift across the paper of a scan too, and fine grain is lost in a JPEG.
@@ -96,8 +96,10 @@ def _drawn(levels: np.ndarray) -> tuple[bool, str]:
     return (True, f"all pixels {ASIDE} px apart alike") if contrast is None else (contrast.drawn, str(contrast))
 
 
-def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str, *, lossy: bool) -> Style:
-    """Return artwork; or a photo if colours drift without edges, which small pictures cannot show."""
+def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str, *, lossy: bool, plain: bool = False) -> Style:
+    """Return artwork; or a photo if colours drift without edges, which small pictures cannot show. plain: they may in
+    gradients and fills, since neighbours differ as in drawings.
+    """
     if max(drawn.shape) <= SMALL:
         return Style(ARTWORK, reason)
     from cubicsplat_cli.artwork.input.softness import softness
@@ -109,7 +111,7 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str, *, lossy: b
     # A window with a soft shadow is mostly even, and a logo may consist of gradients, in a JPEG with artefacts on them.
     even = 2.0 * areas.soft < areas.ground + areas.even
     explained = _in_possible_fills(levels, drawn) if lossy else _shaded(levels, drawn)
-    if not lossy and explained >= LEAST_SHADED:
+    if plain and explained >= LEAST_SHADED:
         return Style(ARTWORK, f"{reason} in gradients")
     return Style(PHOTO, reason, doubtful=even or explained >= LEAST_DOUBTFUL)
 
