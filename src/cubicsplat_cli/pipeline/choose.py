@@ -254,7 +254,7 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
     level = _level_db(task, photo)
     if level >= FAR_DB or photo.interrupted:
         return photo
-    return _nearer_of(task, photo, _drawing_of(task, photo.style, level, SKETCH_DB))
+    return _nearer_of(task, photo, _drawing_above(task, photo.style, level, SKETCH_DB))
 
 
 def _photo_or_drawing(task: Task, style: Style) -> Made:
@@ -270,7 +270,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
         return replace(fit.finished, style=style, may_be_drawn=True)
     # The estimate may be too low by as much as a sketch may rise.
-    drawing = _drawing_of(task, style, expected, 0.0)
+    drawing = _drawing_above(task, style, expected, 0.0)
     if isinstance(drawing, Made):
         # The photo may end far above the estimate, as those of few colours do, in fewer bytes than many shapes take.
         far = expected < FAR_DB
@@ -291,41 +291,42 @@ def _drawing_or_shaded(task: Task, style: Style, shaded: Made) -> Made:
     """
     most = curves_of_equal_bytes(task, shaded)
 
-    def check(made: Made) -> None:
-        if curves_of_equal_bytes(task, made) > most:
-            raise DrawingGivenUp
+    def is_worth(made: Made) -> bool:
+        return curves_of_equal_bytes(task, made) <= most
 
-    try:
-        made = drawn_outlines(task, check)
-        if made.interrupted:
-            return replace(shaded, interrupted=True)
-        check(made)
-    except DrawingGivenUp:
-        return shaded
-    except Exception as error:
-        return shaded.with_note(f"the shading stays, since {_failure('artwork', error)}")
+    drawing = _drawing_of(task, f"{style.reason}, but {NO_PHOTO}", is_worth)
+    if isinstance(drawing, Exception):
+        return shaded.with_note(f"the shading stays, since {_failure('artwork', drawing)}")
+    if drawing is None or drawing.interrupted:
+        return shaded if drawing is None else replace(shaded, interrupted=True)
     off = delta_e(task, shaded.scene, shaded.samples)
-    if delta_e(task, made.scene, made.samples, made.blur) > off:
-        return shaded
-    return _drawing_instead(replace(made, style=Style(ARTWORK, f"{style.reason}, but {NO_PHOTO}")), NO_PHOTO)
+    nearer = is_worth(drawing) and delta_e(task, drawing.scene, drawing.samples, drawing.blur) <= off
+    return _drawing_instead(drawing, NO_PHOTO) if nearer else shaded
 
 
-def _drawing_of(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
-    """Draw a picture whose photo has a level in dB. Return None if the sketch would not be nearer even after a rise of
-    `rise_db`, and the error if the drawing fails.
+def _drawing_of(task: Task, reason: str, is_worth: Callable[[Made], bool]) -> Made | Exception | None:
+    """Draw a picture that looks like a photo. Return None if its sketch is not worth finishing, and the error if the
+    drawing fails.
     """
 
     def check(sketch: Made) -> None:
-        if _level_db(task, sketch) <= level - rise_db:
+        if not is_worth(sketch):
             raise DrawingGivenUp
 
     try:
-        drawing = drawn_outlines(task, check)
-        return replace(drawing, style=Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
+        return replace(drawn_outlines(task, check), style=Style(ARTWORK, reason))
     except DrawingGivenUp:
         return None
     except Exception as error:
         return error
+
+
+def _drawing_above(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
+    """Draw a picture whose photo has a level in dB, as of `_drawing_of`. A sketch that would not be nearer even after a
+    rise of `rise_db` is not worth finishing.
+    """
+    reason = f"{style.reason}, but as a photo it has only {level:.1f} dB"
+    return _drawing_of(task, reason, lambda sketch: _level_db(task, sketch) > level - rise_db)
 
 
 def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Made:

@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.regions.fills import CONTACT, FLAT_RANGE, SEEN
 from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import dither_dots, guided_means, spread
+from cubicsplat_cli.scene.arrays import with_channels
 
 # There is no dither without more than MOST_STRAY dots that have DENSE or more within a square of WINDOW px, of which a
 # dotted line has 8, and text hardly any.
@@ -33,20 +34,20 @@ STEEP = 1.0  # levels between neighbours where a gradient has plateaus: below, r
 FEWEST_BANDS = 8  # fewer tones that differ by little may be meant
 
 
-def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float]:
+def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float | None]:
     """Return a picture (H, W, 3 or 4) in levels in the colours that its palette stands for, and the levels of noise
-    that are left: LEFT if most of what is not even is dither, else 0. Means replace dither by error diffusion, and
-    gradients their bands; it is the same array if it has neither.
+    that means leave: LEFT if most of what is not even is dither, else 0; None if there are no means. Means replace
+    dither by error diffusion, and gradients their bands; it is the same array if it has neither.
     """
     found = dithered(levels)
     if found is None:
-        return _with_gradients(levels) if banded(levels) else levels, 0.0
+        return _with_gradients(levels) if banded(levels) else levels, None
     dots, dense = found
     uneven = spread(levels, 3, 3) > 0.0
     most = bool(2 * (_around(dense) & uneven).sum() > uneven.sum())
     meant = dots if most else dense & _high_in_frequency(levels)
     if not meant.any():
-        return levels, 0.0
+        return levels, None
     guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
     means = guided_means(levels, guide, _around(meant), SIDE, ALIKE)
     return (means, LEFT) if most else (_with_gradients(means), 0.0)
@@ -77,8 +78,7 @@ def _with_gradients(levels: np.ndarray) -> np.ndarray:
     """Return a picture (H, W, 3 or 4) in levels with gradients in place of bands; the same array if none is found."""
     from cubicsplat_cli.artwork.gradients.noisy import with_exact_gradients  # few pictures need it
 
-    opaque = np.full((*levels.shape[:2], 4 - levels.shape[2]), 255.0, np.float32)
-    whole = np.concatenate([levels, opaque], axis=2)
+    whole = with_channels(levels, 4, 255.0)
     exact = with_exact_gradients(whole, LEFT)
     return levels if exact is whole else exact[..., : levels.shape[2]]
 

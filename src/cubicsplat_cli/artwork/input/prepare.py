@@ -15,7 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR_OF_JPEG, Condition, blurred_everywhere, condition_of
-from cubicsplat_cli.artwork.input.dither import dithered, without_dither
+from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.few_colours import rounding_noise
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
@@ -96,11 +96,10 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     height, width = target.shape[:2]
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)
-    even, noise = (original, 0.0) if compression else without_dither(original)
+    even, noise = (original, None) if compression else without_dither(original)
     if even is not original:
         notes.append("drawn in the colours that its palette stands for")
-    means = even is not original and dithered(original) is not None
-    plain = compression is None and not means
+    plain = compression is None and noise is None
     if plain and (rounding := rounding_noise(original)) and without_linear_light(original) is original:
         # Blends in linear light look rounded too, and rounded ones look sharpened.
         condition = Condition(rounding, rounded=True)
@@ -113,7 +112,7 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
         notes.append("edges drawn where they are in linear light, in which they were blended")
     levels, lossy = reduced(levels, factor), compression is not None and factor == 1
     # Means in place of dither look like compression.
-    seen = reduced(original, factor) if means else levels
+    seen = levels if noise is None else reduced(original, factor)
     condition = Condition(noise) if noise else condition_of(seen, lossy=lossy)
     prepared = _prepared(levels, condition, factor, width, height, known=lossy)
     prepared = replace(prepared, edge_notes=tuple(notes))
