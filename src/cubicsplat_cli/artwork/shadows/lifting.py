@@ -21,13 +21,11 @@ from cubicsplat_cli.artwork.regions.fills import ALIKE, EVEN, ROUNDED, SAME, SEE
 from cubicsplat_cli.artwork.regions.regions import ShadowSides
 from cubicsplat_cli.artwork.shadows.casters import LEAST_CASTER, Ground
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Shadow, falls_on, shadow_of
-from cubicsplat_cli.artwork.shadows.soft import REACH, SoftArea, soft_areas
+from cubicsplat_cli.artwork.shadows.soft import REACH, SHARP_BEND, SoftArea, soft_areas
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
-
-SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
 
 
 @record

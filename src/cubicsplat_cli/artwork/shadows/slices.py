@@ -155,11 +155,12 @@ def _contoured(area: SoftArea) -> Iterator[Shape]:
     while dark < most:
         near = np.abs(values - dark - STEPS[0]) < STEPS[0]
         step = int(np.clip(APART * np.median(slopes[near]), *STEPS)) if near.any() else STEPS[1]
-        darker = dark + (step if ground is not None else (whole - dark) * step / whole)
+        alpha = 255 if ground is not None else round(255.0 * min(step / (whole - dark), 1.0))
+        darker = dark + (step if ground is not None else (whole - dark) * alpha / 255.0)
         fill = colour if ground is None else ground + min(darker / whole, 1.0) * (colour - ground)
         red, green, blue = (round(float(v)) for v in fill)
         for outlines in _outlines(0.5 + (levels - 0.5 * (dark + darker)) / slope, error):
-            yield Shape((red, green, blue, step if ground is None else 255), outlines, NAME)
+            yield Shape((red, green, blue, alpha), outlines, NAME)
         dark = darker
 
 

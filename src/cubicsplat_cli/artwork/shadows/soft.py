@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, widened
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED
-from cubicsplat_cli.artwork.gradients.parts import Part, smooth_parts
+from cubicsplat_cli.artwork.gradients.parts import RING, Part, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.artwork.regions.fills import ALIKE, CLEAR, CONTACT, OPAQUE, ROUNDED, SAME
 from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, ON_LINE, Ground, direction_from, end_of, even_grounds
@@ -23,6 +23,7 @@ from cubicsplat_cli.raster.shades import nearest_paints, part_spreads
 from cubicsplat_cli.record import record
 
 LEAST_AREA = 200  # px of an area
+SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
 REACH = 6  # px from the visible pixels of an area, or of its ground, in which it goes on as it changes there
 BESIDE = 32  # px around the visible pixels of an area, beyond which it ends
 ROUNDS = 60  # of smoothing within the error of rounding
@@ -88,15 +89,17 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
     found, clear = list[tuple[Ground, np.ndarray]](), levels[..., 3] <= CLEAR
     smooth = cache(lambda: smooth_parts(levels, tip=np.inf)[0] > 0)  # needed in few pictures; shadows bend
     pieces = (
-        (part, fill, piece)
+        (part, part.within(even), fill, piece)
         for part, fill, even in even_grounds(levels, parts, count)
         for piece in part.pieces(~even)
         if len(piece) >= LEAST_AREA and piece.range() > LEAST_RANGE
     )
-    for part, fill, piece in pieces:
+    for part, clean, fill, piece in pieces:
         work().at()
         direction = direction_from(piece.pixels.values, fill)
-        if direction is None or (fill[3] > CLEAR and _is_cut(clear, piece)) or _is_gradient(part, piece, smooth()):
+        if direction is None or (fill[3] > CLEAR and _is_cut(clear, piece)):
+            continue
+        if _is_sharp(clean, fill, piece) or _is_gradient(part, piece, smooth()):
             continue
         colour = end_of(fill, direction)
         same = [g for g, end in found if (g.fill == fill).all() and np.abs(end - colour).max() <= SAME]
@@ -112,6 +115,13 @@ def _is_cut(clear: np.ndarray, piece: Part) -> bool:
     """Return True if a piece is cut off by clear pixels, (H, W) bool, so that it cannot go on there."""
     near = piece.patch.grown(REACH, clear.shape)
     return int((near.mask & clear[near.window]).sum()) >= CONTACT
+
+
+def _is_sharp(ground: Patch, fill: np.ndarray, piece: Part) -> bool:
+    """Return True if a piece has an edge to its ground, of a colour `fill` (4,) in levels, that is not soft."""
+    near = ground.grown(RING, piece.levels.shape).at(piece.rows, piece.columns)
+    off = largest(np.abs(piece.pixels.values[near] - fill))
+    return int((off > SHARP_BEND * RING * (RING + 1) / 2).sum()) >= CONTACT
 
 
 def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
