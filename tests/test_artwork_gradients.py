@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.finish.colours import recoloured
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.gradients.areas import _largest, gradient_areas, with_tips
 from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.gradients.layers import Between, with_layers
 from cubicsplat_cli.artwork.gradients.parts import Part, Patch, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
@@ -339,7 +340,7 @@ def test_a_damaged_picture_changes_fills_only_by_what_stood_for_its_gradients():
     gradient = drawing.shapes[0].gradient
     assert gradient is not None
     for placeholder, fill in (((150, 0, 67, 255), (40, 40, 60, 255)), ((0, 150, 67, 255), (90, 40, 60, 255))):
-        flat = Flattened(levels, np.array([placeholder], float), (gradient,))
+        flat = Flattened(levels, np.array([placeholder], float), ((gradient,),))
         found = np.array(recoloured(drawing, levels, flat).shapes[1].fill)
         assert np.abs(found - fill).max() <= 3
 
@@ -351,3 +352,55 @@ def test_a_rim_of_few_px_has_one_gradient():
     drawing = draw(picture(body))
     assert sum(shape.gradient is not None for shape in drawing.shapes) == 1 and len(drawing.shapes) == 3
     assert difference(drawing, body).mean() < 0.1
+
+
+FADING = (
+    '<linearGradient id="b" x1="60" y1="150" x2="120" y2="90" gradientUnits="userSpaceOnUse">'
+    '<stop stop-color="#4888e8"/><stop offset="1" stop-color="#4888e8" stop-opacity="0"/></linearGradient>'
+    '<radialGradient id="c" cx="190" cy="60" r="90" gradientUnits="userSpaceOnUse"><stop stop-color="#6868b8"/>'
+    '<stop offset="1" stop-color="#6868b8" stop-opacity="0"/></radialGradient>'
+)
+UNDER = BLOB.replace("url(#a)", "#2850c8")
+
+
+@pytest.mark.parametrize(
+    ("markup", "body", "most"),
+    [
+        (FADING, UNDER + BLOB.replace("#a", "#b") + BLOB.replace("#a", "#c"), 4),
+        (LINEAR.format(TWO) + FADING, BLOB + BLOB.replace("#a", "#c"), 3),
+    ],
+    ids=["two over a fill", "one over another"],
+)
+def test_gradients_above_one_another_have_the_same_outlines(markup, body, most):
+    drawing = draw(picture(markup + GROUND + body))
+    assert len([shape for shape in drawing.shapes if shape.box().width * shape.box().height > 100]) <= most
+    assert len({id(shape.outlines) for shape in drawing.shapes[1:most]}) == 1
+    assert drawing.shapes[1].fill[3] == 255
+    assert all(min(stop.colour[3] for stop in shape.gradient.stops) < 8 for shape in drawing.shapes[2:most])
+    assert np.percentile(difference(drawing, markup + GROUND + body), 98) <= 2
+
+
+def test_where_shapes_may_not_overlap_no_gradient_is_above_another():
+    whole = picture(FADING + GROUND + UNDER + BLOB.replace("#a", "#b") + BLOB.replace("#a", "#c"))
+    cutout = draw(whole, ArtworkSettings(stacking="cutout"))
+    assert len({id(shape.outlines) for shape in cutout.shapes}) == len(cutout.shapes)
+    assert len(draw(whole, ArtworkSettings(curves=3)).shapes) <= 3
+
+
+def test_a_colour_is_found_where_the_lines_to_it_meet():
+    colour, rng = np.array([40.0, 200.0, 90.0]), np.random.default_rng(1)
+    below, share = rng.uniform(0.0, 255.0, (400, 3)), rng.uniform(0.2, 0.8, 400)
+    y, x = np.divmod(np.arange(400), 20)
+    shown = np.column_stack([below + share[:, None] * (colour - below), np.full(400, 255.0)])
+    between = Between(Pixels(x + 0.5, y + 0.5, shown), below, shown[:, :3] - below, np.ones(400))
+    found = between.likeliest(between.far(), rng)
+    assert found == pytest.approx(colour, abs=0.5)
+    shares, on_line = between.shares(colour, 2.0, np.arange(400))
+    assert shares == pytest.approx(share)
+    assert on_line.all()
+
+
+def test_a_photo_has_no_layers():
+    photo = as_levels(astronaut()[:256, :256] / 255.0)
+    parts, count = smooth_parts(photo)
+    assert not [area for area in with_layers(photo, parts, count, []) if area.over]

@@ -60,7 +60,7 @@ def _without_gradients(prepared: PreparedInput, settings: ArtworkSettings) -> Fl
     if not settings.free_fills or prepared.scanned:
         return Flattened(levels)
     if condition.clean:
-        return flattened(levels)
+        return flattened(levels, layered=settings.may_overlap and settings.curves is None)
     if not condition.only_blurred:
         return without_noisy_gradients(levels, condition)
     return prepared.flat or without_blurred_gradients(levels, condition.blur)

@@ -65,6 +65,11 @@ class ArtworkSettings:
             raise UsageError("is of the colours of --palette; give these too", "palette_tolerance")
 
     @property
+    def may_overlap(self) -> bool:
+        """True if shapes may show others through: not with chosen fills, nor in a cutout."""
+        return self.free_fills and self.stacking != CUTOUT
+
+    @property
     def free_fills(self) -> bool:
         """True if fills are the picture's own, so that gradients and translucent shapes are possible."""
         return self.colors is None and not self.palette

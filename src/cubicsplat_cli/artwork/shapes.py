@@ -41,6 +41,7 @@ class Shape:
     stroke: Stroke | None = None
     group: str = ""
     shading: Scene | EmbeddedImage | None = None
+    over: tuple[Gradient, ...] = ()
 
     def oriented(self, arcs: int = 4) -> tuple[Ring, ...]:
         """Return the rings for the nonzero rule: the outer one clockwise as seen, holes the other way. arcs: the cubics

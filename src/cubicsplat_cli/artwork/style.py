@@ -163,12 +163,13 @@ def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
 
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
-    """Return the share of the drawn pixels that are flat in one of the commonest colours, or in a gradient."""
+    """Return the share of the drawn pixels that are flat in one of the commonest colours, or in gradients."""
     from cubicsplat_cli.artwork.input.softness import in_gradients
 
     step = 1 + max(levels.shape[:2]) // 600  # px of the longer side, about
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
-    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | in_gradients(levels, 16)  # tries
+    gradients = in_gradients(levels, tries=16, layered=True)
+    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | gradients
     return float((explained & drawn).sum() / drawn.sum())
 
 

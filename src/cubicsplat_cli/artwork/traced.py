@@ -76,7 +76,8 @@ def polygons(
         outlines = tuple(scaled_outline(outline, 1.0 / steps, 1.0 / steps) for outline in outlines)
         fill = eight_bit(part.fill)
         name = shape_name(fill, outlines, width // steps, height // steps)
-        shapes.append(Shape(fill, outlines, name, flat.gradient(part.fill)))
+        gradient, *over = flat.meant(part.fill) or (None,)
+        shapes.append(Shape(fill, outlines, name, gradient, over=tuple(over)))
     return tuple(shapes)
 
 

@@ -55,7 +55,7 @@ from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import mean_fill
+from cubicsplat_cli.scene.paint import Gradient, mean_fill
 
 MANY = 150  # parts; the finish of more takes longer than a check that they are worth it
 # A clean picture whose longer side has fewer px than TRACED is traced in as many times the detail as it is smaller, to
@@ -143,7 +143,7 @@ def _with_its_shadow(
     suit; None if it has none, or the settings allow no gradients or fewer shapes.
     """
     condition = prepared.condition
-    if not _may_overlap(settings) or prepared.scanned or condition.only_blurred:
+    if not settings.may_overlap or prepared.scanned or condition.only_blurred:
         return None
     lift = lifted if condition.clean else partial(noisy_lifted, condition=condition)
     without = lift(prepared.levels) if prepared.lifted is None else prepared.lifted
@@ -219,7 +219,7 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     condition = prepared.condition
     flat, picture, target, error = flat_fills(prepared, settings)
     # An unclean picture does not show blends well enough.
-    placeholders = flat.fills if condition.clean and _may_overlap(settings) else None
+    placeholders = flat.fills if condition.clean and settings.may_overlap else None
     off, share_off = condition.restored_error, condition.share_error
     shaded = prepared.shaded
     plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, shaded)
@@ -327,16 +327,16 @@ def draw_flat(picture: FlatPicture) -> Drawing:
     return drawing  # noqa: RET504 (a stop leaves an earlier one)
 
 
-def _may_overlap(settings: ArtworkSettings) -> bool:
-    """True if shapes may show others through: not with chosen fills, nor in a cutout."""
-    return settings.free_fills and settings.stacking != CUTOUT
-
-
 def _painted(drawing: Drawing) -> Drawing:
-    """Return a drawing whose placeholders become the mean colours of their gradients."""
+    """Return a drawing whose placeholders become the mean colours of their gradients, each gradient a shape."""
     size = drawing.width, drawing.height
-    shapes = [
-        s if s.gradient is None else replace(s.filled(mean_fill(s.gradient), *size), gradient=s.gradient)
-        for s in drawing.shapes
-    ]
+    shapes = list[Shape]()
+    for shape in drawing.shapes:
+        shapes += [_of_gradient(shape, g, *size) for g in (shape.gradient, *shape.over) if g] or [shape]
     return replace(drawing, shapes=tuple(shapes))
+
+
+def _of_gradient(shape: Shape, gradient: Gradient, width: int, height: int) -> Shape:
+    """Return a shape of one gradient, or of a fill if that has one colour."""
+    filled = replace(shape.filled(mean_fill(gradient), width, height), over=())
+    return filled if len({stop.colour for stop in gradient.stops}) == 1 else replace(filled, gradient=gradient)

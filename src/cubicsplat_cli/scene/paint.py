@@ -9,6 +9,7 @@ section 13.2, spread method "pad").
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,6 +139,16 @@ def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     colours = np.stack([np.interp(t, offsets, fills[:, k]) for k in range(4)], axis=-1)
     colours[..., :3] *= colours[..., 3:]
     return colours
+
+
+def laid_over(colours: Sequence[np.ndarray], opaque: float = 1.0) -> np.ndarray:
+    """Return premultiplied colours (..., 4), each over the one before, with alpha up to `opaque`. Raises IndexError
+    without any.
+    """
+    out = colours[0]
+    for above in colours[1:]:
+        out = above + (1.0 - above[..., 3:] / opaque) * out
+    return out
 
 
 def mean_fill(gradient: Gradient) -> Rgba:

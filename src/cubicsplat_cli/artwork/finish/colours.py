@@ -12,12 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.state import FILL_PARAMETERS
-from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.gradients.flattening import Flattened, colours_of
 from cubicsplat_cli.artwork.input.palette import UNLIKE
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.scene.paint import painted
 
 ROUNDED = 1.0 / 12.0  # levels^2 by which a picture's pixels are off at the least
 
@@ -62,8 +61,8 @@ def _leak(change: np.ndarray, flat: Flattened, x: np.ndarray, y: np.ndarray) -> 
     """Return the part of a change (3,) of a fill that takes out the share of a placeholder, of the one that explains
     most of the change, at columns and rows (n,); 0 if it leaves half of the change."""
     best = np.zeros(3)
-    for fill, gradient in zip(flat.fills, flat.gradients, strict=True):
-        whole = 255.0 * painted(gradient, x + 0.5, y + 0.5)[:, :3].mean(axis=0) - fill[:3]
+    for fill, gradients in zip(flat.fills, flat.gradients, strict=True):
+        whole = colours_of(gradients, x, y)[:, :3].mean(axis=0) - fill[:3]
         part = whole * np.clip(change @ whole / max(float(whole @ whole), 1e-9), 0.0, 1.0)
         best = min(best, part, key=lambda each: float(((change - each) ** 2).sum()))
     # Of many placeholders, some one explains a part of any change.

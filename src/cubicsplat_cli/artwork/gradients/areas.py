@@ -6,6 +6,7 @@ examined by itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,16 +133,22 @@ def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: 
     search.found.append(ShadedArea(shade, wider.within(shown), fill, rim, inwards))
 
 
-def _largest(part: Part, search: _Search, depth: int) -> None:
-    """Add the gradient that explains most of a part, of SEEDS places in it, and the gradients of the rest."""
-    reach = 0.5 * np.sqrt(len(part) / 3.0)
-    best: tuple[Shade, np.ndarray] | None = None
-    most = LEAST_SHARE * len(part)
+def beside(part: Part, width: float = 1.0) -> Iterator[np.ndarray]:
+    """Yield the numbers (n,) of the pixels around each of SEEDS places in a part, in squares of `width` times the side
+    of one of a third of its area, if they are enough for a gradient."""
+    reach = 0.5 * width * np.sqrt(len(part) / 3.0)
     x, y, _ = part.pixels
     for seed in np.linspace(0, len(part) - 1, SEEDS + 2).astype(int)[1:-1]:
         near = np.flatnonzero(np.maximum(np.abs(x - x[seed]), np.abs(y - y[seed])) <= reach)
-        if len(near) < LEAST_AREA:
-            continue
+        if len(near) >= LEAST_AREA:
+            yield near
+
+
+def _largest(part: Part, search: _Search, depth: int) -> None:
+    """Add the gradient that explains most of a part, of SEEDS places in it, and the gradients of the rest."""
+    best: tuple[Shade, np.ndarray] | None = None
+    most = LEAST_SHARE * len(part)
+    for near in beside(part):
         shade = search.shade(part.pixels.some(near))
         if shade is None:
             break
@@ -229,20 +236,30 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
     free, out = (parts == 0) & ~covered(areas, parts.shape), [area for area in areas if area.ground is not None]
-    for area in by_gradient(area for area in areas if area.ground is None):
+    layered = [area for area in areas if area.over]
+    for area in [*by_gradient(area for area in areas if area.plain), *layered]:
         patch = area.patch.padded(LONGEST_TIP, levels.shape)
         if (outside := free[patch.window]).any():
-            near, shade = Part(levels, replace(patch, mask=outside)), area.shade.extended()
-            # Where the ramp has ended a gradient is like a fill, whose tips these may be as well.
-            t, (first, *_, last) = shade.t(*near.pixels[:2]), shade.ramp.knots
-            explained = near.within(shade.explains(near.pixels) & (t >= first) & (t <= last)).mask
+            near = Part(levels, replace(patch, mask=outside))
+            explained = near.within(_goes_on(area, near.pixels)).mask
             # Along an edge of little contrast the rim is explained as well, which tells where the edge lies.
             beyond = explained & ~ndimage.binary_dilation(patch.mask, ndimage.SQUARE, iterations=RIM)
             tips = explained & ndimage.binary_dilation(beyond, ndimage.SQUARE, iterations=RIM)
             patch = replace(patch, mask=ndimage.binary_propagation(patch.mask, None, tips))
             free[patch.window] &= ~patch.mask
-        out.append(ShadedArea(reaching(area.shade, patch.pixels(levels)), patch))
+        shade = reaching(area.shade, patch.pixels(levels)) if area.plain else area.shade
+        out.append(replace(area, shade=shade, patch=patch))
     return out
+
+
+def _goes_on(area: ShadedArea, pixels: Pixels) -> np.ndarray:
+    """Return (n,) bool: True for pixels near an area that its gradients explain."""
+    if area.over:
+        return area.off(pixels) <= CLOSE
+    shade = area.shade.extended()
+    # Where the ramp has ended a gradient is like a fill, whose tips these may be as well.
+    t, (first, *_, last) = shade.t(*pixels[:2]), shade.ramp.knots
+    return shade.explains(pixels) & (t >= first) & (t <= last)
 
 
 def _with_small_parts(

@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import field
+from functools import partial
 
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest, packed, unpacked
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas, with_tips
+from cubicsplat_cli.artwork.gradients.layers import with_layers
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
@@ -24,7 +26,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS, spread
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, painted
+from cubicsplat_cli.scene.paint import Gradient, laid_over, painted
 
 # Levels by which a placeholder may differ from the mean of its gradient, the least first.
 SHIFTS = APART * np.array(sorted(range(5, -6, -1), key=abs))
@@ -35,34 +37,42 @@ Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]  # a paint's, (n, 4) in
 @record
 class Flattened:
     """levels: (H, W, 4) the picture in flat fills. fills: (G, 4) whole levels, the placeholders; gradients: those that
-    they stand for; areas: of a picture with noise, the pixels of the gradients, which may overlap.
+    each stands for, back to front; areas: of a picture with noise, the pixels of the gradients, which may overlap.
     """
 
     levels: np.ndarray
     fills: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
-    gradients: tuple[Gradient, ...] = ()
+    gradients: tuple[tuple[Gradient, ...], ...] = ()
     areas: tuple[ShadedArea, ...] = ()
 
-    def gradient(self, fill: np.ndarray) -> Gradient | None:
-        """Return the gradient for which a fill (4,) in levels stands, or None."""
+    def meant(self, fill: np.ndarray) -> tuple[Gradient, ...]:
+        """Return the gradients, back to front, for which a fill (4,) in levels stands; none for any other fill."""
         same = np.flatnonzero((self.fills == np.rint(fill)).all(axis=1))
-        return self.gradients[int(same[0])] if len(same) else None
+        return self.gradients[int(same[0])] if len(same) else ()
 
     def painted(self, picture: np.ndarray, palette: np.ndarray, cover: Callable[[int], np.ndarray]) -> np.ndarray:
         """Return a picture (H, W, 4) in fills (P, 4) with gradients for placeholders. cover: (H, W) of a fill."""
         out = picture.copy()
         for number, fill in enumerate(palette):
-            if (gradient := self.gradient(fill)) is not None:
+            if gradients := self.meant(fill):
                 share = cover(number)
                 y, x = np.nonzero(share)
-                out[y, x] += share[y, x, None] * (255.0 * painted(gradient, x + 0.5, y + 0.5) - fill)
+                out[y, x] += share[y, x, None] * (colours_of(gradients, x, y) - fill)
         return out
 
 
-def flattened(levels: np.ndarray) -> Flattened:
-    """Return a picture (H, W, 4), premultiplied levels, without its gradients; the same array if it has none."""
+def colours_of(gradients: Sequence[Gradient], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the colours (n, 4) in levels of gradients, back to front, at columns and rows (n,)."""
+    return 255.0 * laid_over([painted(gradient, x + 0.5, y + 0.5) for gradient in gradients])
+
+
+def flattened(levels: np.ndarray, *, layered: bool = False) -> Flattened:
+    """Return a picture (H, W, 4), premultiplied levels, without its gradients; the same array if it has none. layered:
+    areas may have several gradients, one above the other."""
     parts, count = smooth_parts(levels)
     areas = gradient_areas(levels, parts, count) if count else []
+    if layered and count:
+        areas = with_layers(levels, parts, count, areas)
     return without_areas(levels, parts, with_tips(levels, parts, areas))
 
 
@@ -76,17 +86,17 @@ def without_areas(
     """
     if not areas:
         return Flattened(levels)
-    number = {shade: k for k, shade in enumerate(dict.fromkeys(area.shade for area in areas))}
-    gradients = [gradient_of(shade) for shade in number]
+    number = {shades: k for k, shades in enumerate(dict.fromkeys(area.shades for area in areas))}
+    gradients = [tuple(map(gradient_of, shades)) for shades in number]
     paint = np.where(parts > 0, parts + len(gradients) - 1, -1).astype(np.int32)
     for area in areas:
-        paint[area.patch.window][area.patch.mask] = number[area.shade]
-    colours = [lambda x, y, g=gradient: 255.0 * painted(g, x + 0.5, y + 0.5) for gradient in gradients]
+        paint[area.patch.window][area.patch.mask] = number[area.shades]
+    colours = [partial(colours_of, each) for each in gradients]
     fills = _placeholders_of(levels, paint, gradients)
     out = with_placeholders(levels, paint, colours, fills, line, blur)
     for area in areas:
         if area.ground is not None:
-            _fade(out, levels, area, fills[number[area.shade]])
+            _fade(out, levels, area, fills[number[area.shades]])
     return Flattened(out, fills, tuple(gradients))
 
 
@@ -146,15 +156,15 @@ def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarra
     out[y[beyond], x[beyond]] = area.ground
 
 
-def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[Gradient]) -> np.ndarray:
-    """Return (G, 4) for each gradient a fill near its mean that no other paint has."""
+def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[tuple[Gradient, ...]]) -> np.ndarray:
+    """Return (G, 4) for the gradients of each area a fill near its mean that no other paint has."""
     count = len(gradients)
     inside = (paint >= 0) & (paint < count)
     sums = [np.bincount(paint[inside], levels[inside][:, k], count) for k in range(4)]
     means = np.stack(sums, axis=1) / np.bincount(paint[inside], minlength=count)[:, None]
     fills = []
-    for mean, gradient in zip(means, gradients, strict=True):
-        translucent = any(stop.colour[3] < 255 for stop in gradient.stops)
+    for mean, (lowest, *_) in zip(means, gradients, strict=True):
+        translucent = any(stop.colour[3] < 255 for stop in lowest.stops)
         alpha = float(np.clip(mean[3], APART, 255.0 - APART)) if translucent else 255.0
         fills.append(np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha))
     # In a picture with noise small parts are no paints of their own.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.regions.fills import EVEN, SEEN, eight_bit
 from cubicsplat_cli.artwork.shapes import PRICE
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba, Stop, parameter, radial_of_frame
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba, Stop, laid_over, parameter, radial_of_frame
 
 CLOSE = 2.0  # levels by which a gradient may differ from a pixel that it explains
 SIGMA = 0.4  # levels, standard deviation of rounding to 8 bits and of the arithmetic of drawing programs
@@ -120,13 +120,33 @@ class Shade:
 @record
 class ShadedArea:
     """A gradient and the pixels that show it. ground: the colour (4,) in levels into which it fades without an edge, or
-    None; rim: t where it does; inwards: True if the ramp lies below that t."""
+    None; rim: t where it does; inwards: True if the ramp lies below that t; over: gradients above it, back to front."""
 
     shade: Shade
     patch: Patch
     ground: np.ndarray | None = None
     rim: float = 0.0
     inwards: bool = False
+    over: tuple[Shade, ...] = ()
+
+    @property
+    def plain(self) -> bool:
+        """True if the pixels show the gradient alone."""
+        return self.ground is None and not self.over
+
+    @property
+    def shades(self) -> tuple[Shade, ...]:
+        """All its gradients, back to front."""
+        return (self.shade, *self.over)
+
+    def off(self, pixels: Pixels) -> np.ndarray:
+        """Return levels (n,) by which the worst channel of each pixel differs from the gradients."""
+        return largest(np.abs(shown(self.shades, pixels) - pixels.values))
+
+
+def shown(shades: Sequence[Shade], pixels: Pixels) -> np.ndarray:
+    """Return the colours (n, 4) of gradients, back to front, at pixels, in premultiplied levels."""
+    return laid_over([shade.at(pixels.x, pixels.y) for shade in shades], 255.0)
 
 
 def covered(areas: Iterable[ShadedArea], shape: tuple[int, ...]) -> np.ndarray:

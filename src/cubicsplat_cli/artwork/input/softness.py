@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
+from cubicsplat_cli.artwork.gradients.layers import with_layers
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import covered
 from cubicsplat_cli.artwork.input.condition import SECOND
@@ -106,9 +107,13 @@ def _bends(values: np.ndarray) -> np.ndarray:
     return np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
 
 
-def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
+def in_gradients(levels: np.ndarray, tries: int, *, layered: bool = False) -> np.ndarray:
     """Return (H, W) bool: the pixels of a picture (H, W, 3) or premultiplied (H, W, 4) in 0..255 that gradients
-    explain, of which at most `tries` are sought.
+    explain, of which at most `tries` are sought. layered: also where one lies above the other.
     """
     levels = with_channels(levels, 4, 255.0)
-    return covered(gradient_areas(levels, *smooth_parts(levels), tries, MOST_PARTS), levels.shape)
+    parts, count = smooth_parts(levels)
+    areas = gradient_areas(levels, parts, count, tries, MOST_PARTS)
+    if layered:
+        areas = with_layers(levels, parts, count, areas, MOST_PARTS)
+    return covered(areas, levels.shape)
