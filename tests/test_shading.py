@@ -298,7 +298,7 @@ def test_photos_stay_photos_where_shading_may_be():
 
 
 def test_the_command_shades_as_asked(run_cli, tmp_path):
-    Image.fromarray(image_of_ball()).save(tmp_path / "ball.png")
+    Image.fromarray(image_of_ball(4)).save(tmp_path / "ball.png")
     texts = {}
     for shading in ("none", "12"):
         out = tmp_path / f"{shading}.svg"
