@@ -34,7 +34,7 @@ from cubicsplat_cli.scene.paint import laid_over
 
 MOST_FAILED = 2  # of the largest parts of a picture, after which no others are tried, of up to a second each
 MOST_LAYERS = 4
-LEAST_PART = 0.75  # of its part of what is left that each layer explains, if as many as there may be will do
+LEAST_PART = 0.5  # of its part of what is left that each layer explains, if as many as there may be will do
 FAR = 4.0 * CLOSE  # levels by which a pixel shows that a gradient is missing, and beyond which it counts no more
 ROUNDINGS = 2.0  # times as much as from one gradient pixels may differ from several, each rounded
 SHOWS = 0.25  # share of a colour that shows it through those above well enough
@@ -43,7 +43,7 @@ ALONG = 1e-5  # least weight of a colour's place along a line on which all pixel
 MOST_FITTED = 1 << 14  # pixels of a part to which gradients are fitted
 STRIP = 8  # rows of the strips that stand for a larger part
 ROUNDS, STEPS = 2, 20  # in which gradients are fitted anew one by one, and all at once
-SETTLED, FINISHED = 0.9, 0.99  # of the errors, that a last round or a last step leaves
+SETTLED, FINISHED = 0.9, 0.998  # of the errors, that a last round or a last step leaves
 STEP, SLOPE = 0.01, 100.0  # px or levels, of derivatives; and px at which a slope counts as a length
 
 Layers = tuple[Shade, ...]  # back to front; the first is opaque
