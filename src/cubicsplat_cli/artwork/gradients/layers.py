@@ -165,8 +165,8 @@ class Between:
         square = np.maximum((way * way).sum(axis=-1), 1.0)
         share = (change * way).sum(axis=-1) / square
         beyond = np.maximum(share - 1.0, -share) * np.sqrt(square)
-        beside = largest(np.abs(change - share[..., None] * way)) * self.room[index]
-        return share, seen & (beside <= off) & (beyond <= off)
+        aside = largest(np.abs(change - share[..., None] * way)) * self.room[index]
+        return share, seen & (aside <= off) & (beyond <= off)
 
     def far(self) -> np.ndarray:
         """Return the numbers of the pixels that show the layer."""
