@@ -393,7 +393,7 @@ def test_a_colour_is_found_where_the_lines_to_it_meet():
     y, x = np.divmod(np.arange(400), 20)
     shown = np.column_stack([below + share[:, None] * (colour - below), np.full(400, 255.0)])
     between = Between(Pixels(x + 0.5, y + 0.5, shown), below, shown[:, :3] - below, np.ones(400))
-    found = between.likeliest(between.far(), rng)
+    found = between.likeliest(rng)
     assert found == pytest.approx(colour, abs=0.5)
     shares, on_line = between.shares(colour, 2.0, np.arange(400))
     assert shares == pytest.approx(share)

@@ -8,6 +8,7 @@ below those found before, and each is fitted anew to what the others leave of th
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -62,13 +63,15 @@ def with_layers(
         part = part_of(levels, parts, number, boxes)
         if part.pixels.values[:, 3].min() < OPAQUE:
             continue
-        even = _even(part)
+        fill, even = plateau(part)
+        even &= even.mean() >= LEAST_PLATEAU
         few = len({area.shade for area in areas if area.patch.at(part.rows, part.columns).any()}) + bool(even.any())
         explained = (taken[part.rows, part.columns] | even).mean() >= EXPLAINED
         if explained and few <= 2:
             continue
         work().at()
-        layers = _layers_of(part)
+        lowest = None if even.any() else _lowest(part)
+        layers = _layers_of(part, lowest or _even(fill))
         area = None if layers is None else ShadedArea(layers[0], part.patch, over=layers[1:])
         # A fill may explain most of a part, but not what changes in it.
         if area is None or (area.off(part.pixels)[~even] <= ROUNDINGS * CLOSE).mean() < EXPLAINED:
@@ -100,16 +103,10 @@ def _extended(levels: np.ndarray, parts: np.ndarray, part: Part, area: ShadedAre
     return replace(area, patch=replace(part.patch, mask=mask | added))
 
 
-def _even(part: Part) -> np.ndarray:
-    """Return (n,) bool, the pixels of a part that show a fill."""
-    even = plateau(part)[1]
-    return even & (even.mean() >= LEAST_PLATEAU)
-
-
-def _layers_of(part: Part) -> Layers | None:
-    """Return the gradients of an opaque part, one or more; None if a few do not explain it."""
+def _layers_of(part: Part, lowest: Shade) -> Layers | None:
+    """Return the gradients of an opaque part, one or more; None if a few do not explain it. lowest: about the first."""
     search = _Search(part)
-    layers: Layers = (_lowest(part),)
+    layers: Layers = (lowest,)
     share = search.explained(layers)
     while share < EXPLAINED and len(layers) < MOST_LAYERS:
         trials = [search.added(layers, place) for place in range(len(layers), 0, -1)]
@@ -132,20 +129,21 @@ def _cut(shade: Shade, pixels: Pixels) -> Shade:
     return replace(shade, ramp=Ramp(knots, ramp.at(knots)).trimmed())
 
 
-def _lowest(part: Part) -> Shade:
-    """Return the likeliest of the lowest gradients of a part: its fill, if any, as a gradient of one colour, or that
-    which explains most, of some places in it and two sizes."""
-    fill, even = plateau(part)
-    frame, likeliest, most = np.array([[1.0, 0.0, 0.0, 0.0], [0.0] * 4]), None, -1
-    if even.mean() < LEAST_PLATEAU:
-        for near in chain(beside(part), beside(part, 0.5)):
-            shade = shade_of(part.pixels.some(near)).extended()
-            if (explained := shade.explains(part.pixels)).sum() >= LEAST_AREA:
-                again = shade_of(part.pixels.some(explained)).extended()
-                shade = max(shade, again, key=lambda each: int(each.explains(part.pixels).sum()))
-            if (count := int(shade.explains(part.pixels).sum())) > most:
-                likeliest, most = shade, count
-    return likeliest or Shade(frame, False, Ramp(np.array([0.0, 1.0]), np.stack([fill, fill])), 0)
+def _even(fill: np.ndarray) -> Shade:
+    """Return a fill (4,) in levels as a gradient of one colour."""
+    frame = np.array([[1.0, 0.0, 0.0, 0.0], [0.0] * 4])
+    return Shade(frame, False, Ramp(np.array([0.0, 1.0]), np.stack([fill, fill])), 0)
+
+
+def _lowest(part: Part) -> Shade | None:
+    """Return the gradient that explains most of a part, of some places in it and two sizes; None if all are small."""
+    found = list[Shade]()
+    for near in chain(beside(part), beside(part, 0.5)):
+        shade = shade_of(part.pixels.some(near)).extended()
+        found.append(shade)
+        if (explained := shade.explains(part.pixels)).sum() >= LEAST_AREA:
+            found.append(shade_of(part.pixels.some(explained)).extended())
+    return max(found, key=lambda each: int(each.explains(part.pixels).sum()), default=None)
 
 
 @record
@@ -168,13 +166,17 @@ class Between:
         aside = largest(np.abs(change - share[..., None] * way)) * self.room[index]
         return share, seen & (aside <= off) & (beyond <= off)
 
+    @cached_property
     def far(self) -> np.ndarray:
-        """Return the numbers of the pixels that show the layer."""
+        """The numbers (n,) of the pixels that show the layer."""
         return np.flatnonzero((self.room >= SHOWS) & (largest(np.abs(self.change)) * self.room > FAR))
 
-    def likeliest(self, far: np.ndarray, draw: np.random.Generator) -> np.ndarray | None:
-        """Return the colour (3,) at which most lines of the far pixels meet, of PAIRS of them; None if none do."""
-        some = draw.choice(far, min(len(far), VOTERS), replace=False)
+    def likeliest(self, draw: np.random.Generator) -> np.ndarray | None:
+        """Return the colour (3,) at which most lines of the far pixels meet, of PAIRS of them; None if none do, or if
+        hardly any pixels are far."""
+        if len(self.far) < LEAST_AREA:
+            return None
+        some = draw.choice(self.far, min(len(self.far), VOTERS), replace=False)
         both = draw.choice(some, (2, PAIRS))
         ways = self.change[both] / np.linalg.norm(self.change[both], axis=2, keepdims=True)
         across = np.eye(3) - ways[..., :, None] * ways[..., None, :]
@@ -188,20 +190,20 @@ class Between:
             return None
         return np.asarray(colours[self.shares(colours, CLOSE, some)[1].sum(axis=1).argmax()])
 
-    def gradient(self, colour: np.ndarray, off: float, far: np.ndarray) -> Shade | None:
+    def gradient(self, colour: np.ndarray, off: float) -> Shade | None:
         """Return the gradient of about a colour (3,) that the pixels within `off` levels show; None if hardly any do.
 
         The colour is the one nearest to all lines, weighted by what pixels show of it, by Gauss' and Newton's method.
         """
         for _ in range(4):
-            share, on_line = self.shares(colour, off, far)
+            share, on_line = self.shares(colour, off, self.far)
             if on_line.sum() < LEAST_AREA:
                 return None
-            way, share = (colour - self.below[far])[on_line], share[on_line]
+            way, share = (colour - self.below[self.far])[on_line], share[on_line]
             way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
             across = np.eye(3) - way[:, :, None] * way[:, None, :]
             square = np.einsum("n,nij->ij", share**2, across) / len(share)
-            step = np.einsum("n,nij,nj->i", share, across, self.change[far][on_line]) / len(share)
+            step = np.einsum("n,nij,nj->i", share, across, self.change[self.far][on_line]) / len(share)
             colour = (colour + np.linalg.solve(square + ALONG * np.eye(3), step)).clip(0.0, 255.0)
         share, on_line = self.shares(colour, off, np.arange(len(self.room)))
         sizes = largest(np.abs(colour - self.below))
@@ -302,12 +304,14 @@ def _numbers(shade: Shade) -> np.ndarray:
     knots, colours = shade.ramp.knots, shade.ramp.colours
     turn = np.zeros(0) if shade.parameters == 0 else SLOPE * shade.frame[:, :2]
     geometry = [turn[:1].ravel(), shade.frame[0, 2:3]] if not shade.radial else [turn.ravel(), shade.frame[:, 2]]
-    if colours[:, 3].min() >= 255.0:
-        paint = [colours[:, :3].ravel()]
-    else:
-        strongest = colours[colours[:, 3].argmax()]
-        paint = [255.0 * strongest[:3] / max(float(strongest[3]), 1.0), colours[:, 3]]
+    paint = [colours[:, :3].ravel()] if colours[:, 3].min() >= 255.0 else [_colour(shade), colours[:, 3]]
     return np.concatenate([*(geometry if shade.parameters else []), knots[1:-1], *paint])
+
+
+def _colour(shade: Shade) -> np.ndarray:
+    """Return the colour (3,) in levels of a gradient of one colour and varying opacity."""
+    strongest = shade.ramp.colours[shade.ramp.colours[:, 3].argmax()]
+    return np.asarray(255.0 * strongest[:3] / max(float(strongest[3]), 1.0))
 
 
 def _of_numbers(shade: Shade, numbers: np.ndarray) -> Shade:
@@ -354,9 +358,8 @@ class _Search:
     def added(self, layers: Layers, place: int) -> Layers:
         """Return gradients with one more at a place among them; the same if no pixels show it."""
         between = _between(layers[:place], layers[place:], self.pixels)
-        far = between.far()
-        colour = between.likeliest(far, self.draw) if len(far) >= LEAST_AREA else None
-        one = None if colour is None else between.gradient(colour, CLOSE, far)
+        colour = between.likeliest(self.draw)
+        one = None if colour is None else between.gradient(colour, CLOSE)
         return layers if one is None else (*layers[:place], one, *layers[place:])
 
     def refitted(self, layers: Layers) -> Layers:
@@ -386,12 +389,7 @@ class _Search:
     def _upper(self, layers: Layers, place: int) -> list[Shade]:
         """Return gradients that may stand in place of another one."""
         between = _between(layers[:place], layers[place + 1 :], self.pixels)
-        far = between.far()
-        if len(far) < LEAST_AREA:
-            return []
-        strongest = layers[place].ramp.colours[layers[place].ramp.colours[:, 3].argmax()]
-        colour = 255.0 * strongest[:3] / max(float(strongest[3]), 1.0)
-        trials = [between.gradient(colour, FAR, far)]
-        if (fresh := between.likeliest(far, self.draw)) is not None:
-            trials.append(between.gradient(fresh, CLOSE, far))
+        trials = [between.gradient(_colour(layers[place]), FAR)]
+        if (fresh := between.likeliest(self.draw)) is not None:
+            trials.append(between.gradient(fresh, CLOSE))
         return [trial for trial in trials if trial is not None]
