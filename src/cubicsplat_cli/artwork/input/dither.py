@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import packed
+from cubicsplat_cli.artwork.channels import largest, packed
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.regions.fills import CONTACT, FLAT_RANGE, SEEN
 from cubicsplat_cli.artwork.settings import MOST_COLORS
@@ -66,11 +66,11 @@ def banded(levels: np.ndarray) -> bool:
     for part, own, values in ((parts, colours, levels), (parts.T, colours.T, levels.swapaxes(0, 1))):
         before, first, last, after = (own[k : max(0, len(own) - 3) + k] for k in range(4))
         where = part[1:-2]
-        step = (where == part[2:-1]) & (np.abs(np.diff(values[1:-1], axis=0)).max(axis=-1) > STEEP)
+        step = (where == part[2:-1]) & (largest(np.abs(np.diff(values[1:-1], axis=0))) > STEEP)
         two = ((before == first) | (before == last)) & ((after == first) | (after == last))
         steps += np.bincount(where[step], minlength=count + 1)
         alone += np.bincount(where[step & two], minlength=count + 1)
-    kinds = np.bincount(np.unique(np.stack([parts.ravel(), colours.ravel()]), axis=1)[0], minlength=count + 1)
+    kinds = np.bincount(np.unique(parts.astype(np.int64) << 32 | colours) >> 32, minlength=count + 1)
     return bool(((kinds >= FEWEST_BANDS) & (2 * alone > steps) & (alone >= CONTACT * kinds))[1:].any())
 
 
