@@ -39,6 +39,7 @@ from cubicsplat_cli.pipeline.choose import (
 )
 from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, photo_settings, whole_photo
+from cubicsplat_cli.pipeline.shaded import Shading
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
@@ -201,7 +202,7 @@ def test_a_drawing_of_no_more_bytes_that_is_as_near_as_a_shaded_one_is_kept(monk
     task, doubtful = task_for(graded(), steps=60), replace(MEASURED, doubtful=True)
     only, told = only_made(task, doubtful)
     assert (only.style.name, only.facts["shapes"], is_finished(told)) == ("artwork", 2, False)
-    (shaded,) = task.shaded
+    shaded = task.shading[0].made
     assert shaded is not None and curves_of_equal_bytes(task, only) <= curves_of_equal_bytes(task, shaded)
     assert delta_e(task, only.scene, only.samples) <= delta_e(task, shaded.scene, shaded.samples)
     monkeypatch.setattr(choose, "_nearest_shaded", lambda _: shaded)
@@ -210,6 +211,19 @@ def test_a_drawing_of_no_more_bytes_that_is_as_near_as_a_shaded_one_is_kept(monk
     monkeypatch.setattr(choose, "drawn_outlines", fails)
     kept, _ = only_made(task, doubtful)
     assert "the shading stays, since artwork failed: it is broken" in kept.notes
+
+
+def test_shading_is_not_made_where_a_drawing_is_nearer_than_it_can_be(monkeypatch):
+    task = task_for(graded(), steps=60)
+    shading = Shading(task)
+    assert seen_db(task, shading.made.scene, shading.made.samples) < shading.most_db < 70.0
+    assert Shading(task_for(np.full((96, 96, 3), 200, np.uint8))).most_db == -math.inf
+    monkeypatch.setattr("cubicsplat_cli.pipeline.shaded.shade_objects", fails)
+    blank, task = drawn_outlines(task_for(np.full((96, 96, 3), 200, np.uint8))), task_for(graded(), steps=60)
+    blank = replace(blank, facts=blank.facts | {"shapes": 1}, may_be_photo=True)
+    assert photo_is_nearer(task, blank, 60.0, or_shaded=True) is None
+    with pytest.raises(EngineError, match="it is broken"):
+        photo_is_nearer(task, blank, or_shaded=True)
 
 
 def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer():

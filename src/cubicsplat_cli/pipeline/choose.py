@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style, only_fill
 from cubicsplat_cli.errors import CubicSplatError, UsageError
@@ -29,6 +30,9 @@ from cubicsplat_cli.pipeline.pages import drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo, whole_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
 from cubicsplat_cli.scene import LayeredScene, Scene
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.pipeline.shaded import Shading
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
@@ -151,7 +155,7 @@ def _drawn_or_shaded(task: Task) -> Made:
 
     def is_nearer(drawing: Made, rise_db: float = 0.0) -> bool:
         drawn_db = _seen_db(task, drawing, _enough_db(drawing)) + rise_db
-        return _shading_is_nearer(task, _shaded, drawing, drawn_db)
+        return _shading_is_nearer(task, lambda: _shading(task).made, drawing, drawn_db)
 
     def check(sketch: Made) -> None:
         if is_nearer(sketch, SKETCH_DB):
@@ -163,37 +167,35 @@ def _drawn_or_shaded(task: Task) -> Made:
         drawing = drawn_artwork(task, check)
     if drawing is not None and not is_nearer(drawing):
         return drawing
-    shaded = _shaded(task)
+    shaded = _shading(task).made
     assert shaded is not None
     return shaded
 
 
-def _shaded(task: Task) -> Made | None:
-    """Return the shaded drawing of a picture, which is made once; None if the picture does not consist of shaded
-    objects, or the request rules shading out.
-    """
-    if not task.shaded:
-        made = None
-        if task.request.may_shade:
-            from cubicsplat_cli.pipeline.shaded import drawn_shaded  # few pictures need it
+def _shading(task: Task) -> Shading:
+    """Return the shading of a picture, which is made once."""
+    if not task.shading:
+        from cubicsplat_cli.pipeline.shaded import Shading  # few pictures need it
 
-            made = drawn_shaded(task)
-        task.shaded.append(made)
-    return task.shaded[0]
+        task.shading.append(Shading(task))
+    return task.shading[0]
 
 
 def _check_stop(task: Task) -> None:
     """Raise KeyboardInterrupt, which ends a drawing, if one ended the shaded drawing."""
-    if any(made is not None and made.interrupted for made in task.shaded):
+    if any(shading.interrupted for shading in task.shading):
         raise KeyboardInterrupt
 
 
-def _shading_is_nearer(task: Task, shaded: Callable[[Task], Made | None], drawing: Made, drawn_db: float) -> bool:
+def _shading_is_nearer(task: Task, shaded: Callable[[], Made | None], drawing: Made, drawn_db: float) -> bool:
     """True if a shaded drawing is plainly nearer than a drawing of a level. shaded: makes it, or None."""
     if math.isinf(drawn_db) or not drawing.may_be_photo or drawing.interrupted:
         return False
-    made = shaded(task)
-    return made is not None and _seen_db(task, made) > drawn_db + MARGIN_DB
+    least_db = drawn_db + MARGIN_DB
+    if _shading(task).most_db <= least_db:
+        return False
+    made = shaded()
+    return made is not None and _seen_db(task, made) > least_db
 
 
 def _shaded_or_photo(task: Task, drawn: Style, reason: str) -> Made:
@@ -212,7 +214,7 @@ def _shaded_instead(task: Task, style: Style, reason: str) -> Made | None:
 
 def _nearest_shaded(task: Task) -> Made | None:
     """Return the shaded drawing of a picture, if any; None if a photo of as many bytes is nearer in colour."""
-    shaded = _shaded(task)
+    shaded = _shading(task).made
     if shaded is None or shaded.interrupted:
         return shaded
     fit = _quick_photo(task, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
@@ -399,7 +401,7 @@ def photo_is_nearer(
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
+    if or_shaded and _shading_is_nearer(task, partial(_nearest_shaded, task), drawing, drawn_db + rise_db):
         return SHADING
     curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import product
 
 import numpy as np
+from PIL import Image
 
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
 from cubicsplat_cli.evaluate.perceptual import opaque_delta_e
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.files.load import Picture, resize_picture
+from cubicsplat_cli.files.load import Picture, resampled, resize_picture
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import AnyScene
@@ -48,6 +49,13 @@ def seen_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0,
     return max((_seen_db(task, *pair, enough_db) for pair in _pairs(task, scene, samples, blur)), default=math.inf)
 
 
+def seen_db_of(task: Task, pixels: np.ndarray) -> float:
+    """Return the level, see `seen_db`, of other pixels of the target, (H, W, 4) float32, premultiplied in [0, 1]."""
+    copies = _copies(task)
+    drawn = resampled(pixels, (copies[0].width, copies[0].height), Image.Resampling.BOX)
+    return max(_seen_db(task, *pair, math.inf) for pair in _beside(copies, [drawn]))
+
+
 def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0) -> float:
     """Return the mean CIEDE2000 of a scene against the target, the larger one over black and over white; 0 without a
     scene. Parameters, and the copies of which the nearest counts, as of `level_db`.
@@ -56,25 +64,35 @@ def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0)
 
 
 def _pairs(task: Task, scene: AnyScene | None, samples: int, blur: float) -> Iterable[tuple[Picture, ImageSource]]:
-    """Return each copy of the target, with and without colour fringes if its text has these, with each of the engine's
-    pictures of a scene at their size: sharp, and blurred if there is a blur. None without a scene.
-
-    The scene is compressed as the target was, so that it is not blamed for artefacts that it lacks.
+    """Return the pairs of `_beside` for the engine's pictures of a scene: sharp, and blurred if there is a blur. None
+    without a scene.
     """
     if scene is None:
         return ()
-    pictures, threads = [resize_picture(each, LIKENESS_SIDE) for each in task.targets], task.request.settings.threads
-    picture = pictures[0]
-    sharp = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
-    drawn = [sharp]
+    copies, threads = _copies(task), task.request.settings.threads
+    width, height = copies[0].width, copies[0].height
+    drawn = [of_scene(scene, width, height, samples, threads).rows(0, height)]
     if blur:
-        sigma = blur * picture.width / task.target.width
-        drawn.append(ndimage.gaussian_filter(sharp, (sigma, sigma, 0.0), mode="nearest"))
-    compression = picture.compression
+        sigma = blur * width / task.target.width
+        drawn.append(ndimage.gaussian_filter(drawn[0], (sigma, sigma, 0.0), mode="nearest"))
+    return _beside(copies, drawn)
+
+
+def _copies(task: Task) -> list[Picture]:
+    """Return the target, and a copy without colour fringes if its text has these, at the size that is compared."""
+    return [resize_picture(each, LIKENESS_SIDE) for each in task.targets]
+
+
+def _beside(copies: Sequence[Picture], drawn: Sequence[np.ndarray]) -> Iterable[tuple[Picture, ImageSource]]:
+    """Return each copy of the target with each picture of it, (H, W, 4) premultiplied in [0, 1].
+
+    The pictures are compressed as the target was, so that they are not blamed for artefacts that they lack.
+    """
+    compression = copies[0].compression
     if compression is not None and compression.known:
         again = [compression.again(255.0 * values[..., :3]) / np.float32(255.0) for values in drawn]
         drawn = [np.concatenate([rgb, values[..., 3:]], axis=2) for rgb, values in zip(again, drawn, strict=True)]
-    return product(pictures, map(of_values, drawn))
+    return product(copies, map(of_values, drawn))
 
 
 def _seen_db(task: Task, picture: Picture, drawn: ImageSource, enough_db: float) -> float:

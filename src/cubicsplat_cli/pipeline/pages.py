@@ -107,7 +107,7 @@ def _of_pixels(task: Task, pixels: np.ndarray, compression: Compression | None =
     """Return the task with other pixels, (H, W, 3) or premultiplied (H, W, 4), as its target, compressed like that."""
     own = replace(task.target, notes=(), full_size=None)
     target = replace(with_target(own, pixels.copy()), compression=compression)
-    return replace(task, target=target, quick_photos={}, photo_fit=[], shaded=[])
+    return replace(task, target=target, quick_photos={}, photo_fit=[], shading=[])
 
 
 def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:

@@ -146,8 +146,7 @@ class Task:
     source: the picture as read. picture: the same over the requested ground. target: the picture that is fitted, which
     is `picture`, or a copy of it without the remains of a removed ground, or smaller. recorder: keeps the scenes of a
     photo's fit. logged: the warnings so far. quick_photos: the quick fits to the picture so far, by their number of
-    curves. photo_fit: the begun fit of all curves, if any. shaded: the shaded drawing once it is made; None if there is
-    none.
+    curves. photo_fit: the begun fit of all curves, if any. shading: the shaded drawing, once it is looked for.
     """
 
     source: Picture
@@ -161,7 +160,7 @@ class Task:
     logged: list[str] = field(default_factory=list)
     quick_photos: dict[int, Scene] = field(default_factory=dict)
     photo_fit: list[Any] = field(default_factory=list)
-    shaded: list[Made | None] = field(default_factory=list)
+    shading: list[Any] = field(default_factory=list)
 
     @cached_property
     def pixels(self) -> np.ndarray:
