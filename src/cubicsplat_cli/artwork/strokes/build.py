@@ -26,7 +26,7 @@ REACH = 3.0  # widths along a branch from which its direction at a junction is t
 
 BESIDE = 0.35  # widths to the side, where an end is looked at besides its middle
 SLIT = 1.6  # steps of the outline: half of how wide a look ahead is
-AHEAD = 0.6  # cosine
+AHEAD = 0.75  # times as far ahead as to the side, at least, lies what is ahead
 
 
 def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float) -> list[Stroke]:
@@ -222,6 +222,11 @@ class _Tip:
         """The last of some points."""
         return cls(line[-1], *end_of(line[-FLANK:]))
 
+    def seen(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far points (n, 2) lie ahead, and to the left."""
+        off = points - self.place
+        return off @ self.direction, off @ np.array([-self.direction[1], self.direction[0]])
+
     def on(self, reach: float) -> _Tip:
         """The end if the line went on by so many px, bending as it does."""
         direction = self.direction + reach * self.bend
@@ -231,8 +236,7 @@ class _Tip:
 
 def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
     """(3,) how far ahead the outline lies in the middle, and beside it to the left and to the right."""
-    off = sides.points - tip.place
-    along, across = off @ tip.direction, off @ np.array([-tip.direction[1], tip.direction[0]])
+    along, across = tip.seen(sides.near(tip.place, 2.0 * width + BESIDE * width + SLIT * PRECISION))
     found = []
     for side in (0.0, -BESIDE * width, BESIDE * width):
         near = (np.abs(across - side) < SLIT * PRECISION) & (along > -0.2 * width) & (along < 2.0 * width)
@@ -243,12 +247,9 @@ def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
 def _to_middle(tip: _Tip, width: float, beside: float, sides: Sides) -> float:
     """The distance ahead to the middle of the stroke, `beside` px wide, that this one ends in: half of that from its
     far side."""
-    off = sides.points - tip.place
-    off = off[np.hypot(*off.T) < 2.0 * (width + beside)]
-    for reach in np.arange(0.0, width + beside, max(0.02 * width, 0.1)):
-        rest = off - reach * tip.direction
-        distance = np.hypot(*rest.T)
-        ahead = rest @ tip.direction > AHEAD * distance
-        if ahead.any() and distance[ahead].min() <= 0.5 * beside:
-            return float(reach)
-    return 0.0
+    along, across = tip.seen(sides.near(tip.place, 2.0 * (width + beside)))
+    # From `first` on half of that from a point of the outline, which is ahead up to `last`.
+    first = np.maximum(along - np.sqrt(np.maximum(0.25 * beside**2 - across**2, 0.0)), 0.0)
+    last = along - AHEAD * np.abs(across)
+    reaches = first[first < np.minimum(last, width + beside)]
+    return float(reaches.min()) if len(reaches) else 0.0

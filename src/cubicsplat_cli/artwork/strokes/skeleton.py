@@ -158,6 +158,10 @@ class Sides:
         """(n, 2) the points of the outline nearest to places (n, 2)."""
         return self.points[self.tree.query(places)[1]]
 
+    def near(self, place: np.ndarray, reach: float) -> np.ndarray:
+        """(n, 2) the points of the outline no farther than `reach` px from a place (2,)."""
+        return self.points[self.tree.query_ball_point(place[None], reach)[0]]
+
 
 @record
 class Centres:
