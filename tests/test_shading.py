@@ -319,7 +319,7 @@ def test_a_drawing_gives_way_to_a_shaded_one_that_its_sketch_cannot_reach(monkey
 
     monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.regularised", finish)
     for many, drawings in ((150, 2), (0, 1)):  # with and without a sketch; the objects of the shaded one have no fewer
-        monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.MANY", many)
+        monkeypatch.setattr("cubicsplat_cli.pipeline.artwork.MANY", many)
         finished.clear()
         made = vectorize(image_of_ball(4), style="artwork", shading=200, steps=120, threads=1, measure=False)
         assert "clipPath" in made.svg

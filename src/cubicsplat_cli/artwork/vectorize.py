@@ -57,7 +57,6 @@ from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Gradient, mean_fill
 
-MANY = 150  # parts; the finish of more takes longer than a check that they are worth it
 # A clean picture whose longer side has fewer px than TRACED is traced in as many times the detail as it is smaller, to
 # SMALLEST: artists draw as many pieces at any size, and a surplus piece is easier to remove than to insert.
 TRACED, SMALLEST = 512, 128
@@ -91,7 +90,7 @@ def versions(
     An enlarged picture is drawn at its former size. A very large picture, or one of very many regions, is drawn with
     less detail (`limits`), and a warning is logged. A picture of hardly a region of more than a few px is drawn as it
     looks from a distance. prepared: `prepare(target)`, if known. on_sketch: is given the fitted outlines before their
-    details, in px of the picture, if there are many; an exception that it raises ends the drawing.
+    details, in px of the picture; an exception that it raises ends the drawing.
 
     If the current work (`progress.work`) is stopped, the drawing is what there is by then: outlines not yet fitted are
     polygons, and without regions it is the drawing of a small copy.
@@ -262,10 +261,6 @@ def _finished(
     drawing, goal, state = replace(outlined.drawing, shapes=outlined.shapes), None, None
     scaled = replace(settings, min_area=settings.min_area / prepared.mean_scale**2)
 
-    def show(fitted: Drawing) -> None:
-        if len(plan.parts) > MANY:
-            on_sketch(_painted(fitted))
-
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Restored edges are less certain than those of the picture as it was read.
@@ -276,7 +271,7 @@ def _finished(
             picture = replace(plan, levels=levels) if settings.free_fills else plan
             errors = condition.restored_error, outlined.smaller
             drawing, state = or_finer(drawing, goal, picture, scaled, flat, outlined.placeholders, *errors)
-        drawing = polish(drawing, goal, settings.detail, state, show)
+        drawing = polish(drawing, goal, settings.detail, state, lambda fitted: on_sketch(_painted(fitted)))
         if condition.clean and not (condition.aliased or grid):
             drawing = polish_closer(drawing, goal, settings.detail)
         drawing = regularised(drawing, goal, settings.detail, grid)

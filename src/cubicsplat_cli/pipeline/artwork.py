@@ -33,6 +33,7 @@ from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic in the engine's own picture
+MANY = 150  # shapes; the finish of more takes longer than a check that they are worth it
 ENLARGED = 0.41  # px of the small picture: standard deviation of linear interpolation, a triangle 2 px wide
 
 
@@ -82,12 +83,17 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
 
 
 def drawn_outlines(
-    task: Task, on_sketch: Callable[[Made], None] = nothing, completed: Callable[[Drawing], Drawing] | None = None
+    task: Task,
+    on_sketch: Callable[[Made], None] = nothing,
+    completed: Callable[[Drawing], Drawing] | None = None,
+    *,
+    of_few: bool = False,
 ) -> Made:
     """Draw regions with smooth outlines.
 
-    on_sketch: is given a first version of a drawing of very many shapes; an exception that it raises ends the drawing.
-    completed: returns a changed drawing, in px of the target, before it is scaled to the picture.
+    on_sketch: is given a first version of a drawing of very many shapes, or of any drawing (of_few); an exception that
+    it raises ends the drawing. completed: returns a changed drawing, in px of the target, before it is scaled to the
+    picture.
     """
     from cubicsplat_cli.artwork.vectorize import prepare, versions
 
@@ -106,7 +112,8 @@ def drawn_outlines(
         }
 
         def add_sketch(sketch: Drawing) -> None:
-            on_sketch(replace(result_of_drawing(scaled_drawing(sketch, *size), request), **damage))
+            if of_few or len(sketch.shapes) > MANY:
+                on_sketch(replace(result_of_drawing(scaled_drawing(sketch, *size), request), **damage))
 
         drawings = versions(target, chosen, prepared, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)

@@ -127,7 +127,7 @@ def _page(task: Task) -> tuple[Made | None, bool]:
 def _suits_photo(task: Task) -> bool:
     """True if a photo suits a sample of a picture better than a drawing."""
     try:
-        drawing = drawn_outlines(task, partial(check_worth_finishing, task, quick=True))
+        drawing = drawn_outlines(task, partial(check_worth_finishing, task, quick=True), of_few=True)
         # Of so few pixels a quick photo is hardly behind a finished one.
         return photo_is_nearer(task, drawing, QUICK_BEHIND_DB, quick=True) is not None
     except DrawingGivenUp:
