@@ -291,20 +291,20 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, settings: ArtworkSettings
     if settings.strokes is False or settings.stacking == CUTOUT or (goal is None and not settings.strokes):
         return drawing
     from cubicsplat_cli.artwork.strokes.find import as_strokes
+    from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes, shorter_strokes, with_shared_pens
 
     with work().stoppable():
         work().at("finding strokes", 0.97)
         strokes = as_strokes(drawing, settings.detail, error, shorter=not settings.strokes)
-        if not any(shape.stroke for shape in chain.from_iterable(strokes)):
-            return drawing
-        from cubicsplat_cli.artwork.strokes.parameters import fitted_strokes, shorter_strokes
-
+        found = any(shape.stroke for shape in chain.from_iterable(strokes))
         if not settings.strokes and goal is not None:
-            shorter = shorter_strokes(drawing, strokes, goal, settings.detail)
-            return drawing if len(shorter.shapes) > (settings.curves or math.inf) else shorter
-        drawing = replace(drawing, shapes=tuple(chain.from_iterable(strokes)))
-        if goal is not None:
-            drawing = fitted_strokes(drawing, goal)
+            shorter = shorter_strokes(drawing, strokes, goal, settings.detail) if found else drawing
+            few_enough = len(shorter.shapes) <= (settings.curves or math.inf)
+            drawing = with_shared_pens(shorter if few_enough else drawing, goal, settings.detail)
+        elif found:
+            drawing = replace(drawing, shapes=tuple(chain.from_iterable(strokes)))
+            if goal is not None:
+                drawing = fitted_strokes(drawing, goal)
     return drawing
 
 

@@ -246,10 +246,13 @@ def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
 
 def _to_middle(tip: _Tip, width: float, beside: float, sides: Sides) -> float:
     """The distance ahead to the middle of the stroke, `beside` px wide, that this one ends in: half of that from its
-    far side."""
+    far side, or less than a step beyond, since an end that is hardly moved would have no direction.
+    """
     along, across = tip.seen(sides.near(tip.place, 2.0 * (width + beside)))
+    step = max(0.02 * width, 0.1)
     # From `first` on half of that from a point of the outline, which is ahead up to `last`.
     first = np.maximum(along - np.sqrt(np.maximum(0.25 * beside**2 - across**2, 0.0)), 0.0)
     last = along - AHEAD * np.abs(across)
-    reaches = first[first < np.minimum(last, width + beside)]
+    reaches = step * np.ceil(first / step)
+    reaches = reaches[reaches < np.minimum(last, width + beside)]
     return float(reaches.min()) if len(reaches) else 0.0

@@ -21,8 +21,9 @@ MOST_SLACK = 0.15  # px by which an outline may be off: the error of its pixels,
 BESIDE = 2.0  # widths, of an outline, that are uneven at the ends of a stroke and where it meets others
 # Where the px by which widths may differ are a larger part of the width, any thin shape would be even.
 LEAST_TOLD = 8.0
-LEAST_LENGTH = 2.0 * SHAPE_PARAMETERS + 5.0  # numbers: of a shape with one straight stroke
-LEAST_ASPECT = 3.0  # of a bar that is a stroke
+PEN = SHAPE_PARAMETERS + 1.0  # numbers: of the style and the width of strokes
+LEAST_LENGTH = PEN + SHAPE_PARAMETERS + 4.0  # numbers: of a shape with one straight stroke
+LEAST_ASPECT = 3.0  # of a bar that is a stroke where all are asked for
 ALIKE = 0.08  # px; widths that differ by less are one
 
 
@@ -61,7 +62,7 @@ def length_of(*shapes: Shape) -> float:
 
 def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[Stroke]:
     """The strokes that cover what a shape does; none without such, or if they must be shorter and are not."""
-    simple = _simple(shape.outlines)
+    simple = _simple(shape.outlines, LEAST_ASPECT)
     if simple is not None:
         return [simple]
     if len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring):
@@ -75,8 +76,29 @@ def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[S
     return strokes if strokes and _same(shape, strokes, MOST_SLACK if shorter else slack) else []
 
 
-def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
-    """The stroke that a ring of two circles or a long bar is."""
+def by_pens(shapes: tuple[Shape, ...]) -> dict[int, tuple[Stroke, bool]]:
+    """The strokes that bars and rings of circles are, by number, and whether there is another stroke by their pen, of
+    the same colour and about the same width, which they take.
+    """
+    found = {
+        n: own
+        for n, shape in enumerate(shapes)
+        if not (shape.stroke or shape.gradient)
+        and (own := _simple(shape.outlines, 1.0))
+        and own.width > LEAST_TOLD * EVEN_PX
+    }
+    width_of = _common([*found.values()])
+    strokes = {}
+    for n, own in found.items():
+        widths = [s.stroke.width for s in shapes if s.stroke and s.fill == shapes[n].fill and not s.gradient]
+        nearest = min(widths, key=lambda width: abs(width - own.width), default=math.inf)
+        shared = abs(nearest - own.width) <= ALIKE
+        strokes[n] = replace(own, width=nearest if shared else width_of[own.width]), shared
+    return strokes
+
+
+def _simple(outlines: tuple[Outline, ...], least_aspect: float) -> Stroke | None:
+    """The stroke that a ring of two circles or a bar of such an aspect is."""
     first = outlines[0]
     if len(outlines) == 2 and isinstance(first, Circle) and isinstance(hole := outlines[1], Circle):
         width = first.r - hole.r
@@ -85,7 +107,7 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
     if len(outlines) == 1 and isinstance(first, Rectangle):
         long, short = max(first.width, first.height), min(first.width, first.height)
         rounded = first.radius > 0.45 * short
-        if long >= LEAST_ASPECT * short and (rounded or first.radius == 0.0):
+        if long > least_aspect * short and (rounded or first.radius == 0.0):
             angle = first.angle + (0.0 if first.width >= first.height else 0.5 * math.pi)
             half = 0.5 * (long - short if rounded else long) * np.array([math.cos(angle), math.sin(angle)])
             middle = np.array([first.x + 0.5 * first.width, first.y + 0.5 * first.height])

@@ -4,6 +4,8 @@ fitted to the picture through the exact coverage of what they draw.
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
@@ -27,12 +29,13 @@ from cubicsplat_cli.artwork.geometry.stroke import (
 )
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing, Shape
-from cubicsplat_cli.artwork.strokes.find import length_of
+from cubicsplat_cli.artwork.strokes.find import PEN, by_pens, length_of
 from cubicsplat_cli.progress import log
 from cubicsplat_cli.raster.cubics import Pieces
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.raster.strokes import STEP
+from cubicsplat_cli.scene.paint import Rgba
 
 MOST_WIDER = 0.5  # px, of a stroke in a step
 
@@ -107,16 +110,47 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
     before = State.of(still, goal)
     after = _fitted(before.with_layers([*chain.from_iterable(parts)]), drawing)
     owners = np.repeat(np.arange(len(parts)), [len(own) for own in parts])
-    here, there = (np.array([n for n, _ in state.places])[state.owners] for state in (before, after))
-    group, other = (np.where(tried[own], own, -1) for own in (here, owners[there]))
-    growth = before.stack.growth(after.stack, group, other, len(parts), before.spread).tolist()
-    first = np.cumsum([0, *(len(shape.outlines) for shape in drawing.shapes)]).tolist()
+    pays = np.array(saved) > detail * _lost(before, after, owners, tried)
     shapes: list[Shape] = []
     for n in range(len(parts)):
-        pays = tried[n] and 0.5 * detail * growth[n] < PRICE * saved[n] * before.floor(first[n])
-        own = [after.layers[k] for k in np.flatnonzero(owners == n)] if pays else [still[n]]
+        own = [after.layers[k] for k in np.flatnonzero(owners == n)] if tried[n] and pays[n] else [still[n]]
         shapes += map(_drawn, own)
     return replace(drawing, shapes=tuple(shapes))
+
+
+def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
+    """The drawing with the bars and rings of circles as strokes that share a pen with others, where its style and width
+    cost nothing, and the whole description becomes shorter. All stay where they are. detail: as in ArtworkSettings.
+    """
+    shapes, strokes = [*drawing.shapes], by_pens(drawing.shapes)
+    if not strokes:
+        return drawing
+    trials = [shape.stroked(strokes[n][0]) if n in strokes else shape for n, shape in enumerate(shapes)]
+    before = State.of([layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in shapes], goal)
+    after = before.with_layers([layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in trials])
+    tried = np.isin(np.arange(len(shapes)), [*strokes])
+    lost = detail * _lost(before, after, np.arange(len(shapes)), tried)
+    gains = {n: length_of(shapes[n]) - length_of(trials[n]) + PEN - float(lost[n]) for n in strokes}
+    # Those of a pen that there is not yet must pay for it together.
+    together = defaultdict[tuple[Rgba, float], float](float)
+    for n, (stroke, shared) in strokes.items():
+        together[shapes[n].fill, stroke.width] += math.inf if shared else max(gains[n], 0.0)
+    for n, (stroke, _) in strokes.items():
+        if gains[n] > 0.0 and together[shapes[n].fill, stroke.width] > PEN:
+            shapes[n] = trials[n]
+    return replace(drawing, shapes=tuple(shapes))
+
+
+def _lost(before: State, after: State, owners: np.ndarray, tried: np.ndarray) -> np.ndarray:
+    """Return (shapes,) by how much the misfit of the shapes tried (shapes,) grows, as numbers of a description. owners:
+    (layers of the state after,) the shape of each.
+    """
+    here, there = (np.array([n for n, _ in state.places])[state.owners] for state in (before, after))
+    group, other = (np.where(tried[own], own, -1) for own in (here, owners[there]))
+    growth = before.stack.growth(after.stack, group, other, len(tried), before.spread)
+    first = np.cumsum([0, *(len(layer.outlines) for layer in before.layers)]).tolist()
+    floors = [before.floor(k) if own else 1.0 for k, own in zip(first, tried.tolist(), strict=False)]
+    return np.asarray(0.5 * growth / (PRICE * np.array(floors)))
 
 
 def _layers(drawing: Drawing, shapes: Iterable[Shape], goal: Goal) -> list[Layer]:
