@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
@@ -167,7 +168,9 @@ def shares(text: str) -> np.ndarray:
 WAVE = "M30 128C80 20 120 240 160 128S220 60 230 150"
 
 
-LINES = ["M40 200L128 60L200 200", "M128 40L220 210H36z", WAVE, ICONS["infinity"][0].d, "M40 40L200 60L60 62"]
+# Its hole is smaller than the square that its inner side makes in the corner.
+DROP = "M92 108V100C92 95.6 95.6 92 100 92C104.4 92 108 95.6 108 100C108 104.4 104.4 108 100 108z"
+LINES = ["M40 200L128 60L200 200", "M128 40L220 210H36z", WAVE, ICONS["infinity"][0].d, "M40 40L200 60L60 62", DROP]
 CAPS, JOINS = ["butt", "round", "square"], ["miter", "round", "bevel"]
 # Each line with each kind of cap, and with each kind of join.
 PAIRS = [(d, CAPS[(i + k) % 3], JOINS[(i + 2 * k) % 3]) for k in range(3) for i, d in enumerate(LINES)]
@@ -265,6 +268,22 @@ def test_pens_are_strokes_by_themselves_and_filled_shapes_are_none():
     drawing = read_drawing(result.svg)
     assert sorted(round(s.stroke.width, 1) for s in drawing.shapes if s.stroke) == [10.0, 12.0]
     assert drawing.coordinates < read_drawing(vectorize(with_pens(WAVY), strokes=False, threads=1).svg).coordinates
+
+
+def test_rings_are_strokes_and_bars_share_the_pen_of_others():
+    bars = [Pen(f"M{30 + 25 * k} 130V{190 + 10 * k}", 10, "round", "round") for k in range(5)]
+    ring = Pen("M165 190A30 30 0 1 1 225 190A30 30 0 1 1 165 190z", 10, "butt", "miter")
+    for pens, widths in (
+        ([WAVY[0], bars[0], ring], {10.0: 3}),
+        ([replace(WAVY[0], width=12), bars[0]], {12.0: 1}),
+        ([bars[0], ring], {10.0: 2}),
+        ([replace(bars[0], width=12), ring], {10.0: 1}),
+        (bars, {10.0: 5}),
+    ):
+        result = vectorize(with_pens(pens, FILLED[:1]), threads=1, measure=False)
+        found = [shape.stroke.width for shape in read_drawing(result.svg).shapes if shape.stroke]
+        assert result.report.style == "artwork" and len(set(found)) == len(widths)
+        assert Counter(round(width, 1) for width in found) == widths
 
 
 @pytest.mark.parametrize("without", [{"stacking": "cutout"}, {"curves": 3}])

@@ -4,6 +4,8 @@ curves on both sides, caps and joins.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -123,8 +125,10 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     found = plan_of(cubics, lines, stroke).outline(cubics, 0.5 * stroke.width)
     rings = np.split(found.cubics, found.ends[:-1])
     straight = np.split(found.lines, found.ends[:-1])
-    if not stroke.closed or abs(_winding(cubics)) == 1:
-        made = [ring_of_cubics(*own, smooth=False) for own in zip(rings, straight, strict=True)]
+    made = [ring_of_cubics(*own, smooth=False) for own in zip(rings, straight, strict=True)]
+    areas = [signed_area(ring) for ring in made]
+    # Within a sharp corner a side makes a loop, which may be larger than the hole.
+    if not stroke.closed or (abs(_winding(cubics)) == 1 and math.prod(areas) < 0.0):
         return tuple(sorted(made, key=lambda ring: -abs(signed_area(ring))))
     # It crosses itself: once around it on one side and back on the other, cut open where it begins.
     there = line_chain(np.stack([rings[0][0, 0], rings[1][0, 0]])).cubics

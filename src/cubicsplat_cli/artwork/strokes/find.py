@@ -77,8 +77,8 @@ def _strokes(shape: Shape, detail: float, slack: float, shorter: bool) -> list[S
 
 
 def by_pens(shapes: tuple[Shape, ...]) -> dict[int, tuple[Stroke, bool]]:
-    """The strokes that bars and rings of circles are, by number, and whether there is another stroke by their pen, of
-    the same colour and about the same width, which they take.
+    """The strokes that bars and rings of circles are, by number, and whether their pen costs nothing: rings show no cap
+    or join, and bars take the width of another stroke that has about theirs and the same colour.
     """
     found = {
         n: own
@@ -93,7 +93,7 @@ def by_pens(shapes: tuple[Shape, ...]) -> dict[int, tuple[Stroke, bool]]:
         widths = [s.stroke.width for s in shapes if s.stroke and s.fill == shapes[n].fill and not s.gradient]
         nearest = min(widths, key=lambda width: abs(width - own.width), default=math.inf)
         shared = abs(nearest - own.width) <= ALIKE
-        strokes[n] = replace(own, width=nearest if shared else width_of[own.width]), shared
+        strokes[n] = replace(own, width=nearest if shared else width_of[own.width]), shared or own.closed
     return strokes
 
 

@@ -119,8 +119,9 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
 
 
 def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
-    """The drawing with the bars and rings of circles as strokes that share a pen with others, where its style and width
-    cost nothing, and the whole description becomes shorter. All stay where they are. detail: as in ArtworkSettings.
+    """The drawing with rings of circles as strokes, and with bars that share a pen with others, where the whole
+    description becomes shorter: a pen's style and width cost nothing but once. All stay where they are. detail: as in
+    ArtworkSettings.
     """
     shapes, strokes = [*drawing.shapes], by_pens(drawing.shapes)
     if not strokes:
@@ -129,7 +130,8 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     before = State.of([layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in shapes], goal)
     after = before.with_layers([layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in trials])
     tried = np.isin(np.arange(len(shapes)), [*strokes])
-    lost = detail * _lost(before, after, np.arange(len(shapes)), tried)
+    # None is to be a stroke since its pixels happen to be nearer.
+    lost = np.maximum(detail * _lost(before, after, np.arange(len(shapes)), tried), 0.0)
     gains = {n: length_of(shapes[n]) - length_of(trials[n]) + PEN - float(lost[n]) for n in strokes}
     # Those of a pen that there is not yet must pay for it together.
     together = defaultdict[tuple[Rgba, float], float](float)
