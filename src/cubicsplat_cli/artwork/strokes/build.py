@@ -13,8 +13,8 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.fitting import GAP, PRECISION, fit_outlines
 from cubicsplat_cli.artwork.geometry.outlines import Ring, arc_lengths, flattened, polyline_places, signed_area
 from cubicsplat_cli.artwork.geometry.rows import Link, rows_of
-from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
-from cubicsplat_cli.artwork.strokes.centre_line import FLANK, end_of, open_line, with_corners
+from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Path, Stroke, pieces_of
+from cubicsplat_cli.artwork.strokes.centre_line import CORNER, FLANK, MITER_LIMIT, end_of, open_line, with_corners
 from cubicsplat_cli.artwork.strokes.skeleton import Centres, Graph, Sides, centres_of, skeleton_of
 from cubicsplat_cli.record import record
 
@@ -90,7 +90,7 @@ def _stroke(
     sigma = np.full(len(line), math.hypot(PRECISION, slack))
     known = np.zeros(len(line), dtype=bool)
     path = fit_outlines([line], [sigma], detail, [known])[0] if closed else open_line(line, corners, detail, slack)
-    return Stroke(path, width, cap, _join(line, corners, width, sides))
+    return Stroke(path, width, cap, _join(path, closed, width, sides))
 
 
 def _node(row: list[Link], graph: Graph, end: int) -> int:
@@ -106,26 +106,26 @@ def _beside(row: list[Link], graph: Graph, centres: list[Centres], end: int) -> 
     return max(filter(math.isfinite, others), default=0.0)
 
 
-def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> str:
-    """The join that reaches as far out of the corners as the outline does; empty without any."""
-    votes = {MITER: 0, ROUND: 0, BEVEL: 0}
-    for i in corners.tolist():
-        before, after = line[i] - line[i - 1], line[(i + 1) % len(line)] - line[i]
-        before, after = (v / max(float(np.hypot(*v)), 1e-9) for v in (before, after))
+def _join(path: Path, closed: bool, width: float, sides: Sides) -> str:
+    """The join that reaches as far out of a path's corners as the outline does; empty without any."""
+    cubics, _ = pieces_of(path)
+    votes = {MITER: 0.0, ROUND: 0.0, BEVEL: 0.0}
+    for last, own in zip(np.roll(cubics, 1, axis=0)[not closed :], cubics[not closed :], strict=True):
+        before, after = (v / max(float(np.hypot(*v)), 1e-9) for v in (last[3] - last[2], own[1] - own[0]))
         out = before - after
         size = float(np.hypot(*out))
-        if size < 1e-6:
+        if size < 2.0 * math.sin(0.5 * CORNER):
             continue
         out = out / size
         half_turn = math.asin(min(0.5 * size, 1.0))
-        off = sides.points - line[i]
+        off = sides.near(own[0], MITER_LIMIT * width) - own[0]
         ahead = (np.abs(off @ np.array([-out[1], out[0]])) < SLIT * PRECISION) & (off @ out > 0.0)
         if not ahead.any():
             continue
         reach = float((off @ out)[ahead].min()) / (0.5 * width)
         stretch = math.cos(half_turn)
         wanted = {MITER: 1.0 / max(stretch, 1e-6), ROUND: 1.0, BEVEL: stretch}
-        votes[min(wanted, key=lambda join: abs(wanted[join] - reach))] += 1
+        votes[min(wanted, key=lambda join: abs(wanted[join] - reach))] += size
     return max(votes, key=lambda join: votes[join]) if any(votes.values()) else ""
 
 
