@@ -308,7 +308,7 @@ def test_a_line_that_turns_back_has_no_corner_far_away():
     there = np.stack([np.arange(20.0), np.zeros(20)], axis=1)
     back = np.stack([np.arange(20.0)[::-1], np.full(20, 4.0) - 1e-9 * np.arange(20.0)], axis=1)
     gaps = np.arange(40) == 19
-    points, corners = with_corners(np.concatenate([there, back]), gaps, closed=False)
+    points, corners = with_corners(np.concatenate([there, back]), gaps, closed=False, width=4.0)
     assert len(points) == 40 and not len(corners)
 
 

@@ -80,11 +80,11 @@ def _stroke(
         return None
     width = float(np.median(np.concatenate([each.widths[each.even] for each, _ in own])))
     hidden = [_beside(row, graph, centres, end) for end in (0, 1)]
-    gaps = np.hypot(*(np.roll(line, -1, axis=0) - line).T) > max(GAP, 0.4 * width)
+    gaps = np.hypot(*(np.roll(line, -1, axis=0) - line).T) > GAP
     cap = BUTT
     if not closed:
         line, gaps, cap = with_ends(line, gaps, width, sides, hidden)
-    line, corners = with_corners(line, gaps, closed)
+    line, corners = with_corners(line, gaps, closed, width)
     if closed and len(np.unique(line, axis=0)) < 8:
         return None
     sigma = np.full(len(line), math.hypot(PRECISION, slack))

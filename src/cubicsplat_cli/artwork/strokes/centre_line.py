@@ -14,7 +14,8 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain, chain_of_pieces, line_
 from cubicsplat_cli.raster.cubics import Division, Joints, Pieces, divided_run
 from cubicsplat_cli.raster.outlines import parabolas
 
-CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
+CORNER = math.radians(20.0)  # a bend in a gap of the points from which it may be a corner
+LONG_GAP = 0.4  # widths, from which a gap is of a corner however little its flanks bend
 FLANK = 8  # points that tell the direction of an end, as on either side of a gap
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
 FEWEST = 6  # points
@@ -77,10 +78,10 @@ def _pieces(division: Division, ends: np.ndarray) -> Pieces:
     return Pieces((anchors, incoming, outgoing), Joints(division.lines, smooth, level, tied))
 
 
-def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool, width: float) -> tuple[np.ndarray, np.ndarray]:
     """Points about one px apart with corners put into gaps, and the corners' indices.
 
-    points: (n, 2) px; gaps: (n,) bool, whether there is one between a point and the next.
+    points: (n, 2) px; gaps: (n,) bool, whether there is one between a point and the next; width: of the stroke, px.
     """
     count = len(points)
     out, corners = list[np.ndarray](), list[int]()
@@ -89,7 +90,7 @@ def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool) -> tuple[np
         if not gaps[i] or (i == count - 1 and not closed):
             continue
         before, after = _flank(points, gaps, i, -1, closed), _flank(points, gaps, (i + 1) % count, 1, closed)
-        corner = _meeting(points[i], before, points[(i + 1) % count], after)
+        corner = _meeting(points[i], before, points[(i + 1) % count], after, width)
         if corner is None:
             continue
         out += list(_between(points[i], corner))
@@ -136,14 +137,14 @@ def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return way, bend - (bend @ way) * way
 
 
-def _meeting(a: np.ndarray, way: np.ndarray, b: np.ndarray, onward: np.ndarray) -> np.ndarray | None:
-    """The point where the line on from a meets the line back from b; None where both are about one line, and where it
-    lies so far out that no miter would reach it.
+def _meeting(a: np.ndarray, way: np.ndarray, b: np.ndarray, onward: np.ndarray, width: float) -> np.ndarray | None:
+    """The point where the line on from a meets the line back from b; None where both are about one line, where a bend
+    of a radius of half a width explains the gap, and where it lies so far out that no miter would reach it.
     """
-    turn = float(way[0] * onward[1] - way[1] * onward[0])
-    if abs(math.atan2(turn, float(way @ onward))) < CORNER:
+    gap, turn = b - a, float(way[0] * onward[1] - way[1] * onward[0])
+    bend = 2.0 * min(float(np.hypot(*gap)) / width, LONG_GAP)
+    if abs(math.atan2(turn, float(way @ onward))) < max(CORNER, bend):
         return None
-    gap = b - a
     s = (gap[0] * onward[1] - gap[1] * onward[0]) / turn
     u = (gap[0] * way[1] - gap[1] * way[0]) / turn
     # Of a corner like a miter's, both ways to it over the gap are the miter's length over the width.
