@@ -80,17 +80,13 @@ def by_pens(shapes: tuple[Shape, ...]) -> dict[int, tuple[Stroke, bool]]:
     """The strokes that bars and rings of circles are, by number, and whether their pen costs nothing: rings show no cap
     or join, and bars take the width of another stroke that has about theirs and the same colour.
     """
-    found = {
-        n: own
-        for n, shape in enumerate(shapes)
-        if not (shape.stroke or shape.gradient)
-        and (own := _simple(shape.outlines, 1.0))
-        and own.width > LEAST_TOLD * EVEN_PX
-    }
-    width_of = _common([*found.values()])
-    strokes = {}
+    flat = [(n, shape) for n, shape in enumerate(shapes) if shape.gradient is None]
+    bare = {n: own for n, shape in flat if shape.stroke is None and (own := _simple(shape.outlines, 1.0))}
+    # A bar with straight ends is as short as a rectangle.
+    found = {n: s for n, s in bare.items() if (s.closed or s.cap == ROUND) and s.width > LEAST_TOLD * EVEN_PX}
+    width_of, strokes = _common([*found.values()]), {}
     for n, own in found.items():
-        widths = [s.stroke.width for s in shapes if s.stroke and s.fill == shapes[n].fill and not s.gradient]
+        widths = [shape.stroke.width for _, shape in flat if shape.stroke and shape.fill == shapes[n].fill]
         nearest = min(widths, key=lambda width: abs(width - own.width), default=math.inf)
         shared = abs(nearest - own.width) <= ALIKE
         strokes[n] = replace(own, width=nearest if shared else width_of[own.width]), shared or own.closed

@@ -110,10 +110,10 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
     before = State.of(still, goal)
     after = _fitted(before.with_layers([*chain.from_iterable(parts)]), drawing)
     owners = np.repeat(np.arange(len(parts)), [len(own) for own in parts])
-    pays = np.array(saved) > detail * _lost(before, after, owners, tried)
+    pays = tried & (np.array(saved) > detail * _lost(before, after, owners, tried))
     shapes: list[Shape] = []
     for n in range(len(parts)):
-        own = [after.layers[k] for k in np.flatnonzero(owners == n)] if tried[n] and pays[n] else [still[n]]
+        own = [after.layers[k] for k in np.flatnonzero(owners == n)] if pays[n] else [still[n]]
         shapes += map(_drawn, own)
     return replace(drawing, shapes=tuple(shapes))
 
