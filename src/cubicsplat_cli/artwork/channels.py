@@ -26,6 +26,11 @@ def packed(colours: np.ndarray) -> np.ndarray:
     return np.asarray(colours.astype(np.int64) @ (256 ** np.arange(colours.shape[-1])))
 
 
+def are_few(numbers: np.ndarray, most: int) -> bool:
+    """Return True if there are at most so many different numbers (H, W). Some rows tell of most pictures."""
+    return all(len(np.unique(some)) <= most for some in (numbers[::16], numbers))
+
+
 def unpacked(numbers: np.ndarray) -> np.ndarray:
     """Return the colours (n, 4) of the numbers (n,) that `packed` gives them, float64."""
     return np.asarray(numbers[:, None] // 256 ** np.arange(4) % 256, dtype=np.float64)

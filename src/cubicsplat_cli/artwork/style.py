@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import ROWS, in_blocks, largest, packed
+from cubicsplat_cli.artwork.channels import ROWS, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.evenness import ASIDE, SMALL, contrasts, even
@@ -31,9 +31,6 @@ UNSEEN, COLOUR, LEAST_DOUBTFUL = 6.0, 8, 0.5
 # The commonest colours, as wide as a JPEG rings near strong edges, in levels, and the least share of the pixels in them
 # of a possible drawing: small logos in JPEGs have 0.66 and more, photos without an even ground at most 0.57.
 FEW_COLOURS, RINGING, LEAST_IN_FEW = 4, 32, 0.6
-# Paper: px of the blocks that are tested; their least light as a share of the lightest ones'; the most difference of
-# tints, in shares of the light; the least share of such blocks, since ink covers the others.
-PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
 _MOST_PIXELS = 2**20  # that are tested
 
 
@@ -68,7 +65,7 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
     if suits is not None and suits.name == ARTWORK:
         return suits
     # Colours drift across the paper of a scan too, and fine grain is lost in a JPEG.
-    if _like_paper(levels) and _scanned(target):
+    if _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     if suits is not None:
         return suits
@@ -114,16 +111,6 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str, *, lossy: b
     if plain and explained >= LEAST_SHADED:
         return Style(ARTWORK, f"{reason} in gradients")
     return Style(PHOTO, reason, doubtful=even or explained >= LEAST_DOUBTFUL)
-
-
-def _like_paper(levels: np.ndarray) -> bool:
-    """True if most of a picture may be paper, light and of one tint. A quick test, since most photos are not."""
-    blocks = in_blocks(levels[..., :3], min(PAPER_BLOCK, *levels.shape[:2])).mean((2, 3)).reshape(-1, 3)
-    light = blocks.mean(axis=1)
-    bright = light >= LEAST_LIGHT * np.percentile(light, 90)
-    tints = blocks / np.maximum(light, 1.0)[:, None]
-    same_tint = np.abs(tints - np.median(tints[bright], axis=0)).max(axis=1) <= SAME_TINT
-    return bool((bright & same_tint).mean() >= LEAST_PAPER)
 
 
 def _scanned(target: np.ndarray) -> bool:

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, commonest, in_blocks, packed
+from cubicsplat_cli.artwork.channels import LUMA, are_few, commonest, in_blocks, packed
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
+from cubicsplat_cli.artwork.settings import MOST_COLORS
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
 
@@ -291,7 +292,7 @@ def _even_blocks(levels: np.ndarray, busy: np.ndarray) -> float:
 def _indexed(levels: np.ndarray) -> bool:
     """True if a picture, not grey, has at most the 256 colours of a GIF or palette, whose rounding makes it rough."""
     colours = levels[..., :3]
-    return bool((colours != colours[..., :1]).any()) and len(np.unique(packed(colours))) <= 256
+    return bool((colours != colours[..., :1]).any()) and are_few(packed(colours), MOST_COLORS)
 
 
 def _rings(levels: np.ndarray, rough: np.ndarray, near: np.ndarray) -> bool:

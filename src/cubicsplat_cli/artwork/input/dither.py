@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import largest, packed
+from cubicsplat_cli.artwork.channels import are_few, largest, packed
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA
 from cubicsplat_cli.artwork.regions.fills import CONTACT, FLAT_RANGE, SEEN
 from cubicsplat_cli.artwork.settings import MOST_COLORS
@@ -59,7 +59,7 @@ def banded(levels: np.ndarray) -> bool:
     Where neighbours in a gradient as it is drawn differ by more than STEEP levels, the next ones differ as well.
     """
     colours = packed(np.rint(levels))
-    if not _are_few(colours):
+    if not are_few(colours, MOST_COLORS):
         return False
     parts, count = ndimage.large_parts(spread(levels, 3, 3) <= SEEN, LEAST_AREA)
     steps, alone = (np.zeros(count + 1) for _ in range(2))
@@ -95,12 +95,7 @@ def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     if dense.sum() <= MOST_STRAY:
         return None
     colours = packed(np.rint(levels))
-    return (dots, dense) if _are_few(colours) and _repeated(colours, dense) < REPEATED else None
-
-
-def _are_few(colours: np.ndarray) -> bool:
-    """Return True if a picture (H, W) in numbers for colours has as few as a palette. Some rows tell most others."""
-    return all(len(np.unique(some)) <= MOST_COLORS for some in (colours[::16], colours))
+    return (dots, dense) if are_few(colours, MOST_COLORS) and _repeated(colours, dense) < REPEATED else None
 
 
 def _around(dots: np.ndarray) -> np.ndarray:
