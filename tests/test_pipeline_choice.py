@@ -202,7 +202,7 @@ def test_a_drawing_of_no_more_bytes_that_is_as_near_as_a_shaded_one_is_kept(monk
     task, doubtful = task_for(graded(), steps=60), replace(MEASURED, doubtful=True)
     only, told = only_made(task, doubtful)
     assert (only.style.name, only.facts["shapes"], is_finished(told)) == ("artwork", 2, False)
-    shaded = task.shading[0].made
+    shaded = task.shading[0].made(task)
     assert shaded is not None and curves_of_equal_bytes(task, only) <= curves_of_equal_bytes(task, shaded)
     assert delta_e(task, only.scene, only.samples) <= delta_e(task, shaded.scene, shaded.samples)
     monkeypatch.setattr(choose, "_nearest_shaded", lambda _: shaded)
@@ -216,8 +216,10 @@ def test_a_drawing_of_no_more_bytes_that_is_as_near_as_a_shaded_one_is_kept(monk
 def test_shading_is_not_made_where_a_drawing_is_nearer_than_it_can_be(monkeypatch):
     task = task_for(graded(), steps=60)
     shading = Shading(task)
-    assert seen_db(task, shading.made.scene, shading.made.samples) < shading.most_db < 70.0
-    assert Shading(task_for(np.full((96, 96, 3), 200, np.uint8))).most_db == -math.inf
+    made = shading.made(task)
+    assert seen_db(task, made.scene, made.samples) < shading.most_db(task) < 70.0
+    even = task_for(np.full((96, 96, 3), 200, np.uint8))
+    assert Shading(even).most_db(even) == -math.inf
     monkeypatch.setattr("cubicsplat_cli.pipeline.shaded.shade_objects", fails)
     blank, task = drawn_outlines(task_for(np.full((96, 96, 3), 200, np.uint8))), task_for(graded(), steps=60)
     blank = replace(blank, facts=blank.facts | {"shapes": 1}, may_be_photo=True)

@@ -155,7 +155,7 @@ def _drawn_or_shaded(task: Task) -> Made:
 
     def is_nearer(drawing: Made, rise_db: float = 0.0) -> bool:
         drawn_db = _seen_db(task, drawing, _enough_db(drawing)) + rise_db
-        return _shading_is_nearer(task, lambda: _shading(task).made, drawing, drawn_db)
+        return _shading_is_nearer(task, _shaded, drawing, drawn_db)
 
     def check(sketch: Made) -> None:
         if is_nearer(sketch, SKETCH_DB):
@@ -167,7 +167,7 @@ def _drawn_or_shaded(task: Task) -> Made:
         drawing = drawn_artwork(task, check)
     if drawing is not None and not is_nearer(drawing):
         return drawing
-    shaded = _shading(task).made
+    shaded = _shaded(task)
     assert shaded is not None
     return shaded
 
@@ -181,20 +181,25 @@ def _shading(task: Task) -> Shading:
     return task.shading[0]
 
 
+def _shaded(task: Task) -> Made | None:
+    """Return the shaded drawing of a picture, if any."""
+    return _shading(task).made(task)
+
+
 def _check_stop(task: Task) -> None:
     """Raise KeyboardInterrupt, which ends a drawing, if one ended the shaded drawing."""
     if any(shading.interrupted for shading in task.shading):
         raise KeyboardInterrupt
 
 
-def _shading_is_nearer(task: Task, shaded: Callable[[], Made | None], drawing: Made, drawn_db: float) -> bool:
+def _shading_is_nearer(task: Task, shaded: Callable[[Task], Made | None], drawing: Made, drawn_db: float) -> bool:
     """True if a shaded drawing is plainly nearer than a drawing of a level. shaded: makes it, or None."""
     if math.isinf(drawn_db) or not drawing.may_be_photo or drawing.interrupted:
         return False
     least_db = drawn_db + MARGIN_DB
-    if _shading(task).most_db <= least_db:
+    if _shading(task).most_db(task) <= least_db:
         return False
-    made = shaded()
+    made = shaded(task)
     return made is not None and _seen_db(task, made) > least_db
 
 
@@ -214,7 +219,7 @@ def _shaded_instead(task: Task, style: Style, reason: str) -> Made | None:
 
 def _nearest_shaded(task: Task) -> Made | None:
     """Return the shaded drawing of a picture, if any; None if a photo of as many bytes is nearer in colour."""
-    shaded = _shading(task).made
+    shaded = _shaded(task)
     if shaded is None or shaded.interrupted:
         return shaded
     fit = _quick_photo(task, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
@@ -401,7 +406,7 @@ def photo_is_nearer(
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
-    if or_shaded and _shading_is_nearer(task, partial(_nearest_shaded, task), drawing, drawn_db + rise_db):
+    if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
         return SHADING
     curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from PIL import Image
@@ -88,37 +87,41 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
 
 
 class Shading:
-    """The shaded drawing of a task's picture, which is made once it is asked for."""
+    """The shaded drawing of a task's picture, which is made once it is asked for. It does not hold the task, which
+    holds it.
+    """
 
     def __init__(self, task: Task) -> None:
-        self._task = task
+        self._objects = shaded_objects(task.pixels) if task.request.may_shade else None
+        self._most_db, self._made = list[float](), list[Made]()
 
-    @cached_property
-    def _objects(self) -> Objects | None:
-        return shaded_objects(self._task.pixels) if self._task.request.may_shade else None
+    def most_db(self, task: Task) -> float:
+        """Return the level, see `seen_db`, that the drawing hardly exceeds; minus infinity if there is none."""
+        if self._objects is None:
+            return -math.inf
+        if not self._most_db:
+            self._most_db.append(seen_db_of(task, _softly(*self._objects)) + ABOVE_MEANS_DB)
+        return self._most_db[0]
 
-    @cached_property
-    def most_db(self) -> float:
-        """The level, see `seen_db`, that the drawing hardly exceeds; minus infinity if there is none."""
-        return -math.inf if self._objects is None else seen_db_of(self._task, _softly(*self._objects)) + ABOVE_MEANS_DB
-
-    @cached_property
-    def made(self) -> Made | None:
-        """The drawing; None if the picture does not consist of shaded objects, or the request rules shading out."""
-        task, request = self._task, self._task.request
+    def made(self, task: Task) -> Made | None:
+        """Return the drawing; None if the picture does not consist of shaded objects, or the request rules shading
+        out.
+        """
         if self._objects is None:
             return None
-        most = int(request.shading) if request.shading.isdecimal() else None
-        with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
-            drawing = shade_objects(self._objects, task.settings(), most)
-        made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
-        return replace(made, interrupted=doing.interrupted)
+        if not self._made:
+            request = task.request
+            most = int(request.shading) if request.shading.isdecimal() else None
+            with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
+                drawing = shade_objects(self._objects, task.settings(), most)
+            made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
+            self._made.append(replace(made, interrupted=doing.interrupted))
+        return self._made[0]
 
     @property
     def interrupted(self) -> bool:
         """True if a Ctrl-C ended the drawing."""
-        made = vars(self).get("made")
-        return made is not None and made.interrupted
+        return any(made.interrupted for made in self._made)
 
 
 def _softly(levels: np.ndarray, labels: np.ndarray) -> np.ndarray:

@@ -129,7 +129,7 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     areas = [signed_area(ring) for ring in made]
     # Within a sharp corner a side makes a loop, which may be larger than the hole.
     if not stroke.closed or (abs(_winding(cubics)) == 1 and math.prod(areas) < 0.0):
-        return tuple(sorted(made, key=lambda ring: -abs(signed_area(ring))))
+        return tuple(made[k] for k in np.argsort(-np.abs(areas), kind="stable").tolist())
     # It crosses itself: once around it on one side and back on the other, cut open where it begins.
     there = line_chain(np.stack([rings[0][0, 0], rings[1][0, 0]])).cubics
     whole = np.concatenate([rings[0], there, rings[1], there[:, ::-1]])

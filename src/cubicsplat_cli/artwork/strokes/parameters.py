@@ -127,8 +127,8 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     if not strokes:
         return drawing
     trials = [shape.stroked(strokes[n][0]) if n in strokes else shape for n, shape in enumerate(shapes)]
-    before = State.of([layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in shapes], goal)
-    after = before.with_layers([layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in trials])
+    before = State.of(_layers(drawing, shapes, goal), goal)
+    after = before.with_layers(_layers(drawing, trials, goal))
     tried = np.isin(np.arange(len(shapes)), [*strokes])
     # None is to be a stroke since its pixels happen to be nearer.
     lost = np.maximum(detail * _lost(before, after, np.arange(len(shapes)), tried), 0.0)
