@@ -137,20 +137,17 @@ class Follower:
             there[frame, place[ids]] = True
         born, died = there.argmax(axis=0), len(there) - 1 - there[::-1].argmax(axis=0)
         held = np.arange(len(there))[:, None].clip(born, died)
-        rows = {name: self._row(name, place, held) for name in ("points", "colours", "opacities", "half_widths")}
+        rows = {}
+        for name in ("points", "colours", "opacities", "half_widths"):
+            values = np.zeros((*there.shape, *getattr(self.scenes[0], name).shape[1:]), np.float32)
+            for of_frame, scene, ids in zip(values, self.scenes, self.ids, strict=True):
+                of_frame[place[ids]] = getattr(scene, name)
+            rows[name] = values[held, np.arange(len(order))]
         rows["opacities"] *= there
         return [
             replace(self.scenes[0], **{name: values[frame] for name, values in rows.items()})
             for frame in range(len(there))
         ]
-
-    def _row(self, name: str, place: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """(F, N, ...): an array of all curves at the frames `held` (F, N). place: of each curve by its number."""
-        frames, curves = held.shape
-        values = np.zeros((frames, curves, *getattr(self.scenes[0], name).shape[1:]), np.float32)
-        for frame, ids in enumerate(self.ids):
-            values[frame, place[ids]] = getattr(self.scenes[frame], name)
-        return values[held, np.arange(curves)]
 
 
 def follow(

@@ -94,8 +94,18 @@ class Choice:
         return KnotTrack(self.track.values, knots, still), float(error.sum())
 
     def fitted(self, track: KnotTrack) -> KnotTrack:
-        """A track of these knots whose path is nearest to the values that this one was chosen for."""
-        return KnotTrack(least_squares(track, self.track.values, self.there, self.times), track.knots, track.still)
+        """A track of these knots whose path is nearest to the values that they were chosen for, at the frames that
+        count; others count a little. Values at frames without a knot are 0.
+        """
+        lines, wanted, (frames, curves) = track.lines(self.times), self.track.values, track.knots.shape
+        each, every = np.indices((frames, curves))
+        shares = np.zeros((curves, frames, frames))  # of knots, the last axis, in frames
+        shares[every, each, lines.before] = 1.0 - lines.share
+        shares[every, each, lines.after] += lines.share
+        weighted = (shares * np.where(self.there, 1.0, UNSEEN).T[..., None]).swapaxes(1, 2)
+        unused = np.eye(frames) * (shares.sum(axis=1) == 0.0)[:, None]
+        found = np.linalg.solve(weighted @ shares + unused, weighted @ wanted.swapaxes(0, 1))
+        return KnotTrack(np.ascontiguousarray(found.swapaxes(0, 1), np.float32), track.knots, track.still)
 
 
 def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, loss: float, most_bytes: float) -> Tracks:
@@ -185,18 +195,3 @@ def _cheapest(errors: np.ndarray, price: float) -> tuple[np.ndarray, np.ndarray]
         at = before[at, every]
         knots[at, every] = True
     return knots, cost[-1]
-
-
-def least_squares(track: KnotTrack, wanted: np.ndarray, there: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(F, N, C): values at the knots of a track with which its path is nearest to the wanted ones (F, N, C), at the
-    frames that count, `there` (F, N); others count a little. Elsewhere they are 0.
-    """
-    lines, (frames, curves, _) = track.lines(times), wanted.shape
-    each, every = np.indices((frames, curves))
-    shares = np.zeros((curves, frames, frames))  # of knots, the last axis, in frames
-    shares[every, each, lines.before] = 1.0 - lines.share
-    shares[every, each, lines.after] += lines.share
-    weighted = (shares * np.where(there, 1.0, UNSEEN).T[..., None]).swapaxes(1, 2)
-    unused = np.eye(frames) * (shares.sum(axis=1) == 0.0)[:, None]
-    found = np.linalg.solve(weighted @ shares + unused, weighted @ wanted.swapaxes(0, 1))
-    return np.ascontiguousarray(found.swapaxes(0, 1), np.float32)

@@ -103,11 +103,10 @@ class Tracks:
             "colours": np.stack([scene.colours for scene in scenes]),
             "opacities": np.stack([scene.opacities for scene in scenes])[..., None],
         }
-        every, never = np.ones((frames, curves), np.bool_), np.zeros(curves, np.bool_)
-        by_name = {
-            name: KnotTrack(np.ascontiguousarray(values[name], np.float32), every.copy(), never.copy())
-            for name in TRACKS
-        }
+        by_name = {}
+        for name, each in values.items():
+            knots, still = np.ones((frames, curves), bool), np.zeros(curves, bool)
+            by_name[name] = KnotTrack(np.ascontiguousarray(each, np.float32), knots, still)
         return cls(scenes[0], times, end, by_name)
 
     @property

@@ -187,7 +187,7 @@ class FitLoop:
 
     def _finished(self, curves: FitCurves) -> Scene:
         """Return the result: not worse than the drawing to begin with, and with its frozen curves to the bit."""
-        scene, start = snapped(self._scene(curves)), self.inputs.start
+        scene, start = snapped(self.scene(curves)), self.inputs.start
         if start is None:
             return scene
         sized = replace(start.as_numpy().scaled(scene.width, scene.height), background=scene.background)
@@ -199,9 +199,9 @@ class FitLoop:
             keep_frozen(scene, sized, start.curves)
         return scene
 
-    def scene(self) -> Scene:
-        """Return the curves as they are now."""
-        return self._scene(self.state.curves)
+    def scene(self, curves: FitCurves | None = None) -> Scene:
+        """Return curves of the fit, by default its present ones, as they look."""
+        return (curves or self.state.curves).scene(opaque=self.settings.recipe.opaque)
 
     def importance(self) -> np.ndarray:
         """Return the rise (N,) of the loss without each curve."""
@@ -299,7 +299,7 @@ class FitLoop:
             self.checkpoint.consider(loss, self.state.curves)
             self.reallocate(progress)
         if self.recorder is not None and self._looks() and self.recorder.due(level := self._psnr_db()):
-            self.recorder.keep(level, self._scene(self.state.curves))
+            self.recorder.keep(level, self.scene())
         self.step += 1
 
     def _psnr_db(self) -> float:
@@ -322,9 +322,6 @@ class FitLoop:
             state = kept.with_seeds(self.seeder.seeds(count, self.stepper.image))
         self.stepper.replace(state)
         self.log.replaced += count
-
-    def _scene(self, curves: FitCurves) -> Scene:
-        return curves.scene(opaque=self.settings.recipe.opaque)
 
     def _looks(self) -> bool:
         """Return whether to look at this step's numbers: always on the CPU, where it costs nothing; rarely on a GPU."""

@@ -82,9 +82,9 @@ class FitCurves(EngineScene):
             return None
         xp = namespace(self.points)
         for name, array in arrays.items():
-            bad = ~xp.all(xp.reshape(xp.isfinite(array), (self.curves, -1)), axis=1)
-            if bad.any():
-                return int(xp.nonzero(bad)[0][0]), name
+            rows = xp.nonzero(~xp.isfinite(array))[0]
+            if len(rows):
+                return int(rows[0]), name
         return None
 
 
