@@ -1,7 +1,5 @@
 """The map of the borders between regions, by the native library: regions that touch, regions that enclose others, and
 the loops of cracks around them.
-
-All functions raise EngineError if the library or the memory is missing.
 """
 
 from __future__ import annotations
@@ -23,9 +21,8 @@ _native = partial(native, "borders")
 @record
 class Loops:
     """Closed loops of cracks around regions, in the order of these, those that enclose most first; pixels connect along
-    edges. cracks: (n, 3) int64 x, y and direction (0 to 3: east, south, west, north) of each, the region on its right;
-    beside: (n,) int64 the region on its left, -1 beyond the canvas; ends: (L,) the end of each loop; owners: (L,) int64
-    the region of each.
+    edges. cracks: (n, 3) int64 x, y and direction (0 to 3: east, south, west, north), the region on the right; beside:
+    (n,) int64 the region on the left, -1 beyond the canvas; ends: (L,) of the loops; owners: (L,) int64 their regions.
     """
 
     cracks: np.ndarray
@@ -93,9 +90,8 @@ def border_map(labels: np.ndarray) -> BorderMap:
 def passings(
     loops: Loops, edges: EdgePositions, reaches: tuple[float, ...], smooth: float, least: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find where loops pass from one region beside them to another. Return (m, 5) int64: their own region, the two, and
-    x and y of the vertex; and (m, 2) the radians by which they turn there, and the standard error. Places that are too
-    rough are left out.
+    """Find where loops pass from one region beside them to another, but for rough places. Return (m, 5) int64: their
+    own region, the two, and x and y of the vertex; and (m, 2) the radians of the turn there, and the standard error.
 
     reaches: px along the loop over which a parabola gives its heading on either side; the first with a mean squared
     residual, in sigmas, of at most `smooth` is taken. least: radians, of the standard error beyond that of the points.

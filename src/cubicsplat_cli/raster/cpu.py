@@ -98,8 +98,7 @@ def instruction_sets() -> list[str]:
 class CpuEngine(Engine):
     """A native engine with its threads and scratch memory. Python threads must not share one.
 
-    threads: worker threads, >= 1 (default: all that the process may use). isa: one of `instruction_sets()` (default:
-    the best of them).
+    threads: >= 1 (default: all that the process may use). isa: one of `instruction_sets()` (default: the best).
     """
 
     name = "cpu"
@@ -130,9 +129,7 @@ class CpuEngine(Engine):
         return {"name": self.name, "isa": self.isa, "threads": self.threads}
 
     def _call(self, name: str, result: type | None, *given: Any) -> Any:
-        """Call a function of the native engine with the addresses of objects of ctypes. Raises EngineError if it is
-        closed: it would read freed memory.
-        """
+        """Call a native function with pointers to objects of ctypes. Raises EngineError if the engine is freed."""
         if not self._handle:
             raise EngineError("the engine is closed; open another one")
         return function(name, result)(self._handle, *map(byref, given))

@@ -1,7 +1,4 @@
-"""Outlines divided into lines and cubics and fitted to points, and feet of points on cubics, by the native library.
-
-All functions raise EngineError if the library or the memory is missing.
-"""
+"""Outlines divided into lines and cubics and fitted to points, and feet of points on cubics, by the native library."""
 
 from __future__ import annotations
 
@@ -77,16 +74,14 @@ def found_merges(
 
     ring: the pieces (S, 4, 2), and four (S,) bool: lines; pieces that start smoothly; pieces that start at a place that
     stays; and pieces that show. samples: points along it (n, 2) px, weights (n,), and the end of each piece's points
-    (S,). judged: nats a parameter, the share of half of chi^2 that counts against a run, and the least cosine of the
-    angle between the directions at its ends. runs: the longest run that shows, and that does not; the fewest pieces of
-    a ring.
+    (S,). judged: nats a parameter, the share of half of chi^2 that counts against a run, and the least cosine between
+    the directions at its ends. runs: the longest run that shows, and that does not; the fewest pieces of a ring.
     """
-    pieces, most = len(ring[0]), len(ring[0]) * runs[1]
-    points, weights, ends = samples
+    (pieces, *flags), (points, weights, ends), most = ring, samples, len(ring[0]) * runs[1]
+    shape = len(pieces), doubles(pieces), *map(bools, flags)
     given = int64s(ends), doubles(points), doubles(weights), *judged, int64s(runs)
-    numbers, nets, cubics = Out((most, 4), np.int64), Out(most), Out((most, 4, 2))
-    shape = pieces, doubles(ring[0]), *map(bools, ring[1:])
-    numbers, nets, cubics = _native("cs_find_merges", *shape, *given, numbers, nets, cubics, result=c_int64)
+    out = Out((most, 4), np.int64), Out(most), Out((most, 4, 2))
+    numbers, nets, cubics = _native("cs_find_merges", *shape, *given, *out, result=c_int64)
     return numbers, cubics, nets
 
 
@@ -94,8 +89,7 @@ def found_merges(
 class Joints:
     """The constraints that an outline of A anchors and S pieces (A when closed, else A - 1) keeps while it is fitted.
     lines: (S,) bool. smooth: (A,) bool, joints across which feet pass, and at which handles lie in line. level: (A,)
-    bool, smooth joints whose direction stays. tied: (A, 2) int, the variable of each coordinate of an anchor, -1 for
-    none."""
+    bool, smooth joints whose direction stays. tied: (A, 2) int, the variable of each coordinate of an anchor, or -1."""
 
     lines: np.ndarray
     smooth: np.ndarray
@@ -130,9 +124,8 @@ class JointNumbers(NamedTuple):
 
 
 def tied_coordinates(anchors: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Return (A, 2) int64: the variable of each coordinate of anchors (A, 2), one for both ends of a piece that is a
-    level or upright line; lines: (S,) bool.
-    """
+    """Return (A, 2) int64: the variable of each coordinate of anchors (A, 2), one for both ends of a level or upright
+    line. lines: (S,) bool."""
     return _native("cs_tie", len(anchors), len(lines), doubles(anchors), bools(lines), Out(anchors.shape, np.int64))
 
 
@@ -143,8 +136,7 @@ def held_ring(
     """Return a ring of anchors (A, 2), px, and control points (A, 2, 2) with the held coordinates in place; joints with
     handles out of line become corners.
 
-    size: px of the canvas; anchors within `on_border` px of its border are moved onto it. pins: the x, and the y, that
-    stay.
+    size: px of the canvas; anchors within `on_border` px of its border are moved onto it. pins: x, and y, that stay.
     """
     outline = _copies((anchors, np.empty(anchors.shape), np.empty(anchors.shape)))
     joints = Joints(lines, np.array(smooth, bool), np.empty(len(smooth), bool), np.empty(anchors.shape, np.int64))
@@ -188,8 +180,7 @@ class Pieces:
         return SparseRows(starts, columns, values, self.joints.variables)
 
     def moved(self, step: np.ndarray) -> Pieces:
-        """Return the pieces after a step of their variables (at least as many numbers), of at most 3 px or half a
-        radian each."""
+        """Return the pieces after a step (at least `variables` numbers), of at most 3 px or half a radian each."""
         found = Pieces(_copies(self.outline), self.joints)
         given = *self.joints._given, doubles(step), *found.outline
         vars(found)["cubics"] = _read_only(_native("cs_move_outline", *given, Out((len(self.lines), 4, 2))))

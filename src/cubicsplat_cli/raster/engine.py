@@ -296,8 +296,7 @@ class Engine(ABC):
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float | Array:
         """Do a fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
 
-        Return the loss (sum over the pixels) before the update. A parameter with rate 0 is not written. Raises
-        EngineError.
+        Return the loss (sum over the pixels) before the update. A parameter with rate 0 is not written.
         """
         pace = settings.edge_width, *training.rates.sizes
         losses = self.steps(scene, settings, training, np.array([pace], np.float32), math.inf)

@@ -144,8 +144,7 @@ def leave_one_out_importance(
 
 
 def describe(cuda: Callable[[], Engine] = cuda_engine) -> dict[str, Any]:
-    """Describe the engines that this installation can run, and say why others cannot run: for `cubicsplat doctor`.
-    cuda: opens CUDA's."""
+    """Describe, for `cubicsplat doctor`, the engines that can run here, and why others cannot. cuda: opens CUDA's."""
     engines: dict[str, Any] = {}
     opened: dict[str, Callable[[], Engine]] = {"cpu": CpuEngine, "cuda": cuda}
     for name, open_it in opened.items():

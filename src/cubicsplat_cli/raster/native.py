@@ -50,15 +50,13 @@ class Out:
 
 
 def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> Any:
-    """Call a function of the library. Return the arrays of its `Out`s, a tuple if there are several; without any
-    return its result.
+    """Call a function of the library. Return the arrays of its `Out`s, a tuple if several, or else its result.
 
     given: contiguous arrays and `Out`s, passed as pointers; ints, which addresses are too, and bools, passed as int64;
     floats, passed as double; None, a null pointer; and objects of ctypes.
     result: c_int32, 0 unless the call fails; c_int64 or c_double, below 0 if it fails; c_void_p, null if it fails; or
     None. With c_int64 it is a count, and only so many first rows of each `Out` are returned.
-    Raises EngineError if the library is missing, for an array that is not contiguous, or if the call fails: then memory
-    is missing for the `work`.
+    Raises EngineError without the library, for an array that is not contiguous, and without memory for the `work`.
     """
     value = function(name, result)(*map(_in_c, given))
     if result is not None and (value is None or value < 0 or (result is c_int32 and value)):

@@ -1,8 +1,7 @@
 """The functions of scipy.ndimage that drawings need, natively: with its names, arguments and results.
 
 It takes half a second to import scipy.ndimage, as long as a small drawing takes. Arrays are pictures (H, W) or
-(H, W, C), or lines; masks may be of any type, and are true if not 0. All functions raise EngineError if the native
-library or the memory is missing.
+(H, W, C), or lines; masks may be of any type, and are true if not 0.
 """
 
 from __future__ import annotations
@@ -28,8 +27,7 @@ SQUARE = np.ones((3, 3), dtype=bool)  # the structure of a pixel and the eight a
 
 
 def maximum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
-    """Return the largest of the neighbours in a box, `size` along all axes or along each, of which size // 2 come
-    before.
+    """Return the largest of the neighbours in a box of `size` (for all axes or each), of which size // 2 come before.
 
     values: bools, uint8, int32, int64 or floats. mode: the values beyond the ends: "reflect" (c b a | a b c | c b a),
     "nearest" (a a a | a b c | c c c) or "constant", which is 0.
@@ -58,8 +56,7 @@ def uniform_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str =
 
 
 def correlate1d(values: np.ndarray, weights: np.ndarray, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
-    """Return the sum of the neighbours along an axis times weights (n,), of floats and in their type; see
-    maximum_filter."""
+    """Return the sum of neighbours along an axis times weights (n,), of floats, in their type; see maximum_filter."""
     return _filtered(_SUM, values, [(axis, len(weights), weights)], mode)
 
 
@@ -86,8 +83,7 @@ def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.n
 
 
 def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
-    """Return the same for parts of at least so many pixels, numbered (H, W) int32 from 1 on, 0 elsewhere. None of
-    scipy's."""
+    """Return the same for parts of at least so many pixels, as of `renumbered`. None of scipy's."""
     labels, count = label(pixels)
     return renumbered(labels, np.bincount(labels.ravel(), minlength=count + 1) >= least)
 
@@ -120,9 +116,7 @@ def binary_erosion(
     pixels: np.ndarray, structure: np.ndarray | None = None, iterations: int = 1, *, border_value: int = 0
 ) -> np.ndarray:
     """Return (H, W) bool: the pixels of a mask whose neighbours in a structure are in it too; see binary_dilation.
-
-    border_value: the mask beyond the picture.
-    """
+    border_value: the mask beyond the picture."""
     return ~_dilated(~_mask(pixels), _structure(structure), iterations, None, not border_value)
 
 
@@ -132,8 +126,7 @@ def binary_opening(pixels: np.ndarray, structure: np.ndarray | None = None) -> n
 
 
 def skeletonize(pixels: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: the skeleton of a mask, one pixel wide, with the same holes and the same parts, which touch
-    diagonally too. None of scipy's."""
+    """Return (H, W) bool: a mask's skeleton, one pixel wide, with its holes and parts, which touch diagonally too."""
     thinned = np.pad(_mask(pixels), 1)
     _native("cs_thin", *thinned.shape, thinned)
     return thinned[1:-1, 1:-1]
@@ -155,8 +148,7 @@ def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
 
 
 def holes_of(mask: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: the pixels that a mask encloses and that are not in it, connected along the sides of pixels.
-    None of scipy's."""
+    """Return (H, W) bool: the pixels that a mask encloses and that are not in it, connected along their sides."""
     return _enclosed(~bools(mask))
 
 
@@ -181,8 +173,7 @@ def distance_transform_cdt(pixels: np.ndarray) -> np.ndarray:
 
 
 def maximum(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Return (n,): the largest of the floats (H, W) with each of the labels in index (n,), all >= 0; 0 for a label
-    without pixels."""
+    """Return (n,): the largest of the floats (H, W) with each label >= 0 in index (n,); 0 for one without pixels."""
     count = int(max(labels.max(initial=0), index.max(initial=0))) + 1
     largest = np.full(count, -np.inf, values.dtype)
     np.maximum.at(largest, labels.ravel(), values.ravel())
@@ -190,8 +181,7 @@ def maximum(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.nda
 
 
 def center_of_mass(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> list[tuple[float, float]]:
-    """Return the mean y and x of the pixels (H, W) with each of the labels in index (n,), all >= 0, weighted by
-    values."""
+    """Return the mean y and x, weighted by values (H, W), of the pixels with each label >= 0 in index (n,)."""
     y, x = np.nonzero(values)
     own, weights = labels[y, x], values[y, x].astype(float)
     count = int(index.max(initial=0)) + 1

@@ -1,7 +1,5 @@
 """Boundaries and hulls of masks, local fits along chains of points, paths of straight lines, primitives and whole
 contours fitted to points, and the coverage of pixels, by the native library.
-
-All functions raise EngineError if the library or the memory is missing.
 """
 
 from __future__ import annotations

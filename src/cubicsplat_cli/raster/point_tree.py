@@ -1,7 +1,4 @@
-"""The points near a place, natively: scipy.spatial takes a third of a second to import.
-
-Functions raise EngineError if the library or the memory is missing.
-"""
+"""The points near a place, natively: scipy.spatial takes a third of a second to import."""
 
 from __future__ import annotations
 
@@ -65,8 +62,7 @@ class ClosedLines:
 
     limits: px that a point may be off at first, with the middles of both boxes on each other, after a step and at last,
     and that all may be off at last in the root mean square. tries: points that are tried before all of them, and steps
-    of least squares, of points off the other line. on_it: px from a line within which a place is off it across it, as
-    it is on the line.
+    of least squares, of points off the other line. on_it: px within which a place counts as on a line.
     """
 
     def __init__(

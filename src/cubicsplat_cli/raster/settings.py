@@ -39,11 +39,9 @@ def penalty_of(error: Array, penalty: Penalty) -> Array:
 def image_loss(image: Array, target: Array, weights: Array | None = None, penalty: Penalty = SQUARED) -> Array:
     """Return the sum of the costs of all pixels' errors: a scalar, differentiable in torch's arrays.
 
-    image and target: (H, W, C), C = 3 or 4.
-
-    3 channels: sum_c p(e_c), by default the square. 4 channels, premultiplied: the mean of those over black and over
-    white, that is sum over r, g, b of (p(e_c) + p(e_c - e_a)) / 2. weights (H, W): factors of the pixels. Raises
-    InputError for other shapes.
+    image and target: (H, W, C). 3 channels: sum_c p(e_c), by default the square. 4 channels, premultiplied: the mean of
+    those over black and over white, that is sum over r, g, b of (p(e_c) + p(e_c - e_a)) / 2. weights (H, W): factors of
+    the pixels. Raises InputError for other shapes.
     """
     if image.shape != target.shape or image.shape[-1] not in (3, 4):
         given = f"{tuple(image.shape)} and {tuple(target.shape)}"

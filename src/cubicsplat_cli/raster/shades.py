@@ -12,8 +12,6 @@ The shadow of a box is a blurred copy of it. A box is left, top, right, bottom a
 layer is given by six numbers: dx, dy, px by which it is larger and rounder, the logarithm of its blur's sigma in px,
 and the log-odds of its opacity. The light that several layers let through multiplies, as that of several shadows of one
 card in CSS (Backgrounds and Borders, 6.1).
-
-Functions raise EngineError if the library or the memory is missing.
 """
 
 from __future__ import annotations
@@ -135,9 +133,8 @@ def grown(
     *,
     on: bool,
 ) -> np.ndarray:
-    """Grow an area, inside (H, W) bool, in place and return it: by the pixels of a picture (H, W, 4) within 5 px that a
-    gradient explains and that are connected to it. on: again and again as long as it grows, but into pixels IN_LARGE
-    only the first time.
+    """Grow an area, inside (H, W) bool, in place and return it: by connected pixels of a picture (H, W, 4) within 5 px
+    that a gradient explains. on: again and again as long as it grows, but into pixels IN_LARGE only the first time.
 
     kinds: (H, W) uint8, ON_EDGE, IN_LARGE or 0. gradient: frame, radial, knots and colours. off: levels by which a
     channel may differ. edges: how pixels ON_EDGE may differ too: the most levels in a space, the most of the mean of
@@ -163,8 +160,7 @@ def _map(frame: np.ndarray) -> np.ndarray:
 
 def bends_and_steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return two (H, W) float32: the greatest second difference at each pixel, in levels, of all channels and four
-    directions; and the greatest difference between opposite neighbours. Beyond its border a picture goes on as straight
-    as it ends."""
+    directions; and the greatest difference of opposite neighbours. A picture goes on beyond its border as it ends."""
     size = levels.shape[:2]
     return _native("cs_bends", *size, floats(levels), Out(size, np.float32), Out(size, np.float32))
 
@@ -194,9 +190,8 @@ def blends(
     values: np.ndarray, paints: np.ndarray, colours: np.ndarray, others: np.ndarray, three: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Explain values (n, 4) as blends of two of their paints (n, slots), or if `three` of three, by least squares.
-    Return the blends (n, 4) with other colours in place of the paints', and the levels (n,) that no blend explains,
-    infinite without paints. paints: nearest first, preferred in this order, -1 for none; colours, others: (n, slots,
-    4)."""
+    Return the blends (n, 4) with other colours in place of the paints', and the levels (n,) that no blend explains, inf
+    without paints. paints: in order of preference, the nearest first, -1 for none; colours, others: (n, slots, 4)."""
     given = doubles(values), int32s(paints), doubles(colours), doubles(others), three
     return _native("cs_blends", *paints.shape, *given, Out(values.shape), Out(len(values)), result=None)
 
@@ -238,8 +233,7 @@ class ShadowSamples:
         return out
 
     def fitted(self, numbers: np.ndarray) -> tuple[np.ndarray, float]:
-        """Fit layers (k, 6) to the samples. Return them, and the mean square in levels^2 that remains. numbers: to
-        start from."""
+        """Return layers (k, 6) fitted to the samples, from `numbers` on, and the mean square, in levels^2, left."""
         numbers = np.array(numbers, dtype=np.float64, order="C")
         seen = doubles(self.seen), doubles(self.through), float(self.scale)
         return numbers, _shadows("cs_fit_shadows", *self._given(), *seen, len(numbers), numbers, result=c_double)

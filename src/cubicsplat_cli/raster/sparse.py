@@ -25,8 +25,7 @@ class SparseRows:
 
     @classmethod
     def of(cls, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> SparseRows:
-        """Return the matrix of entries in any order; rows, columns, values: (n,). Entries in one place become one, and
-        zeros none."""
+        """Return the matrix of entries (n,) in any order, those in one place summed, without zeros."""
         places, number = np.unique(np.asarray(rows, dtype=np.int64) * shape[1] + columns, return_inverse=True)
         sums = np.bincount(number, values, len(places))
         places, sums = places[sums != 0.0], sums[sums != 0.0]
@@ -63,8 +62,7 @@ def linked_groups(
     group, in the order of their first things.
 
     first, second: (k,) the things that links join, from 0 on. directed: links lead from first to second, the things of
-    a group lead to each other, and groups come in any order. Raises ValueError for other things, and EngineError if the
-    library or the memory is missing.
+    a group lead to each other, and groups come in any order. Raises ValueError for other things.
     """
     ends = [int64s(things) for things in (first, second)]
     if len(ends[0]) != len(ends[1]) or any(len(e) and not 0 <= e.min() <= e.max() < count for e in ends):

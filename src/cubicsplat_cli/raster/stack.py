@@ -124,8 +124,7 @@ class CoverageJacobian:
 @record
 class Step:
     """values: (variables,) of a damped Gauss-Newton step; gradient: (variables,) of half of the cost; moves:
-    (outlines,) px by which the control points of each move at most; misfits: (outlines,) of the pixels that it
-    crosses."""
+    (outlines,) px by which control points move at most; misfits: (outlines,) of the pixels that each crosses."""
 
     values: np.ndarray
     gradient: np.ndarray
@@ -139,7 +138,7 @@ class DrawnStack:
     previous: a stack drawn for the same goal and over the same base, or None; only tiles that differ from it are drawn
     again. over: a base, a stack drawn for the same goal, whose layers this stack has too, beneath its own; and (L,)
     int32, ascending, the layer of the base right below each own layer, -1 for none. The pieces of the base have no
-    numbers here. The same for any number of threads. Raises EngineError if the library or the memory is missing.
+    numbers here. The same for any number of threads.
     """
 
     def __init__(
@@ -212,8 +211,7 @@ class DrawnStack:
         self, first: np.ndarray, count: np.ndarray, start: np.ndarray, jacobians: Sequence[SparseRows],
         damping: np.ndarray, keep: float, chance: float = 0.0,
     ) -> Step:  # fmt: skip
-        """Return the damped Gauss-Newton step of the variables of n outlines, which may share them, with all others
-        fixed.
+        """Return the damped Gauss-Newton step of the variables of n outlines, which may share them; all else is fixed.
 
         first, count: (n,) the first of an outline's pieces, and their number; start: (n,) its first variable;
         jacobians: (n,) the derivatives of the control points of its pieces by its variables, (8 count, own variables);

@@ -1,7 +1,4 @@
-"""The outlines of strokes, by the native library; kernels/cpu/strokes.cpp says how they are made.
-
-All functions raise EngineError if the library or the memory is missing.
-"""
+"""The outlines of strokes, by the native library; kernels/cpu/strokes.cpp says how they are made."""
 
 from __future__ import annotations
 
@@ -67,8 +64,7 @@ class OffsetPlan:
         return cls(bools(lines), parts, turns, cap, join)
 
     def outline(self, cubics: np.ndarray, half: float) -> StrokeOutline:
-        """Return the outline `half` px from a centre line of this plan, of cubics (S, 4, 2), of the same number and
-        kind as the plan's."""
+        """Return the outline `half` px from a centre line of cubics (S, 4, 2), as many and of the kinds of the plan."""
         room = 2 * int(self.parts.sum()) + 8 * (len(self.parts) + 1)  # a join or a cap has at most 4 pieces
         given, ends = (*self._given(cubics, half), Out((room, 4, 2)), Out(room, bool)), np.zeros(2, np.int64)
         points, straight = _native("cs_offset", *given, ends, result=c_int64)

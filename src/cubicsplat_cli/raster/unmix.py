@@ -2,7 +2,7 @@
 them in a blend, the place of each in its pixel, changes of colour, and dither.
 
 Colours are premultiplied RGBA in levels of 0..255, pictures (H, W, 4) float32, palettes (P, 4) float64, and distances
-and residuals levels. All functions raise EngineError if the library or the memory is missing.
+and residuals levels.
 """
 
 from __future__ import annotations
@@ -65,9 +65,8 @@ def relabelled(
     labels: np.ndarray, seen: np.ndarray, fills: np.ndarray, place: tuple[np.ndarray, np.ndarray],
     candidates: np.ndarray, costs: tuple[float, float, float, float], *, bounded: bool,
 ) -> np.ndarray:  # fmt: skip
-    """Choose the labels (H, W) int32 of some pixels anew, in place, and return them: among candidates (n, k), fills of
-    (P, 4) or -1, that of which the pixel of a picture (H, W, 4) is a blend of half or more at the least cost. At most 6
-    rounds, each of all pixels at once.
+    """Choose labels (H, W) int32 of some pixels anew, in place, in at most 6 rounds of all at once, and return them: of
+    candidates (n, k), fills of (P, 4) or -1, the one of which the pixel is a blend of half or more at the least cost.
 
     place: rows and columns (n,). costs: squares of a residual for each nat; the most nats for it; nats for each
     neighbour with another label; and those for a candidate after the first SLOTS. bounded: a pixel blends only with
@@ -118,12 +117,11 @@ def fills_of_lines(
     values: np.ndarray, place: tuple[np.ndarray, np.ndarray], palette: np.ndarray,
     beside: tuple[np.ndarray, np.ndarray], window: int, costs: tuple[float, float, float],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Explain values (n, 4) at rows and columns (n,) as blends of one more fill with the two fills beside them, two of
-    (n, 4). Return the fill (n,) that explains the values in a window of so many px around each best, its share (n,) in
-    the value, and the residual (n,).
+    """Explain values (n, 4) at rows and columns (n,) as blends of one more fill with the two beside them, each (n, 4).
+    Return the fill (n,) that best explains a window of so many px around each, its share (n,), and the residual (n,).
 
-    costs: levels beyond which a residual costs no more; levels that a fill without any share costs; and levels that a
-    fill costs for each one before it in the palette.
+    costs: the most levels that a residual costs; levels that a fill without any share costs; and levels that a fill
+    costs for each one before it in the palette.
     """
     count = len(values)
     places = [*map(int64s, place), len(palette), doubles(palette), *map(doubles, beside)]

@@ -46,10 +46,7 @@ def kind_of(array: Array) -> str:
 
 
 def like(array: Array, values: Any, dtype: str | None = None) -> Array:
-    """Return numbers from the host as an array of another's kind, on its device, and of its type or the one named.
-
-    Waits for a GPU.
-    """
+    """Return numbers of the host as an array of another's kind, device and type, or the type named. Waits for a GPU."""
     xp = namespace(array)
     return xp.asarray(values, dtype=getattr(xp, dtype) if dtype else array.dtype, device=array.device)
 

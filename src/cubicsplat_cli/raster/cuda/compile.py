@@ -1,8 +1,7 @@
 """The compiler of the CUDA kernels: no CUDA toolkit, no CUDA_HOME, no compiler but NVRTC, which comes with torch.
 
-The kernels lie in the package as text. They are compiled when they are first needed on a kind of GPU, about a second
-for each of the eight programs (fills or strokes, three or four channels, flat or with gradients), and read from the
-cache afterwards.
+The kernels lie in the package as text. They are compiled when first needed on a kind of GPU, about a second for each of
+the eight programs (fills or strokes, three or four channels, flat or with gradients), and read from the cache later.
 """
 
 from __future__ import annotations

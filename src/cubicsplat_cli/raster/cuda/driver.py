@@ -95,8 +95,7 @@ class Driver(ABC):
 class LateCopy:
     """Values of a small tensor on a device, some time after it had them, without waiting for the device.
 
-    copy: a tensor of the same kind that the device can write to while the host goes on. event: of torch.cuda, or None
-    where copies are done at once.
+    copy: a like tensor that the device can write to while the host goes on. event: None where copies are done at once.
     """
 
     def __init__(self, source: Tensor, copy: Tensor, event: torch.cuda.Event | None) -> None:
@@ -275,8 +274,7 @@ _lock = threading.Lock()
 
 
 def cuda_driver(index: int | None = None) -> CudaDriver:
-    """Return the driver of a GPU (default: torch's current one), one for the process: loaded kernels stay for its life.
-
+    """Return the driver of a GPU (default: torch's current one), one for the process, in which loaded kernels stay.
     Raises EngineError as `CudaDriver` does.
     """
     with _lock:

@@ -230,9 +230,7 @@ class CudaEngine(Engine):
             kernels.launch("update", (1 + curves, 1), SMALL_THREADS, 0, frame)
 
     def _frame(self, scene: EngineScene, settings: RasterSettings, given: Pass, *, backward: bool) -> StepFrame:
-        """Return the frame of a pass, without buffers and optimiser. Raises EngineError for unfit tensors, and if this
-        engine cannot draw the scene.
-        """
+        """Return the frame of a pass, without buffers and optimiser. Raises EngineError for unfit tensors or scenes."""
         slots = slots_for(settings.coverage, self._driver.shared_per_block, self._driver.shared_per_sm)
         frame = StepFrame(
             **sizes_of(scene, settings), rings=scene.most_rings, slots=slots, logits=scene.logits, backward=backward,

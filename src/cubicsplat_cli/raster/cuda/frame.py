@@ -1,5 +1,4 @@
-"""The arguments of the CUDA kernels: mirrors of kernels/cuda/frame.cuh, field by field, and the buffers they work
-in."""
+"""The arguments of the CUDA kernels, which mirror kernels/cuda/frame.cuh field by field, and their buffers."""
 
 from __future__ import annotations
 
@@ -32,8 +31,8 @@ ATTRIBUTES = 12
 SUMS = 8
 COSTS = 16
 MOST_ORDERED = 6000  # tiles; with more, all multiprocessors are busy to the end in any order
-CODE_BYTES = THREADS * 2
-EXACT_BYTES = THREADS * 4
+# Bytes of a slot: kCodeBytes, and with exact coverage kExactBytes too.
+SLOT_BYTES = {"relaxed": THREADS * 2, "exact": THREADS * (2 + 4)}
 FIXED_SHARED = 4 * (
     LISTED + BATCH * ATTRIBUTES + MASK_WORDS + BATCH * STRIPS + BATCH + 2 * STRIPS + BATCH * (STRIPS * 8 + 8)
 )
@@ -80,14 +79,13 @@ def blocks(count: int, per_block: int) -> int:
 
 def slots_for(coverage: str, shared_per_block: int, shared_per_sm: int) -> int:
     """Return the boundary pairs per strip whose nearest edges fit into shared memory at no cost of a resident block."""
-    exact = coverage == "exact"
     room = min(shared_per_sm // BLOCKS_PER_SM[coverage] - RESERVED_SHARED, shared_per_block)
-    return max(0, min(MOST_SLOTS, (room - FIXED_SHARED) // (CODE_BYTES + (EXACT_BYTES if exact else 0))))
+    return max(0, min(MOST_SLOTS, (room - FIXED_SHARED) // SLOT_BYTES[coverage]))
 
 
 def shared_bytes(coverage: str, slots: int) -> int:
     """Return the bytes of dynamic shared memory of a block of the raster kernel."""
-    return FIXED_SHARED + slots * (CODE_BYTES + (EXACT_BYTES if coverage == "exact" else 0))
+    return FIXED_SHARED + slots * SLOT_BYTES[coverage]
 
 
 def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:
@@ -110,10 +108,9 @@ def check_drawable(segments: int, samples: int, subdivide: bool) -> None:
 
 def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
     """Return the fields that sizes of buffers depend on. Raises EngineError if this engine cannot draw the scene."""
-    n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-    segments = k // 3
-    shared = 0 if scene.mode is Mode.CLOSED else 1
-    if segments < 1 or k != 3 * segments + shared or scene.width < 1 or scene.height < 1:
+    n, k = int(scene.curves), int(scene.points_per_curve)
+    segments, rest = divmod(k, 3)
+    if segments < 1 or rest != (scene.mode is Mode.OPEN) or scene.width < 1 or scene.height < 1:
         raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
     check_drawable(segments, settings.samples, settings.subdivide)
     tiles = -(-scene.width // TILE), -(-scene.height // TILE)
@@ -167,8 +164,8 @@ def put(structure: StepFrame | StepValues, addresses: dict[str, int | None]) -> 
 def step_values(
     scene: EngineScene, settings: RasterSettings, device: torch.device, given: Pass, number: int = 0
 ) -> StepValues:
-    """Return the values of a pass, of the step with a number, without the loss and what only training has. Raises
-    EngineError for unfit tensors.
+    """Return the values of a pass, without the loss and what only training has. Raises EngineError for unfit tensors.
+    number: of the step.
     """
     filled = {"image": given.image} | {name: given.out.get(name) for name in ("importance", "background")}
     addresses = scene.addresses(device, filled)

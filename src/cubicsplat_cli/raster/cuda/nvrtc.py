@@ -39,8 +39,7 @@ def library_names(
 ) -> list[str]:
     """Return files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest.
 
-    packages: folders of torch and of NVIDIA's packages (default: this Python's). cuda: version that torch is built for.
-    platform: as `sys.platform`.
+    packages: folders of torch and of NVIDIA's packages (default: this Python's). cuda: the version of torch's CUDA.
     """
     pattern, version = _PATTERNS.get(platform, _PATTERNS["linux"])
     found = {}
@@ -94,9 +93,7 @@ def version(of: Any = None) -> tuple[int, int]:
 
 
 def architectures(of: Any = None) -> list[int]:
-    """Return the compute capabilities that an NVRTC (default: `nvrtc_library`) compiles for, as 10 * major + minor,
-    ascending.
-    """
+    """Return the compute capabilities that an NVRTC (default: `nvrtc_library`) knows, 10 * major + minor, ascending."""
     count = c_int()
     _checked("nvrtcGetNumSupportedArchs", byref(count), library=of)
     numbers = (c_int * count.value)()
