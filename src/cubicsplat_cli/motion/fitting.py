@@ -246,6 +246,6 @@ def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iter
 
 def _blocks(picture: np.ndarray) -> np.ndarray:
     """Means of about square blocks, `BLOCKS` along the longer side."""
-    side = max(1, -(-max(picture.shape[:2]) // BLOCKS))
+    side = -(-max(picture.shape[:2]) // BLOCKS)
     planes = (Image.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(picture, 2, 0))
     return np.stack([np.asarray(plane.reduce(side)) for plane in planes], axis=2)

@@ -62,8 +62,7 @@ def split_offsets(tracks: Tracks, weights: dict[str, np.ndarray]) -> None:
 class Choice:
     """The knots of a track for any price: its errors are computed once.
 
-    track: with values at every frame. weights: (N, C), by what the square of an error is multiplied. there: (F, N)
-    bool, the frames at which errors count.
+    track: with values at every frame. weights: (N, C), of squared errors. there: (F, N) bool, where errors count.
     """
 
     track: KnotTrack

@@ -23,7 +23,6 @@ from cubicsplat_cli.settings import width_decimals
 TRACKS = ("shapes", "offsets", "colours", "opacities")
 OPACITY_DECIMALS = 2  # of a file: more would not show beside the error of a fit
 PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
-LEVELS = 255
 EVERY = slice(None)
 KEEP_MEAN, KEEP_SQUARE, EPSILON = 0.8, 0.95, 1e-12  # Adam's (Kingma and Ba, 2015)
 AT_ONCE = 8  # steps between two looks whether to stop
@@ -139,7 +138,7 @@ def grid_of(points: int, precision: int) -> dict[str, np.ndarray]:
     coordinates, width = 10.0**-precision, 0.5 * 10.0 ** -width_decimals(precision)
     return {
         "shapes": np.array([coordinates] * (2 * points) + [width]), "offsets": np.full(2, coordinates),
-        "colours": np.full(3, 1.0 / LEVELS), "opacities": np.full(1, 10.0**-OPACITY_DECIMALS),
+        "colours": np.full(3, 1.0 / 255.0), "opacities": np.full(1, 10.0**-OPACITY_DECIMALS),
     }  # fmt: skip
 
 
@@ -205,9 +204,7 @@ class JointFit:
     ) -> None:  # fmt: skip
         """So many times every frame, with step sizes that decay, and in the last share of the epochs with other
         settings of coverage: exact ones take twice the time. rates: as of `step`. on_epoch: told the share of epochs
-        that are done.
-
-        Raises Stopped between two steps.
+        that are done. Raises Stopped between two steps.
         """
         steps = epochs * len(self.frames)
         for epoch in range(epochs):

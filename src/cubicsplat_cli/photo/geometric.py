@@ -27,10 +27,7 @@ OPPOSITE = -0.5  # cosine between two edges that are two sides, and not one that
 
 
 class Regulariser:
-    """The penalties of a recipe beside the error of a picture.
-
-    size: width and height of the picture, px. joins: of all curves.
-    """
+    """The penalties of a recipe beside a picture's error. size: its width and height, px. joins: of all curves."""
 
     def __init__(self, recipe: Recipe, mode: Mode, size: tuple[int, int], joins: int) -> None:
         self.recipe, self.mode, self.size, self.joins = recipe, mode, size, joins
@@ -50,8 +47,7 @@ class Regulariser:
     def blunting(self, points: Array, *, progress: float, loss: float | Array) -> Blunting | None:
         """Return the penalty on spikes and slivers for an engine; None if they do not count.
 
-        points: (N, K, 2), the engine's own. progress: of the fit, in [0, 1]. loss: of the last step; a tensor stays on
-        its device.
+        points: (N, K, 2), the engine's own. loss: of the last step; a tensor stays on its device.
         """
         if not self.due(progress):
             return None
@@ -84,8 +80,7 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
 
     For a cubic A B C D let D1 = [AB x BC > 0] and D2 = AB x CD / (|AB| |CD|), the sine between the handles. A cubic
     whose handles turn the other way at its end crosses itself or nearly so: the loss is relu(-D2) where D1, else
-    relu(D2). ring_ends: as in `Scene`. Source: LIVE (Ma et al., "Towards Layer-wise Image Vectorization", CVPR 2022),
-    section on the Xing loss.
+    relu(D2). ring_ends: as in `Scene`. Source: the Xing loss of LIVE (Ma et al., CVPR 2022).
     """
     xp, (index, before, after, real) = namespace(points), segments_of(points, mode, ring_ends)
     first, last, side = _handles(points, index, after)

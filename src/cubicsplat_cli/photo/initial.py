@@ -27,9 +27,8 @@ def new_curves(
     points: Array, colours: Array, half_width: float, settings: FitSettings, size: tuple[int, int],
     background: Background = None,
 ) -> FitCurves:  # fmt: skip
-    """Return curves of control points (n, K, 2), colours (n, 3) as logits, a half-width in px and the recipe's opacity.
-
-    size: width and height of the canvas, px.
+    """Return curves of control points (n, K, 2), colours (n, 3) as logits, a half-width in px and the recipe's opacity,
+    on a canvas of size (width, height) px.
     """
     recipe, xp = settings.recipe, namespace(points)
     shapes = None if settings.shapes == ANY else Shapes.nearest(settings.shapes, points)
@@ -185,11 +184,8 @@ def keep_frozen(scene: Scene, start: Scene, count: int) -> None:
 
 
 def warmed(recipe: Recipe, share: float) -> Recipe:
-    """Return the recipe of a fit that begins with a share in [0, 1] of its curves in place: the fewer there are, the
-    softer the edges.
-
-    If all are in place, the edges begin as narrow as they end, the steps at half their size, and half as many curves
-    are replaced.
+    """Return the recipe of a fit that begins with a share in [0, 1] of its curves in place: with all, the edges begin
+    as narrow as they end, the steps at half their size, and half as many curves are replaced.
     """
     names = ("prune_fraction", "rate_points", "rate_colours", "rate_opacities", "rate_half_widths")
     lower = {name: getattr(recipe, name) * (1.0 - 0.5 * share) for name in names}

@@ -86,7 +86,6 @@ class TrainingLog:
 
     def record(self, step: int, steps: int, progress: float, psnr_db: Callable[[], float]) -> bool:
         """Add an entry after a step, if the next is due, and call `on_progress`. Return whether an entry was added.
-
         psnr_db: measures the picture, which takes a while.
         """
         now = time.perf_counter()

@@ -32,8 +32,7 @@ RUN_SECONDS = 0.05  # of steps in a row, after which Ctrl-C and time limits have
 
 
 class FitLoop:
-    """Advances the state of one fit, on the engine that `opened` gives; between its parts the number of its curves may
-    change.
+    """Advances the state of one fit, on the engine that `opened` gives; between parts its number of curves may change.
 
     target: (H, W, C), of numpy, or of torch to try that on the CPU; all other arrays there are of its kind. rough: a
     smaller copy of the picture, for all steps but the exact finish, and its inputs. Only fits that do not begin with a
@@ -208,10 +207,7 @@ class FitLoop:
         return as_numpy(self.evaluator.importance(self.state.curves)[1])
 
     def resize(self, kept: np.ndarray, count: int) -> None:
-        """Go on with these curves, by number, and with new ones in front, so many in all.
-
-        Not for fits that began with a drawing.
-        """
+        """Go on with these curves, by number, and new ones in front, so many in all. Not for fits with a start."""
         before = self.state.curves
         state = self.state.chosen(like(self.goal, np.sort(kept), "int64"))
         self.settings = self.settings.with_(curves=count)

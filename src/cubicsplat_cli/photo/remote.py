@@ -105,9 +105,8 @@ class _Connected(AbstractContextManager["_Connected"]):
         self._connection.close()
 
     def call(self, name: str, *arguments: Any, on_progress: OnProgress = nothing) -> Any:
-        """Return the result of a request, or raise its error.
-
-        A KeyboardInterrupt ends a fit early, with a result. It is raised if the request has ended.
+        """Return the result of a request, or raise its error. A KeyboardInterrupt ends a fit early, with a result, and
+        is raised if the request has ended.
         """
         unsent = [(name, arguments)]
         try:

@@ -132,9 +132,8 @@ class FitState(CurveArrays):
 
 
 class BestCheckpoint:
-    """A copy of the curves whose picture has had the least loss, where they live.
-
-    A loss that is an array on a GPU is compared there: nothing waits for it.
+    """A copy of the curves whose picture has had the least loss, where they live. A loss that is an array on a GPU is
+    compared there: nothing waits for it.
     """
 
     def __init__(self) -> None:

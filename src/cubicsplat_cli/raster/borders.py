@@ -1,6 +1,4 @@
-"""The map of the borders between regions, by the native library: regions that touch, regions that enclose others, and
-the loops of cracks around them.
-"""
+"""The borders between regions, by the native library: which touch, which enclose others, and the loops of cracks."""
 
 from __future__ import annotations
 

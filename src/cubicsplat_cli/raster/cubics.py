@@ -124,8 +124,7 @@ class JointNumbers(NamedTuple):
 
 
 def tied_coordinates(anchors: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Return (A, 2) int64: the variable of each coordinate of anchors (A, 2), one for both ends of a level or upright
-    line. lines: (S,) bool."""
+    """Return (A, 2) int64: the variable of each anchor's coordinate, one for both ends of level and upright lines."""
     return _native("cs_tie", len(anchors), len(lines), doubles(anchors), bools(lines), Out(anchors.shape, np.int64))
 
 

@@ -50,21 +50,17 @@ def open_engine(
     machine, if it has one. Raises EngineError with the reason if the requested engine cannot run or draw this. If
     "auto" finds a GPU that it cannot use, it logs why.
     """
-
-    def cuda() -> Engine:
+    if device == "cuda" or (device == "auto" and (opened or _gpu_is_usable())):
         from cubicsplat_cli.raster.cuda.compile import Program
         from cubicsplat_cli.raster.cuda.frame import check_drawable
 
-        check_drawable(segments, samples, subdivide)
-        program = Program(mode, channels, painted)
-        return opened(program) if opened else cuda_engine(program=program)
-
-    if device == "cuda":
-        return cuda()
-    if device == "auto" and (opened or _gpu_is_usable()):
         try:
-            return cuda()
+            check_drawable(segments, samples, subdivide)
+            program = Program(mode, channels, painted)
+            return opened(program) if opened else cuda_engine(program=program)
         except EngineError as error:
+            if device == "cuda":
+                raise
             log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
 

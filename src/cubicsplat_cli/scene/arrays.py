@@ -148,9 +148,8 @@ def one_torch_thread() -> Iterator[None]:
 
 @dataclass(eq=False)
 class CurveArrays:
-    """A dataclass whose arrays, and those of the CurveArrays among its fields, have a row for each curve.
-
-    They are all numpy's, or all torch's and on one device.
+    """A dataclass whose arrays, and those of the CurveArrays among its fields, have a row for each curve, and are all
+    numpy's, or all torch's and on one device.
     """
 
     def arrays_by_name(self) -> dict[str, Array]:

@@ -26,10 +26,9 @@ class Gradients(CurveArrays):
     offsets: (N, S), where on the way each stop is, in [0, 1], not falling along a row.
     stops: (N, S, 4), sRGB and opacity, in [0, 1].
 
-    Between two stops colour and opacity change linearly, the colour not premultiplied, as in SVG; before the first and
-    behind the last they stay ("pad"). Of stops with one offset the last counts from there on. The curve's own opacity
-    is a factor of the stops'. Gradients of a loss reach frames and stops, not the offsets. They are arrays of the kind
-    of the scene's, the floats of their type.
+    Colours between and beyond the stops are those of `scene.paint`. Of stops with one offset the last counts from there
+    on. The curve's own opacity is a factor of the stops'. Gradients of a loss reach frames and stops, not the offsets.
+    The arrays are of the kind of the scene's, the floats of their type.
     """
 
     kinds: Array
@@ -64,24 +63,21 @@ class Gradients(CurveArrays):
             raise InputError(f"gradients.kinds must be {FLAT} (flat), {LINEAR} (linear) or {RADIAL} (radial)")
         xp = namespace(self.kinds)
         used = xp.arange(self.most_stops, device=self.kinds.device) < self.counts[:, None]
-        painted = self.kinds != FLAT
-        counted = (self.counts >= 1) & (self.counts <= self.most_stops)
-        self._refuse(~counted & painted, f"counts must lie between 1 and {self.most_stops}")
-        self._refuse(~xp.all(xp.isfinite(self.frames), axis=(1, 2)) & painted, "frames must be finite")
-        leaning = xp.sum(xp.square(self.frames[..., 3]), axis=1) >= 1.0
-        self._refuse(leaning & (self.kinds == RADIAL), "frames must have a lean shorter than 1")
         # Written so that NaN fails as well.
         inside = (self.offsets >= 0.0) & (self.offsets <= 1.0)
         rising = xp.concat((xp.ones_like(inside[:, :1]), xp.diff(self.offsets, axis=1) >= 0.0), axis=1)
-        falling = xp.any((~inside | ~rising) & used, axis=1)
-        self._refuse(falling & painted, "offsets must rise from 0 to 1 along each row")
         within = xp.all((self.stops >= 0.0) & (self.stops <= 1.0), axis=2)
-        self._refuse(xp.any(~within & used, axis=1) & painted, "stops must be between 0 and 1")
-
-    @staticmethod
-    def _refuse(bad: Array, what: str) -> None:
-        if bad.any():
-            raise InputError(f"gradients.{what}, but those of curve {int(namespace(bad).nonzero(bad)[0][0])} are not")
+        leaning = (self.kinds == RADIAL) & (xp.sum(xp.square(self.frames[..., 3]), axis=1) >= 1.0)
+        for wrong, what in (
+            ((self.counts < 1) | (self.counts > self.most_stops), f"counts must lie between 1 and {self.most_stops}"),
+            (~xp.all(xp.isfinite(self.frames), axis=(1, 2)), "frames must be finite"),
+            (leaning, "frames must have a lean shorter than 1"),
+            (xp.any(~(inside & rising) & used, axis=1), "offsets must rise from 0 to 1 along each row"),
+            (xp.any(~within & used, axis=1), "stops must be between 0 and 1"),
+        ):
+            bad = xp.nonzero(wrong & (self.kinds != FLAT))[0]
+            if len(bad):
+                raise InputError(f"gradients.{what}, but those of curve {int(bad[0])} are not")
 
     def validate_form(self, points: Array) -> None:
         """Validate types, shapes and devices only, for a scene with these control points."""

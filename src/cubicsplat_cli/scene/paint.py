@@ -142,9 +142,7 @@ def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def laid_over(colours: Sequence[np.ndarray], opaque: float = 1.0) -> np.ndarray:
-    """Return premultiplied colours (..., 4), each over the one before, with alpha up to `opaque`. Raises IndexError
-    without any.
-    """
+    """Return premultiplied colours (..., 4), one or more, each over the one before, with alpha up to `opaque`."""
     out = colours[0]
     for above in colours[1:]:
         out = above + (1.0 - above[..., 3:] / opaque) * out

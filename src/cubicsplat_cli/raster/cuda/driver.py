@@ -274,9 +274,7 @@ _lock = threading.Lock()
 
 
 def cuda_driver(index: int | None = None) -> CudaDriver:
-    """Return the driver of a GPU (default: torch's current one), one for the process, in which loaded kernels stay.
-    Raises EngineError as `CudaDriver` does.
-    """
+    """Return this process's one driver of a GPU (default: torch's current one). Raises EngineError as `CudaDriver`."""
     with _lock:
         found = _drivers.get(index if index is not None else _current_device())
         if found is None:

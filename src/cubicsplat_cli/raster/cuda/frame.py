@@ -164,9 +164,7 @@ def put(structure: StepFrame | StepValues, addresses: dict[str, int | None]) -> 
 def step_values(
     scene: EngineScene, settings: RasterSettings, device: torch.device, given: Pass, number: int = 0
 ) -> StepValues:
-    """Return the values of a pass, without the loss and what only training has. Raises EngineError for unfit tensors.
-    number: of the step.
-    """
+    """Return the values of a pass, but the loss and what only training has. Raises EngineError for unfit tensors."""
     filled = {"image": given.image} | {name: given.out.get(name) for name in ("importance", "background")}
     addresses = scene.addresses(device, filled)
     return StepValues(
