@@ -101,11 +101,6 @@ class Effort:
     first_s: float | None = None
     following_s: float = math.inf
 
-    def scaled(self, share: float, step_s: float) -> Effort:
-        """So much of it, but never nothing; step_s: seconds of a step."""
-        first, following, epochs = (max(1, round(share * value)) for value in (self.first, self.following, self.epochs))
-        return Effort(first, following, epochs, first * step_s, following * step_s)
-
 
 class ClipFit:
     """The state that the fits of all groups of a clip share. picture: the first; the rest as in `fit_clip`."""
@@ -186,16 +181,18 @@ class ClipFit:
         return choose(tracks, weights, there, loss, most)
 
     def _effort(self, frames: int, *, fresh: bool) -> Effort:
-        """Steps and epochs for a group; fewer where the deadline asks for it."""
+        """Steps and epochs for a group; fewer, but never none, where the deadline asks for it."""
         steps = self.settings.steps
-        effort = Effort(steps, max(LEAST_STEPS, round(FOLLOWING * steps)), max(LEAST_EPOCHS, round(EPOCHS * steps)))
+        wanted = steps, max(LEAST_STEPS, round(FOLLOWING * steps)), max(LEAST_EPOCHS, round(EPOCHS * steps))
         left = (work().deadline - time.perf_counter()) * BEFORE_DEADLINE
         if left == math.inf:
-            return effort
-        share = frames / max(frames, (self.count or frames) - self.done)
-        needed = frames * (effort.following + effort.epochs) + fresh * steps
-        allowed = max(left, 0.0) * share / self._step_seconds
-        return effort.scaled(min(1.0, allowed / needed), self._step_seconds)
+            return Effort(*wanted)
+        of_group = frames / max(frames, (self.count or frames) - self.done)
+        step_s = self._step_seconds
+        allowed = max(left, 0.0) * of_group / step_s
+        share = min(1.0, allowed / (frames * sum(wanted[1:]) + fresh * steps))
+        first, following, epochs = (max(1, round(share * value)) for value in wanted)
+        return Effort(first, following, epochs, first * step_s, following * step_s)
 
     @cached_property
     def _step_seconds(self) -> float:
