@@ -157,7 +157,7 @@ def follow(
     """Scenes of the same curves, one of each picture, or of fewer where the work is stopped; none if right away.
 
     start: curves to begin with, of the frame before. steps, seconds: at most so many for each frame but the first,
-    which has the settings' steps, or as many as the others after a start. on_frame: told the number of each other.
+    which has the settings' steps, or as many as the others after a start. on_frame: called before each of the others.
     """
     if start is not None:
         settings = settings.with_(steps=steps)

@@ -167,8 +167,8 @@ class Stepper:
             if shapes is not None and not shapes.has_axes:
                 self.training.tied = shapes.values, shapes.moments, shapes.ages, shapes.map()
         alone = self._by_engine or (self.engine.runs_ahead and recipe.shared_opacity == 0.0)
-        whole = curves.fills is None and (shapes is None or self.training.tied is not None)  # moved by the engine
-        self.runs = alone and whole and self.objective.pixelwise and recipe.crossing_penalty == 0.0
+        moves_all = curves.fills is None and (shapes is None or self.training.tied is not None)
+        self.runs = alone and moves_all and self.objective.pixelwise and recipe.crossing_penalty == 0.0
 
     def step(self, phase: Phase, progress: float, *, measured: bool) -> float | Array:
         """Do a step of this phase; return the loss before it. measured: also fill image and importance.

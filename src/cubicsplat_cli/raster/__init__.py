@@ -1,3 +1,3 @@
-"""Drawing scenes, one differentiable operator over the engines; and what drawings leave to the native library. All
-functions that call the library raise EngineError if it, or the memory, is missing.
+"""Drawing scenes: one differentiable operator over the engines; and the functions of the native library for drawings,
+all of which raise EngineError if the library or the memory is missing.
 """

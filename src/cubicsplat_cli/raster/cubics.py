@@ -77,7 +77,8 @@ def found_merges(
     (S,). judged: nats a parameter, the share of half of chi^2 that counts against a run, and the least cosine between
     the directions at its ends. runs: the longest run that shows, and that does not; the fewest pieces of a ring.
     """
-    (pieces, *flags), (points, weights, ends), most = ring, samples, len(ring[0]) * runs[1]
+    (pieces, *flags), (points, weights, ends) = ring, samples
+    most = len(pieces) * runs[1]
     shape = len(pieces), doubles(pieces), *map(bools, flags)
     given = int64s(ends), doubles(points), doubles(weights), *judged, int64s(runs)
     out = Out((most, 4), np.int64), Out(most), Out((most, 4, 2))

@@ -1,7 +1,8 @@
 """The functions of scipy.ndimage that drawings need, natively: with its names, arguments and results.
 
 It takes half a second to import scipy.ndimage, as long as a small drawing takes. Arrays are pictures (H, W) or
-(H, W, C), or lines; masks may be of any type, and are true if not 0.
+(H, W, C), or lines; masks may be of any type, and are true if not 0. scipy has no alike, ranges, large_parts,
+renumbered, skeletonize, holes_of and reached.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ def minimum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str =
 
 
 def alike(values: np.ndarray, size: int | Sequence[int]) -> np.ndarray:
-    """Return (H, W) bool: true if all neighbours in a box, see maximum_filter, have one value. None of scipy's."""
+    """Return (H, W) bool: true if all neighbours in a box, see maximum_filter, have one value."""
     return np.asarray(maximum_filter(values, size) == minimum_filter(values, size))
 
 
 def ranges(values: np.ndarray, size: int | Sequence[int]) -> np.ndarray:
-    """Return the largest of the neighbours in a box, see maximum_filter, less the smallest. None of scipy's."""
+    """Return the largest of the neighbours in a box, see maximum_filter, less the smallest."""
     return maximum_filter(values, size) - minimum_filter(values, size)
 
 
@@ -83,14 +84,14 @@ def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.n
 
 
 def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
-    """Return the same for parts of at least so many pixels, as of `renumbered`. None of scipy's."""
+    """Return the same for parts of at least so many pixels, as of `renumbered`."""
     labels, count = label(pixels)
     return renumbered(labels, np.bincount(labels.ravel(), minlength=count + 1) >= least)
 
 
 def renumbered(labels: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, int]:
     """Return labels (H, W) int32 of the parts that are kept (count + 1,) bool, numbered from 1 on, 0 for the others and
-    where there was none; and their count. None of scipy's."""
+    where there was none; and their count."""
     kept = kept & (np.arange(len(kept)) > 0)
     return (np.cumsum(kept, dtype=np.int32) * kept)[labels], int(kept.sum())
 
@@ -154,7 +155,7 @@ def holes_of(mask: np.ndarray) -> np.ndarray:
 
 def reached(shown: np.ndarray, above: np.ndarray, hull: np.ndarray | None, steps: int) -> np.ndarray:
     """Return (H, W) bool: the mask `shown`; the pixels of `above` within so many steps along rows and columns of it, or
-    in `hull`, None for none; and the holes in all this that lie wholly in `above`. None of scipy's.
+    in `hull`, None for none; and the holes in all this that lie wholly in `above`.
     """
     shown, above = bools(shown), bools(above)
     near = binary_dilation(shown, iterations=steps)

@@ -160,7 +160,7 @@ def _map(frame: np.ndarray) -> np.ndarray:
 
 def bends_and_steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return two (H, W) float32: the greatest second difference at each pixel, in levels, of all channels and four
-    directions; and the greatest difference of opposite neighbours. A picture goes on beyond its border as it ends."""
+    directions; and the greatest difference of opposite neighbours. Beyond its border a picture goes on straight."""
     size = levels.shape[:2]
     return _native("cs_bends", *size, floats(levels), Out(size, np.float32), Out(size, np.float32))
 
