@@ -125,7 +125,7 @@ def render_scene(
 
 
 def leave_one_out_importance(
-    scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None = None
+    scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None
 ) -> tuple[float, np.ndarray]:
     """Return the squared error of the exact picture against a target (H, W, C) of the scene's size, and its rise (N,)
     without each curve. weights (H, W): of the pixels. samples: edges per cubic at most.
