@@ -209,9 +209,7 @@ class ClipFit:
 
 @dataclass(eq=False)
 class FrameGroup:
-    """pictures: (H, W, C) float32 each. times: when each begins, s. end: of the last, s. after_cut: whether its first
-    frame has nothing to do with the one before.
-    """
+    """pictures: (H, W, C) float32. times: when each begins, s. end: of the last, s. after_cut: it is after a cut."""
 
     after_cut: bool
     pictures: list[np.ndarray] = field(default_factory=list)

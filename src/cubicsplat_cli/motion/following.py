@@ -47,8 +47,8 @@ class Follower:
 
     Curves that are replaced keep their places in `rows`, and have no opacity from then on; new ones, before they are
     there, neither. rows: of each frame, the scene; ids: of each, the number of each curve in it. Numbers rise from back
-    to front but for those of the first frame, 0 to N - 1 from front to back. losses: of the frames.
-    carried: control points as the flow left them.
+    to front but for those of the first frame, 0 to N - 1 from front to back. losses: of the frames. carried: control
+    points as the flow left them. born: the frame of each new curve by its number.
     """
 
     loop: FitLoop

@@ -248,9 +248,7 @@ class FitLoop:
         self.log.notes.append(f"{error}; the result is {result}")
 
     def advance(self, until: float = 0.0) -> None:
-        """Do one step, and the reallocation that the schedule may ask for after it; or several steps, up to a progress,
-        if there is nothing to do between them.
-        """
+        """Do a step, and the reallocation due after it; or several steps with nothing between, up to a progress."""
         if self._looks():
             self.stepper.check_finite(self.step)
         progress = self.progress

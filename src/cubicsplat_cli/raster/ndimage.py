@@ -90,8 +90,7 @@ def large_parts(pixels: np.ndarray, least: int) -> tuple[np.ndarray, int]:
 
 
 def renumbered(labels: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return labels (H, W) int32 of the parts that are kept (count + 1,) bool, numbered from 1 on, 0 for the others and
-    where there was none; and their count."""
+    """Return labels (H, W) int32 of the parts kept (count + 1,) bool, from 1 on and 0 elsewhere, and their count."""
     kept = kept & (np.arange(len(kept)) > 0)
     return (np.cumsum(kept, dtype=np.int32) * kept)[labels], int(kept.sum())
 

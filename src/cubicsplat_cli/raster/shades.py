@@ -5,8 +5,7 @@ A gradient is given by its frame (2, 4), and by the knots (K,), ascending t, and
 premultiplied levels. The frame's first three columns are an affine map of px to u, its last is the lean m. A linear
 gradient has t = u[0], a radial one t = |u| + m . u: ellipses around the middle if m is 0, and otherwise the ellipses of
 an SVG gradient whose focus is the place with u = 0 (conics with a common focus; |m| < 1 is how far the focus is on its
-way from the middle to the rim).
-Pictures are (H, W, 4), premultiplied levels.
+way from the middle to the rim). Pictures are (H, W, 4), premultiplied levels.
 
 The shadow of a box is a blurred copy of it. A box is left, top, right, bottom and the half axes of its corners, px. A
 layer is given by six numbers: dx, dy, px by which it is larger and rounder, the logarithm of its blur's sigma in px,

@@ -273,9 +273,7 @@ def steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def off_palette(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return (H, W): the distance of each pixel of a picture (H, W, 4) from the colour that its label (H, W) names in a
-    palette (P, 4), in the channel with the largest.
-    """
+    """Return (H, W): how far pixels (H, W, 4) are off their labels' palette colours (P, 4), in the worst channel."""
     given = floats(levels), labels.size, doubles(palette), int32s(labels)
     return _native("cs_off_palette", *given, Out(labels.shape), result=None)
 

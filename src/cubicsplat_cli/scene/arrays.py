@@ -148,9 +148,7 @@ def one_torch_thread() -> Iterator[None]:
 
 @dataclass(eq=False)
 class CurveArrays:
-    """A dataclass whose arrays, and those of the CurveArrays among its fields, have a row for each curve, and are all
-    numpy's, or all torch's and on one device.
-    """
+    """A dataclass whose arrays, and its CurveArrays', have a row for each curve, and are of one kind and device."""
 
     def arrays_by_name(self) -> dict[str, Array]:
         """Return the arrays by name, without missing ones; those of a field's arrays as `field.name`."""

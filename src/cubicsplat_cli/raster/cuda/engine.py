@@ -51,9 +51,7 @@ PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact fi
 
 @dataclass(eq=False)
 class _Plan:
-    """A step that has been prepared, and captured when it came a second time. blunted: edges of a cubic's polyline for
-    the penalty on spikes and slivers, 0 without one.
-    """
+    """A prepared step, captured when it came a second time. blunted: `Blunting.edges`, 0 without that penalty."""
 
     frame: StepFrame
     blunted: int

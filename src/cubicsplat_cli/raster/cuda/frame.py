@@ -95,9 +95,7 @@ def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:
 
 
 def check_drawable(segments: int, samples: int, subdivide: bool) -> None:
-    """Raise EngineError if curves of so many segments and edges per cubic are too long for the kernels, or if cubics
-    shall be subdivided by de Casteljau's algorithm.
-    """
+    """Raise EngineError for curves of more segments, or more edges, than the kernels take, and for subdivision."""
     if subdivide:
         raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
     if segments > MOST_SEGMENTS or segments * samples > MOST_EDGES:
