@@ -62,10 +62,7 @@ def _parts(shape: PaintedShape) -> list[PaintedShape]:
 
 
 def _element(shape: PaintedShape, lines: list[Subpath], precision: int) -> Element | None:
-    """Return a path, or None if its data is too long.
-
-    An elliptical gradient is circular in the frame of a group around the path.
-    """
+    """Return a path, within a group if its gradient is elliptical, and circular there; None if its data is too long."""
     attributes = {"name": shape.name} if _NAME.fullmatch(shape.name) else {}
     if shape.fill is not None and shape.even_odd:
         attributes["fillType"] = "evenOdd"

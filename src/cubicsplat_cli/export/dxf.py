@@ -51,10 +51,7 @@ def dxf(drawing: PaintedShapes, mark: str, tolerance: float) -> bytes:
 def _outlines(
     drawing: PaintedShapes, tolerance: float
 ) -> Iterator[tuple[tuple[int, int, int], np.ndarray, bool, float]]:
-    """Yield the colour of each subpath, its vertices in mm with y up, whether it is closed, and its width in mm.
-
-    The width of a fill is 0.
-    """
+    """Yield each subpath's colour, vertices in mm with y up, whether it is closed, and its width in mm, 0 if filled."""
     to_mm = np.array([[MM_PER_PX, 0.0, 0.0], [0.0, -MM_PER_PX, drawing.height * MM_PER_PX], [0.0, 0.0, 1.0]])
     for shape in drawing.shapes:
         for paint, pen in ((shape.fill, 0.0), (shape.stroke, shape.width * MM_PER_PX)):
@@ -91,7 +88,8 @@ def arcs_along(cubics: np.ndarray, tolerance: float, most: int = _MOST_VERTICES)
         fits, bent = tiny | (errors <= tolerance), np.abs(bulges).max(axis=1) > 1e-9
         done.append(np.column_stack([order, cubics[:, 0], bulges[:, 0]])[fits])
         done.append(np.column_stack([order + size / 2.0, joints, bulges[:, 1]])[fits & bent])
-        cubics, size = _halves(cubics[~fits]), size / 2.0
+        halves = np.stack(cubic_parts(cubics[~fits].transpose(1, 0, 2), 0.5)).transpose(2, 0, 1, 3)
+        cubics, size = halves.reshape(-1, 4, 2), size / 2.0
         if len(cubics) > most:
             raise InputError(_TOO_MANY)
         order = (order[~fits, None] + [0.0, size]).ravel()
@@ -99,12 +97,6 @@ def arcs_along(cubics: np.ndarray, tolerance: float, most: int = _MOST_VERTICES)
             break
     vertices = np.concatenate(done)
     return vertices[np.argsort(vertices[:, 0], kind="stable"), 1:]
-
-
-def _halves(cubics: np.ndarray) -> np.ndarray:
-    """Return the halves (2 n, 4, 2) of n cubics."""
-    halves = np.stack(cubic_parts(cubics.transpose(1, 0, 2), 0.5))
-    return halves.transpose(2, 0, 1, 3).reshape(-1, 4, 2)
 
 
 def _biarcs(cubics: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

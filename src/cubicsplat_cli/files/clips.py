@@ -219,10 +219,7 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[np.ndarray, np.nd
 
 
 def is_video(data: bytes) -> bool:
-    """Return whether the bytes begin as those of a video of a kind that is read.
-
-    Lists of other files or addresses are not: PyAV would follow them.
-    """
+    """Return whether the bytes begin as a video does; lists of other files or addresses, which PyAV follows, do not."""
     stills = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"mif1", b"msf1")  # pictures in the boxes of videos
     if data[4:8] == b"ftyp" and data[8:12] in stills:
         return False
@@ -274,7 +271,7 @@ def _opened_video(data: bytes, shown: str, max_pixels: int) -> Iterator[tuple[An
 
 
 def _video_frames(container: Any, stream: Any) -> Iterator[tuple[np.ndarray, float, float]]:
-    """Yield pictures (H, W, 3) float32 in [0, 1] with the seconds at which each begins and ends.
+    """Yield upright pictures (H, W, 3) float32 in [0, 1] with the seconds at which each begins and ends.
 
     The last one lasts as long as the average, or a 25th of a second.
     """
@@ -288,12 +285,8 @@ def _video_frames(container: Any, stream: Any) -> Iterator[tuple[np.ndarray, flo
             continue  # two at one time
         if waiting is not None:
             yield *waiting, at - start
-        waiting = _upright(image), at - start
+        quarters = int(getattr(image, "rotation", 0) or 0) // 90 % 4  # counterclockwise, as its file says
+        upright = np.ascontiguousarray(np.rot90(image.to_ndarray(format="rgb24"), quarters), np.float32)
+        waiting = upright / np.float32(255), at - start
     if waiting is not None:
         yield *waiting, waiting[1] + 1.0 / rate
-
-
-def _upright(image: Any) -> np.ndarray:
-    """Return a frame of a video, turned as its file says, as (H, W, 3) float32 in [0, 1]."""
-    turned = int(getattr(image, "rotation", 0) or 0) // 90 % 4  # counterclockwise
-    return np.ascontiguousarray(np.rot90(image.to_ndarray(format="rgb24"), turned), np.float32) / np.float32(255)

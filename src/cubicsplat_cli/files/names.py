@@ -204,10 +204,7 @@ def names_a_folder(output: str) -> bool:
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """Return the pictures directly in a folder, sorted by name, without those that cubicsplat drew.
-
-    Raises InputError where the folder cannot be read or has none.
-    """
+    """Return a folder's pictures that cubicsplat did not draw, by name. Raises InputError if there are none to read."""
     pictures = [path for path in files_in(folder, is_picture_name) if not is_ours(path)]
     if not pictures:
         raise InputError(f"{folder}: holds no pictures; give a folder with PNG, JPEG or other picture files")

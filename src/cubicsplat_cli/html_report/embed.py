@@ -150,10 +150,7 @@ def _markup(svg: bytes) -> str:
 
 
 def _scene(svg: bytes) -> tuple[str, Scene | None, list[str]]:
-    """Return the kind of the elements, the scene, and the name of the element of each curve, front to back.
-
-    Raises InputError for foreign files.
-    """
+    """Return kind, scene, and the name of each curve's element, front to back. Raises InputError for foreign files."""
     elements = own_elements(svg)
     if not holds_drawing(elements):
         scene = curves_of(elements)

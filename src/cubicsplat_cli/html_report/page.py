@@ -100,7 +100,12 @@ def page_of_result(picture: Picture, data: bytes, svg: bytes, report: Report, th
 def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
     """Return the figures at the top of the page."""
     quality, report = subject.quality, subject.report
-    facts = [] if quality is None else _quality_facts(quality, subject.drawn_by)
+    facts: list[Fact] = []
+    if quality is not None:
+        by = f"drawn by {subject.drawn_by}" if subject.drawn_by else "of the candidate"
+        facts.append(("PSNR", level_text(quality.psnr_db), by))
+        if quality.ssim is not None and not quality.identical:
+            facts.append(("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
     if own is not None:
         about = [] if report is None or report.inks is None else [counted(len(report.inks), "colour")]
         count = own.count if report is None else report.count()
@@ -114,14 +119,6 @@ def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
     if report is not None:
         steps = f"{report.timing.steps:,} steps" if report.timing.steps else ""
         facts.append(("time", duration(report.timing.total_s), steps))
-    return facts
-
-
-def _quality_facts(quality: Quality, drawn_by: str | None) -> list[Fact]:
-    by = f"drawn by {drawn_by}" if drawn_by else "of the candidate"
-    facts = [("PSNR", level_text(quality.psnr_db), by)]
-    if quality.ssim is not None and not quality.identical:
-        facts.append(("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
     return facts
 
 

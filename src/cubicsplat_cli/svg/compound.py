@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, pieces_of_rings, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, pieces_of_rings, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.structure import boxes_of, near_box
@@ -27,10 +27,9 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     """Return the shapes back to front, grouped into compound paths.
 
     Where LEAST_SHAPES paths or more have one opaque fill or gradient, or are strokes by one pen, all that can join
-    become groups: how many each group has depends on the order of layers, which little may change. In a drawing of at
+    become groups, however small: their sizes depend on the order of layers, which little may change. In a drawing of at
     most FEW_PAINTS fills and gradients, one path and anything else that can join it is enough. Well rounded boxes join
-    paths too, as they are written as paths, and dots, since pixels do not tell their form: whether a shape is one is a
-    close decision.
+    paths too, as they are written as paths, and dots, since pixels do not tell their form.
 
     The rings of a group cover what its shapes cover, since every outer ring runs clockwise as seen and every hole the
     other way. A shape joins another one only if no shape of another fill that shares a pixel with it is drawn between
@@ -41,7 +40,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
     sign = len({paint[:1] + paint[2:] for paint in paints}) <= FEW_PAINTS  # with any pens
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
-    paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
+    paths = np.array([primitive_of(shape) is None for shape in shapes], dtype=bool)
     filled = np.array([shape.stroke is None for shape in shapes], dtype=bool)
     dots = filled & ((boxes[2:] - boxes[:2]).prod(axis=0) <= _DOT)
     joins = paths | dots | (filled & np.array([sign or _rounded(shape) for shape in shapes], dtype=bool))
@@ -101,11 +100,10 @@ def _pen(stroke: Stroke | None) -> tuple[float, str, str, bool] | None:
     return None if stroke is None else (stroke.width, stroke.cap, stroke.join, stroke.closed)
 
 
-def _primitive(shape: Shape) -> bool:
-    """Return whether a shape, or the path of its stroke, is a circle, ellipse or rectangle."""
-    if shape.stroke is not None:
-        return not isinstance(shape.stroke.path, (Chain, Ring))
-    return len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
+def primitive_of(shape: Shape) -> Circle | Ellipse | Rectangle | None:
+    """Return the circle, ellipse or rectangle that a shape, or the path of its stroke, is; None for others."""
+    paths = shape.outlines if shape.stroke is None else (shape.stroke.path,)
+    return None if len(paths) > 1 or isinstance(paths[0], (Chain, Ring)) else paths[0]
 
 
 def _rounded(shape: Shape) -> bool:

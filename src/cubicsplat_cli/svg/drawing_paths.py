@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, thirds, turned_to
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring, places_within, thirds, turned_to
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
 from cubicsplat_cli.artwork.shapes import Shape
@@ -96,10 +96,8 @@ class GridRings:
 
 def _next_in_loops(owner: np.ndarray) -> np.ndarray:
     """Return the number (n,) of the piece after each one in its loop. owner: (n,) ascending, the loop of each piece."""
-    following = np.arange(1, len(owner) + 1)
-    starts = np.flatnonzero(np.diff(owner, prepend=-1))
-    following[np.append(starts[1:], len(owner))[: len(starts)] - 1] = starts
-    return following
+    last = np.diff(owner, append=-1) != 0
+    return np.where(last, np.searchsorted(owner, owner), np.arange(1, len(owner) + 1))
 
 
 def _started_after_a_line(ring: Ring, owner: np.ndarray) -> np.ndarray:
@@ -110,11 +108,11 @@ def _started_after_a_line(ring: Ring, owner: np.ndarray) -> np.ndarray:
     steps = np.abs(ring.anchors[_next_in_loops(owner)] - ring.anchors)
     digits = np.where(steps > 0, 1.0 + np.log10(np.maximum(steps, 1)), 0.0).sum(axis=1)
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
-    sizes = np.diff(np.append(starts, len(owner)))
+    sizes = np.diff(starts, append=len(owner))
     longest = np.lexsort((np.where(ring.lines, -digits, 1.0), owner))[starts]
     last = np.where(ring.lines[longest], longest - starts, sizes - 1)
-    first, size, shift = (np.repeat(values, sizes) for values in (starts, sizes, last + 1))
-    return np.asarray(first + (np.arange(len(owner)) - first + shift) % size)
+    loop, place = places_within(sizes)
+    return np.asarray(starts[loop] + (place + last[loop] + 1) % sizes[loop])
 
 
 def smoothed(ring: Ring, following: np.ndarray, even: bool = True) -> np.ndarray:
@@ -248,12 +246,12 @@ def add_pieces(path: PathText, ring: Ring, ends: Sequence[int], reach: int, rela
         mirror = (2 * end[0] - second[0], 2 * end[1] - second[1])
 
 
-def add_stroke(path: PathText, line: Path, precision: int) -> None:
+def add_stroke(path: PathText, line: Path) -> None:
     """Append the centre line of a stroke."""
     if not isinstance(line, Chain):
-        add_ring(path, grid_rings([line.ring()], precision)[0])
+        add_ring(path, grid_rings([line.ring()], path.precision)[0])
         return
-    anchors, controls = to_steps(line.anchors, precision), to_steps(line.controls, precision)
+    anchors, controls = to_steps(line.anchors, path.precision), to_steps(line.controls, path.precision)
     # A line from the end back to the start, which is not drawn, makes it a ring.
     back = np.stack([anchors[-1:], anchors[:1]], axis=1)
     smooth = np.array([False, *line.smooth[1:-1], False])
@@ -263,9 +261,9 @@ def add_stroke(path: PathText, line: Path, precision: int) -> None:
     add_pieces(path, ring, range(1, len(anchors)), MIRROR_REACH)
 
 
-def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bool) -> None:
+def add_rounded(path: PathText, box: Rectangle, *, clockwise: bool) -> None:
     """Append a level rectangle with round corners; its radius is at least half a step."""
-    left, top, right, bottom, radius = _steps(box, precision)
+    left, top, right, bottom, radius = _steps(box, path.precision)
     ends = [(int(x), int(y)) for x, y in _joints(left, top, right, bottom, radius)]
     if not clockwise:
         ends.reverse()
@@ -280,10 +278,7 @@ def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bo
 
 
 def rounded_of(subpath: Sequence[PathSegment]) -> tuple[Rectangle, bool] | None:
-    """Return the rectangle that `add_rounded` wrote as these segments, and whether it runs clockwise as seen.
-
-    Returns None for other segments.
-    """
+    """Return the rectangle that `add_rounded` wrote as segments, and whether it runs clockwise; None for others."""
     if "".join(piece.command for piece in subpath) not in LETTERS:
         return None
     arcs = [piece for piece in subpath if piece.command == "A"]
@@ -319,10 +314,7 @@ def _steps(box: Rectangle, precision: int) -> tuple[float, float, float, float, 
 
 
 def _joints(left: float, top: float, right: float, bottom: float, radius: float) -> list[Point]:
-    """Return the points where lines and arcs meet, clockwise as seen, a line first.
-
-    Sides shorter than a point are left out, and the corners beside them are one arc.
-    """
+    """Return the points where lines and arcs meet, clockwise as seen, a line first; sides of no length are left out."""
     x1, x2, y1, y2 = left + radius, right - radius, top + radius, bottom - radius
     joints = ((x1, top), (x2, top), (right, y1), (right, y2), (x2, bottom), (x1, bottom), (left, y2), (left, y1))
     kept = (right - left > 2 * radius + 1e-9, bottom - top > 2 * radius + 1e-9)

@@ -228,10 +228,8 @@ def _primitive(element: OwnElement) -> Circle | Ellipse | Rectangle:
         raise ValueError(f"has a <{element.name}> without extent")
     if element.name == "circle":
         return Circle(*lengths)
-    x, y, *sides = lengths
-    if element.name == "ellipse":
-        return Ellipse(x, y, sides[0], sides[1], angle_of(element.attributes))
-    return Rectangle(x, y, sides[0], sides[1], sides[2], angle_of(element.attributes))
+    lengths.append(angle_of(element.attributes))
+    return Ellipse(*lengths) if element.name == "ellipse" else Rectangle(*lengths)
 
 
 def angle_of(given: dict[str, str]) -> float:

@@ -16,10 +16,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
-from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
+from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, colour_group, colour_name
 from cubicsplat_cli.settings import PRECISION
-from cubicsplat_cli.svg.compound import compounds
+from cubicsplat_cli.svg.compound import compounds, primitive_of
 from cubicsplat_cli.svg.drawing_paths import MOST_ON_RECT, GridRings, PathText, add_rounded, add_stroke
 from cubicsplat_cli.svg.markup import GradientElements, Identifiers, document, empty_document, format_number, paint
 from cubicsplat_cli.svg.shading import clipped
@@ -104,48 +104,45 @@ def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
 
 def _element(group: Sequence[Shape], precision: int, rings: GridRings) -> ElementTree.Element | None:
     """Return the element of one shape, or of several of one colour as a compound path; None if nothing is left."""
-    stroke = group[0].stroke
-    if stroke is not None and not isinstance(stroke.path, (Chain, Ring)):
-        return _primitive(stroke.path, precision)
-    first = group[0].outlines
-    if stroke is None and len(group) == 1 and len(first) == 1 and not isinstance(first[0], Ring):
-        return _primitive(first[0], precision)
+    primitive = primitive_of(group[0]) if len(group) == 1 else None
+    if primitive is not None:
+        return _primitive(primitive, precision)
     path = PathText(precision)
     for shape in group:
         if shape.stroke is not None:
-            add_stroke(path, shape.stroke.path, precision)
-            continue
-        for index, outline in enumerate(shape.outlines):
-            _add_outline(path, outline, precision, index == 0, rings)
+            add_stroke(path, shape.stroke.path)
+        else:
+            for index, outline in enumerate(shape.outlines):
+                _add_outline(path, outline, index == 0, rings)
     return ElementTree.Element("path", {"d": path.text}) if path.text else None
 
 
 def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> ElementTree.Element | None:
-    """Return a circle, ellipse or rect; None if it has no extent."""
+    """Return a circle, ellipse or rect, or the path of a rect with rounder corners; None if it has no extent."""
+    outline = _disc(outline, precision) if isinstance(outline, Rectangle) else outline
     if isinstance(outline, Circle):
         return _shown("circle", {"cx": outline.cx, "cy": outline.cy, "r": outline.r}, "r", precision)
     if isinstance(outline, Ellipse):
         lengths = {"cx": outline.cx, "cy": outline.cy, "rx": outline.rx, "ry": outline.ry}
         return _turned(_shown("ellipse", lengths, "rx", precision), outline.angle, outline.cx, outline.cy, precision)
-    unit = 10.0**precision
-    if (disc := _disc(outline, precision)) is not None:
-        return _primitive(disc, precision)
     # Both ends of a side are rounded, so that they meet those of its neighbours.
+    unit = 10.0**precision
     left, right = (int(to_steps(x, precision)) / unit for x in (outline.x, outline.x + outline.width))
     top, bottom = (int(to_steps(y, precision)) / unit for y in (outline.y, outline.y + outline.height))
-    lengths = {"x": left, "y": top, "width": right - left, "height": bottom - top, "rx": outline.radius}
-    middle = ((left + right) / 2.0, (top + bottom) / 2.0)
     if outline.radius > MOST_ON_RECT:
         path = PathText(precision)
-        add_rounded(path, outline, precision, clockwise=True)
-        return _turned(ElementTree.Element("path", {"d": path.text}), outline.angle, *middle, precision)
-    return _turned(_shown("rect", lengths, "width", precision), outline.angle, *middle, precision)
+        add_rounded(path, outline, clockwise=True)
+        element: ElementTree.Element | None = ElementTree.Element("path", {"d": path.text})
+    else:
+        lengths = {"x": left, "y": top, "width": right - left, "height": bottom - top, "rx": outline.radius}
+        element = _shown("rect", lengths, "width", precision)
+    return _turned(element, outline.angle, (left + right) / 2.0, (top + bottom) / 2.0, precision)
 
 
-def _disc(box: Rectangle, precision: int) -> Circle | None:
-    """Return the circle of a rectangle whose corners are all of it; None for others."""
+def _disc(box: Rectangle, precision: int) -> Circle | Rectangle:
+    """Return a rectangle, as a circle if its corners are all of it."""
     if max(box.width, box.height) - 2.0 * box.radius >= 10.0**-precision:
-        return None
+        return box
     return Circle(box.x + box.width / 2.0, box.y + box.height / 2.0, box.radius)
 
 
@@ -172,32 +169,30 @@ def _degrees(angle: float) -> str:
     return format_number(round(math.degrees(angle) * 10**_ANGLE_DECIMALS), _ANGLE_DECIMALS)
 
 
-def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bool, rings: GridRings) -> None:
+def _add_outline(path: PathText, outline: Outline, clockwise: bool, rings: GridRings) -> None:
     """Append one ring of a compound path, clockwise as seen or not, if it has an extent."""
-    if not isinstance(outline, Ring) and _primitive(outline, precision) is None:
+    if not isinstance(outline, Ring) and _primitive(outline, path.precision) is None:
         return
-    if isinstance(outline, Rectangle):
-        outline = _disc(outline, precision) or outline
-    if isinstance(outline, (Circle, Ellipse)):
-        _add_ellipse(path, outline, precision, clockwise)
-        return
-    if isinstance(outline, Rectangle) and to_steps(outline.radius, precision) > 0 and outline.angle == 0.0:
-        add_rounded(path, outline, precision, clockwise=clockwise)
-        return
-    rings.add(path, outline.ring(), clockwise)
+    outline = _disc(outline, path.precision) if isinstance(outline, Rectangle) else outline
+    if isinstance(outline, Circle):
+        outline = Ellipse(outline.cx, outline.cy, outline.r, outline.r)
+    if isinstance(outline, Ellipse):
+        _add_ellipse(path, outline, clockwise)
+    elif isinstance(outline, Rectangle) and to_steps(outline.radius, path.precision) > 0 and outline.angle == 0.0:
+        add_rounded(path, outline, clockwise=clockwise)
+    else:
+        rings.add(path, outline.ring(), clockwise)
 
 
-def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:
+def _add_ellipse(path: PathText, ellipse: Ellipse, clockwise: bool) -> None:
     """Append two half arcs between the ends of the first axis."""
-    rx, ry, angle = (
-        (outline.r, outline.r, 0.0) if isinstance(outline, Circle) else (outline.rx, outline.ry, outline.angle)
-    )
-    radii = (int(to_steps(rx, precision)), int(to_steps(ry, precision)))
-    middle = to_steps(np.array([outline.cx, outline.cy]), precision)
-    along = to_steps(np.array([rx * math.cos(angle), rx * math.sin(angle)]), precision)
-    (x1, y1), (x2, y2) = (middle - along).tolist(), (middle + along).tolist()
-    path.move((x1, y1))
-    for end in ((x2, y2), (x1, y1)):
+    rx, angle = ellipse.rx, ellipse.angle
+    radii = to_steps(np.array([rx, ellipse.ry]), path.precision).tolist()
+    middle = to_steps(np.array([ellipse.cx, ellipse.cy]), path.precision)
+    along = to_steps(np.array([rx * math.cos(angle), rx * math.sin(angle)]), path.precision)
+    start, opposite = tuple((middle - along).tolist()), tuple((middle + along).tolist())
+    path.move(start)
+    for end in (opposite, start):
         path.arc(radii, _degrees(angle), (1, int(clockwise)), end)
     path.close()
 

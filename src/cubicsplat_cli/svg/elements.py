@@ -72,10 +72,7 @@ class StyledShape:
         return parse_length(self.element.get(attribute, default), whole)
 
     def path_data(self) -> str:
-        """Return the outline as path data in its own units, empty if it has no extent.
-
-        Raises ValueError for a length that cannot be read.
-        """
+        """Return the outline as path data in its own units, empty without extent. Raises ValueError for bad lengths."""
         name, length = self.name, self.length
         if name == "path":
             return self.element.get("d", "")

@@ -55,11 +55,7 @@ class InitialDrawing:
 
 
 def load_initial_drawing(source: str | Path | bytes, mode: Mode = Mode.CLOSED) -> InitialDrawing:
-    """Return a drawing from its path or bytes.
-
-    mode: of the scene of an SVG that cubicsplat did not write. Raises InputError, with the name, for a file that is no
-    SVG or shows no shape.
-    """
+    """Return a drawing from its path or bytes. mode: as of `read_foreign`, whose errors it raises."""
     data = source if isinstance(source, bytes) else read_file(Path(source))
     name = "the SVG" if isinstance(source, bytes) else printable(str(source))
     try:

@@ -154,11 +154,11 @@ class GradientElements:
         """Return the `fill` of a shape, and the element to put before it; None if the file has that already."""
         element = gradient_element(gradient, self._precision)
         text = ElementTree.tostring(element, encoding="unicode")
-        new = text not in self._identifiers
-        if new:
-            self._identifiers[text] = self._name()
-            element.attrib = {"id": self._identifiers[text], **element.attrib}
-        return f"url(#{self._identifiers[text]})", element if new else None
+        if text in self._identifiers:
+            return f"url(#{self._identifiers[text]})", None
+        name = self._identifiers[text] = self._name()
+        element.attrib = {"id": name, **element.attrib}
+        return f"url(#{name})", element
 
 
 def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:

@@ -24,6 +24,7 @@ from cubicsplat_cli.svg.markup import document, empty_document, format_number, j
 from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, TIME_DECIMALS, WIDTH, GridClip, GridTrack
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, GROUP_STYLES, path_values
 
+Attributes = dict[str, str]
 _DISPLAY, _MOVE = "display", "transform"
 _SHOWN, _MOVED = {"attributeName": _DISPLAY}, {"attributeName": _MOVE, "type": "translate"}
 _OF_A_FRAME = 0.01  # by which a change of a drawing may be early or late
@@ -39,9 +40,8 @@ def write_clip(clip: GridClip, *, title: str = "", comment: str = "", plays: int
     if clip.background is not None:
         box = {"id": BACKGROUND_ID, "width": str(clip.width), "height": str(clip.height)}
         ElementTree.SubElement(root, "rect", {**box, "fill": short_colour(*clip.background)})
-    shared = {**GROUP_STYLES[clip.mode]}
-    if clip.precision:
-        shared["transform"] = f"scale({format_number(1, clip.precision)})"
+    scale = {"transform": f"scale({format_number(1, clip.precision)})"} if clip.precision else {}
+    shared = GROUP_STYLES[clip.mode] | scale
     begins = ["0", *(format_number(round(group.end / clip.key_s), clip.key_decimals) for group in clip.groups[:-1])]
     for index, group in enumerate(clip.groups):
         parent = ElementTree.SubElement(root, "g", shared | ({_DISPLAY: "none"} if index else {}))
@@ -63,9 +63,6 @@ def _repeated(duration: float, plays: int) -> dict[str, str]:
     """Return the attributes of duration and repetition; what ends stays as it is then. plays: 0 for ever."""
     count = {} if plays == 1 else {"repeatCount": str(plays or "indefinite")}
     return {"dur": _seconds(duration), **count, **({"fill": "freeze"} if plays else {})}
-
-
-Attributes = dict[str, str]
 
 
 def _add_animation(
@@ -143,10 +140,13 @@ def write_moving_drawing(
         del element.attrib["id"]
         shown = ["inline" if each else "none" for each in moving.shown[:, index]]
         moves = _offsets(moving, index, precision)
+        if len(set(moves)) > 1 and _MOVE in element.attrib:
+            # Its own transform stays with it; a group around it moves and hides.
+            inner, element = element, ElementTree.Element("g")
+            root[[*root].index(inner)] = element
+            element.append(inner)
         if shown[0] == "none":
             element.set(_DISPLAY, "none")
-        if len(set(moves)) > 1 and _MOVE in element.attrib:
-            element = _wrapped(root, element)
         for attributes, values in ((_SHOWN, shown), (_MOVED, moves)):
             _add_steps(element, attributes, values, times, ending)
     return document(root).replace(" />", "/>")
@@ -158,16 +158,6 @@ def _offsets(moving: MovingDrawing, index: int, precision: int) -> list[str]:
     latest = frames[np.clip(np.searchsorted(frames, np.arange(len(moving.shown)), side="right") - 1, 0, None)]
     steps = np.rint(moving.offsets[latest, index] * 10**precision).astype(int)
     return [" ".join(format_number(value, precision) for value in step) for step in steps.tolist()]
-
-
-def _wrapped(root: ElementTree.Element, element: ElementTree.Element) -> ElementTree.Element:
-    """Return a group around an element that has a transform of its own; the group moves and hides."""
-    group = ElementTree.Element("g")
-    if _DISPLAY in element.attrib:
-        group.set(_DISPLAY, element.attrib.pop(_DISPLAY))
-    root[[*root].index(element)] = group
-    group.append(element)
-    return group
 
 
 def still(text: str, seconds: float) -> str:
@@ -182,8 +172,6 @@ def still(text: str, seconds: float) -> str:
                 value, name = given["values"].split(";")[latest], given["attributeName"]
                 element.set(name, value if name == _DISPLAY else f"translate({value})")
                 element.remove(animation)
-            if element.get(_DISPLAY) == "none":
+            if element.attrib.pop(_DISPLAY, "") == "none":
                 parent.remove(element)
-            elif _DISPLAY in element.attrib:
-                del element.attrib[_DISPLAY]
     return ElementTree.tostring(root, encoding="unicode")

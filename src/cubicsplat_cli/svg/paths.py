@@ -219,10 +219,7 @@ def cubics_of(segment: PathSegment) -> list[np.ndarray]:
 
 
 def _arc_cubics(segment: PathSegment, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-    """Return an arc as cubics of a quarter turn or less; radii that are too short are scaled up.
-
-    Source: SVG 2, appendix B.2.4.
-    """
+    """Return an arc as cubics of a quarter turn or less; too short radii are scaled up (SVG 2, appendix B.2.4)."""
     rx, ry, degrees, large, sweep = segment.numbers
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     turn, radii = np.array([[cos, -sin], [sin, cos]]), np.array([rx, ry])

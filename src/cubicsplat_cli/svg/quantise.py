@@ -98,17 +98,16 @@ def _refuse(bad: np.ndarray, what: str) -> None:
 
 
 def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> np.ndarray:
-    """Return control points of the same picture that are shorter to write; see `_shortest_description`."""
+    """Return control points of the same picture that are shorter to write; changes those given."""
     closed = mode is Mode.CLOSED
     if ring_ends is None:
         return _shortest_description(points, closed=closed)
-    result = points.copy()
     for curve, rings in enumerate(ring_slices(ring_ends, closed=closed)):
         for ring in rings:
             # A hole runs against the ring around it, so one ring of several must keep its direction.
             shorter = _shortest_description(points[curve, None, ring], closed=closed, turn=len(rings) == 1)
-            result[curve, ring] = shorter[0]
-    return result
+            points[curve, ring] = shorter[0]
+    return points
 
 
 def _shortest_description(points: np.ndarray, *, closed: bool, turn: bool = True) -> np.ndarray:

@@ -184,10 +184,8 @@ def control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, 
         raise ValueError("has path data other than M, cubics and z")
     if mode is Mode.CLOSED and end.start != end.end:
         raise ValueError("has a closed curve that does not return to its start")
-    points = [subpath[0].start]
-    for segment in subpath:
-        points += [*segment.handles, segment.end]
-    return points[:-1] if mode is Mode.CLOSED else points
+    points = [point for segment in subpath for point in (segment.start, *segment.handles)]
+    return points if mode is Mode.CLOSED else [*points, subpath[-1].end]
 
 
 def _points_of_shape(element: OwnElement) -> np.ndarray:

@@ -178,8 +178,8 @@ def _shape_element(kind: str, points: np.ndarray) -> tuple[str, dict[str, str]]:
     """Return the tag and the geometry of a shape with control points (K, 2), in whole units of the file."""
     if kind not in ("ellipse", "rectangle"):
         return "polygon", {"points": " ".join(map(str, np.rint(points[::3]).astype(int).ravel().tolist()))}
-    (x, y), (a, b), degrees = _framed(kind, points)
-    (x, y), (a, b) = (round(x), round(y)), (round(a), round(b))
+    *box, degrees = _framed(kind, points)
+    x, y, a, b = map(round, box)
     if kind == "ellipse":
         tag, numbers = "ellipse", {"cx": x, "cy": y, "rx": a, "ry": b}
     else:
@@ -191,11 +191,11 @@ def _shape_element(kind: str, points: np.ndarray) -> tuple[str, dict[str, str]]:
     return tag, geometry
 
 
-def _framed(kind: str, points: np.ndarray) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Return the middle, the half axes, and the degrees of the first one in [0, 180), clockwise as seen."""
+def _framed(kind: str, points: np.ndarray) -> tuple[float, float, float, float, float]:
+    """Return x and y of the middle, the half axes, and the degrees of the first one in [0, 180), clockwise as seen."""
     values = nearest_shape(kind, points[None].astype(np.float64))
     x, y, across, down, second = values[0].tolist()
-    return (x, y), (float(lengths(values)[0, 0]), abs(second)), math.degrees(math.atan2(down, across)) % 180.0
+    return x, y, float(lengths(values)[0, 0]), abs(second), math.degrees(math.atan2(down, across)) % 180.0
 
 
 def geometrize_list(kind: str, scene: Scene, scores: list[float], marks: Mapping[str, str]) -> str:
@@ -213,7 +213,7 @@ def geometrize_list(kind: str, scene: Scene, scores: list[float], marks: Mapping
         if kind == "triangle":
             data = np.rint(points[::3]).astype(int).ravel().tolist()
         else:
-            (x, y), (a, b), degrees = _framed(kind, points)
+            x, y, a, b, degrees = _framed(kind, points)
             box = (x - a, y - b, x + a, y + b) if kind == "rectangle" else (x, y, a, b)
             data = [round(value) for value in (*box, degrees)]
         items.append({"type": GEOMETRIZE_TYPES[kind], "data": data, "color": _rgba(colour.tolist(), float(opacity))})

@@ -79,10 +79,7 @@ def levels_of(colour: tuple[float, float, float] | None) -> tuple[int, int, int]
 
 
 def colour(text: str, current: str) -> Rgba | None:
-    """Return the colour of a CSS text, None for no paint. current: the value of `color`.
-
-    Raises ValueError for anything else.
-    """
+    """Return the colour of a CSS text, None for no paint; raises ValueError for others. current: the value of `color`."""
     from PIL import ImageColor
 
     lowered = text.strip().lower()
