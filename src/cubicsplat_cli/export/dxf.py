@@ -142,9 +142,8 @@ def _half_tangent(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _distances(points: np.ndarray, start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
     """Return the distances (n, s) of points (n, s, 2) from the circles of arcs, to first order.
 
-    An arc with the bulge 0 is a line.
-    With u along the chord of length L from its middle, w to its left and bulge b, the circle is
-    b (u^2 + w^2 - L^2 / 4) + w L (b^2 - 1) / 2 = 0.
+    An arc with the bulge 0 is a line. With u along the chord of length L from its middle, w to its left and bulge b,
+    the circle is b (u^2 + w^2 - L^2 / 4) + w L (b^2 - 1) / 2 = 0.
     """
     chord = end - start
     size = np.hypot(chord[:, 0], chord[:, 1])

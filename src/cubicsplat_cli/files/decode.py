@@ -60,9 +60,7 @@ class Compression:
         """
         with Image.open(io.BytesIO(self.webp)) as image:
             image.load()
-        return 1 + bisect_left(
-            range(1, 100), len(self.webp), key=lambda quality: len(encoded(image, "WEBP", quality=quality))
-        )
+        return 1 + bisect_left(range(1, 100), len(self.webp), key=lambda q: len(encoded(image, "WEBP", quality=q)))
 
     @property
     def halved(self) -> tuple[int, ...]:

@@ -89,10 +89,7 @@ def _mime(picture: Picture, data: bytes) -> str | None:
 
 
 def rendered(template: str, **values: Any) -> bytes:
-    """Return the file that a template makes, without indentation. A missing value of the template is an error.
-
-    The program and, unless it is given, its version are values of every template.
-    """
+    """Return the file that a template makes, without indentation. A missing value of the template is an error."""
     values = {"program": PROGRAM, "version": __version__, **values}
     return re.sub(r"\n\s+", "\n", _environment().get_template(template).render(**values)).encode()
 

@@ -209,10 +209,7 @@ def _option(name: str, spec: Setting, value: Any) -> list[str]:
 
 @record
 class Chart:
-    """A chart in units of its box: a line as SVG path data, or bars as (x, y, width, height, text).
-
-    across, up: the marks of the axes, as (place, label).
-    """
+    """A chart in units of its box. line: path data. bars: (x, y, width, height, text). across, up: (place, label)."""
 
     title: str
     about: str

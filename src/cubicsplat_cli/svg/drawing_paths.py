@@ -5,8 +5,7 @@ anchors that they share. Smooth joints stay smooth. Lines are H, V and L, cubics
 whichever is shorter.
 
 Rectangles with round corners are lines and quarter circles. All viewers draw arcs alike, but cairosvg bends two corners
-of `<rect rx>` wrongly: the second handle of its cubic has the distance from the corner of the box that it should have
-from its end, which is 0.036 of the radius off.
+of `<rect rx>` wrongly, by 0.036 of the radius: it takes the distance of a handle from its end as that from the corner.
 """
 
 from __future__ import annotations
@@ -64,10 +63,7 @@ def grid_rings(rings: Sequence[Ring], precision: int, exact: bool = False) -> li
 
 
 class GridRings:
-    """The rings of a drawing in whole steps of the file's grid.
-
-    exact: every point of a path stands at its own step, as in the paths that share it.
-    """
+    """The rings of a drawing in whole steps of the file's grid. exact: as of `grid_rings`."""
 
     def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
         self._precision, self._exact = precision, exact
@@ -101,10 +97,7 @@ def _next_in_loops(owner: np.ndarray) -> np.ndarray:
 
 
 def _started_after_a_line(ring: Ring, owner: np.ndarray) -> np.ndarray:
-    """Return the order (A,) in which the first of the lines with the most digits comes last in its loop.
-
-    A loop without lines keeps its order. owner: (A,) ascending, the loop of each piece.
-    """
+    """Return the order (A,) in which the first line of most digits, if any, ends its loop. owner: (A,) ascending."""
     steps = np.abs(ring.anchors[_next_in_loops(owner)] - ring.anchors)
     digits = np.where(steps > 0, 1.0 + np.log10(np.maximum(steps, 1)), 0.0).sum(axis=1)
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
@@ -307,10 +300,8 @@ def _steps(box: Rectangle, precision: int) -> tuple[float, float, float, float, 
     radius, most = float(to_steps(box.radius, precision)), sides.min() / 2.0
     radius = radius if radius < most - 0.5 else most
     inset = np.where((radius == most) & (sides > 2.0 * most), radius, 0.0)
-    ends = [
-        to_steps(end + sign * inset / 10.0**precision, precision) - sign * inset for end, sign in ((low, 1), (high, -1))
-    ]
-    return (*ends[0].tolist(), *ends[1].tolist(), float(radius))
+    low, high = (to_steps(end + off / 10.0**precision, precision) - off for end, off in ((low, inset), (high, -inset)))
+    return (*low.tolist(), *high.tolist(), float(radius))
 
 
 def _joints(left: float, top: float, right: float, bottom: float, radius: float) -> list[Point]:

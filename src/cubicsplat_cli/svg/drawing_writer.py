@@ -1,8 +1,4 @@
-"""Artwork as one plain SVG 1.1 document.
-
-Primitives stay primitives, other shapes are a path each. Mosaics of cells have a path of horizontal and vertical lines
-for each colour.
-"""
+"""Artwork as one plain SVG 1.1 document: primitives stay primitives, others are paths. Mosaics have a path a colour."""
 
 from __future__ import annotations
 
@@ -10,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -66,9 +62,9 @@ def _precision_of(canvas: Drawing | Mosaic, precision: int | None) -> int:
     return precision
 
 
-def _group_element(root: ElementTree.Element, name: str, names: Identifiers) -> ElementTree.Element:
+def _group_element(root: Element, name: str, names: Identifiers) -> Element:
     """Add a group with a name and return it; return the root for no name."""
-    return ElementTree.SubElement(root, "g", {"id": names.unique(name)}) if name else root
+    return SubElement(root, "g", {"id": names.unique(name)}) if name else root
 
 
 def drawn_elements(svg: str) -> int:
@@ -77,8 +73,8 @@ def drawn_elements(svg: str) -> int:
 
 
 def _painted(
-    element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: GradientElements, precision: int
-) -> list[ElementTree.Element]:
+    element: Element, shape: Shape, names: Identifiers, gradients: GradientElements, precision: int
+) -> list[Element]:
     """Return the element with its id in front and its paint behind, and before it its gradient if that is new."""
     attributes = {"id": names.unique(shape.name), **element.attrib}
     before = None
@@ -102,7 +98,7 @@ def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
     return attributes
 
 
-def _element(group: Sequence[Shape], precision: int, rings: GridRings) -> ElementTree.Element | None:
+def _element(group: Sequence[Shape], precision: int, rings: GridRings) -> Element | None:
     """Return the element of one shape, or of several of one colour as a compound path; None if nothing is left."""
     primitive = primitive_of(group[0]) if len(group) == 1 else None
     if primitive is not None:
@@ -114,10 +110,10 @@ def _element(group: Sequence[Shape], precision: int, rings: GridRings) -> Elemen
         else:
             for index, outline in enumerate(shape.outlines):
                 _add_outline(path, outline, index == 0, rings)
-    return ElementTree.Element("path", {"d": path.text}) if path.text else None
+    return Element("path", {"d": path.text}) if path.text else None
 
 
-def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> ElementTree.Element | None:
+def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> Element | None:
     """Return a circle, ellipse or rect, or the path of a rect with rounder corners; None if it has no extent."""
     outline = _disc(outline, precision) if isinstance(outline, Rectangle) else outline
     if isinstance(outline, Circle):
@@ -132,7 +128,7 @@ def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> Element
     if outline.radius > MOST_ON_RECT:
         path = PathText(precision)
         add_rounded(path, outline, clockwise=True)
-        element: ElementTree.Element | None = ElementTree.Element("path", {"d": path.text})
+        element: Element | None = Element("path", {"d": path.text})
     else:
         lengths = {"x": left, "y": top, "width": right - left, "height": bottom - top, "rx": outline.radius}
         element = _shown("rect", lengths, "width", precision)
@@ -146,17 +142,15 @@ def _disc(box: Rectangle, precision: int) -> Circle | Rectangle:
     return Circle(box.x + box.width / 2.0, box.y + box.height / 2.0, box.radius)
 
 
-def _shown(name: str, lengths: dict[str, float], extent: str, precision: int) -> ElementTree.Element | None:
+def _shown(name: str, lengths: dict[str, float], extent: str, precision: int) -> Element | None:
     """Return an element with its lengths, except those of zero, the default; None if it has no extent."""
     steps = {attribute: int(to_steps(length, precision)) for attribute, length in lengths.items()}
     if steps[extent] <= 0 or steps.get("height", 1) <= 0 or steps.get("ry", 1) <= 0:
         return None
-    return ElementTree.Element(name, {a: format_number(value, precision) for a, value in steps.items() if value})
+    return Element(name, {a: format_number(value, precision) for a, value in steps.items() if value})
 
 
-def _turned(
-    element: ElementTree.Element | None, angle: float, x: float, y: float, precision: int
-) -> ElementTree.Element | None:
+def _turned(element: Element | None, angle: float, x: float, y: float, precision: int) -> Element | None:
     """Return an element with a rotation about (x, y). angle: radians."""
     degrees = _degrees(angle)
     if element is not None and degrees != "0":
@@ -210,7 +204,7 @@ def write_mosaic(
             whole = len(corners) == 4 and (np.ptp(corners, axis=0) == (mosaic.width, mosaic.height)).all()
             parent = _group_element(root, colour_group(layer.fill) if grouped else "", names)
             name = names.unique("background" if whole else colour_name(layer.fill))
-            parent.append(ElementTree.Element("path", {"id": name, "d": data, **paint("fill", layer.fill)}))
+            parent.append(Element("path", {"id": name, "d": data, **paint("fill", layer.fill)}))
     return document(root)
 
 

@@ -121,10 +121,7 @@ class StyledShape:
 
 
 class StyledTree:
-    """A document with its style sheets.
-
-    named: its elements by their ids. left_out: the kinds of things that are not drawn, and how many of each.
-    """
+    """A document with its style sheets. named: its elements by id. left_out: kinds of what is not drawn, counted."""
 
     def __init__(self, root: ElementTree.Element, left_out: Counter[str] | None = None) -> None:
         """Raises InputError for a document of too many shapes."""

@@ -36,10 +36,7 @@ _MOST_POINTS = 2**23  # of all curves, with the room that the longest one needs 
 
 @record
 class InitialDrawing:
-    """A scene of any size that a fit begins with.
-
-    name, sha256: of its file. notes: sentences for the user about how it was read.
-    """
+    """A scene of any size that a fit begins with. name, sha256: of its file. notes: for users, how it was read."""
 
     scene: Scene
     name: str

@@ -1,7 +1,6 @@
 """Animated SVGs: moving curves, and drawings whose shapes are shown, hidden and moved.
 
-SMIL animates them, without a script; viewers that do not know it show the first frame. Each frame of a drawing can be
-had as a still SVG.
+SMIL animates them, without a script; viewers that do not know it show the first frame.
 """
 
 from __future__ import annotations

@@ -48,10 +48,7 @@ class PaintedShape:
 
 @dataclass(eq=False)
 class PaintedShapes:
-    """The shapes of a drawing of width x height px, the first at the back.
-
-    left_out: the kinds of things in the SVG that they lack, and how many of each.
-    """
+    """The shapes of a drawing, px, the first at the back. left_out: kinds of what they lack of the SVG, counted."""
 
     width: float
     height: float

@@ -32,10 +32,7 @@ class TooLong(InputError):
 
 
 class PathSegment(NamedTuple):
-    """A command in absolute coordinates: its capital letter, its start and end, and its handles (none, one or two).
-
-    numbers: of an arc, its radii, the angle in degrees and the two flags.
-    """
+    """An absolute command, by its capital letter, with up to two handles. numbers: of an arc, radii, degrees, flags."""
 
     command: str
     start: Point

@@ -195,9 +195,7 @@ def _in_px(given: Gradients, curve: int, middle: np.ndarray, step: float, opacit
     count = int(given.counts[curve])
     offsets = given.offsets[curve, :count].round(OPACITY_DECIMALS).tolist()
     fills = np.rint(given.stops[curve, :count] * [1.0, 1.0, 1.0, opacity] * _OPAQUE).astype(int).tolist()
-    stops = tuple(
-        Stop(offset, (fill[0], fill[1], fill[2], fill[3])) for offset, fill in zip(offsets, fills, strict=True)
-    )
+    stops = tuple(Stop(offset, (r, g, b, alpha)) for offset, (r, g, b, alpha) in zip(offsets, fills, strict=True))
     frame = given.frames[curve]
     return _linear(frame, middle, step, stops) if given.kinds[curve] == LINEAR else _radial(frame, step, stops)
 

@@ -28,10 +28,6 @@ _WIDTH_DECIMALS, _GRADIENT_DECIMALS = 9, 7  # more than any file has
 _SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
 _BACKGROUND_ATTRIBUTES = ("id", "x", "y", "width", "height", "fill")
 _GROUP_ATTRIBUTES = {"id": CURVES_ID, **GROUP_STYLES[Mode.CLOSED], **GROUP_STYLES[Mode.OPEN]}
-_PATH_ATTRIBUTES = {
-    Mode.CLOSED: ("d", "fill", "fill-opacity"),
-    Mode.OPEN: ("d", "stroke", "stroke-opacity", "stroke-width"),
-}
 # Rings, colour, opacity, half-width and gradient.
 _Curve = tuple[list[np.ndarray], list[float], float, float, Gradient | None]
 # The geometry of shapes other than paths.
@@ -145,7 +141,8 @@ def _curve(element: OwnElement, group: _CurveGroup, gradients: GradientReader) -
     """Return the curve of an element in the group. Raises ValueError for what `write_svg` does not write."""
     closed, unit = group.mode is Mode.CLOSED, 10.0**group.shift
     if element.name == "path":
-        element.check_attributes(_PATH_ATTRIBUTES[group.mode])
+        allowed = ("fill", "fill-opacity") if closed else ("stroke", "stroke-opacity", "stroke-width")
+        element.check_attributes(("d", *allowed))
         rings = _rings(element.subpaths(), group.mode, unit)
     elif closed and element.name in _SHAPES:
         element.check_attributes((*_SHAPES[element.name], "fill", "fill-opacity"))

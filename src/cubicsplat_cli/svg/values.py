@@ -79,7 +79,7 @@ def levels_of(colour: tuple[float, float, float] | None) -> tuple[int, int, int]
 
 
 def colour(text: str, current: str) -> Rgba | None:
-    """Return the colour of a CSS text, None for no paint; raises ValueError for others. current: the value of `color`."""
+    """Return the colour of a CSS text, None for no paint; raises ValueError for others. current: that of `color`."""
     from PIL import ImageColor
 
     lowered = text.strip().lower()
