@@ -93,11 +93,8 @@ def _curve(clip: GridClip, curve: dict[str, GridTrack], moving: Callable[..., di
 def _bezier(row: list[int], *, closed: bool) -> dict[str, Any]:
     """Return the vertices, and the handles before and after each, relative to it."""
     points = np.array(row).reshape(-1, 2)
-    vertices = points[::3]
-    after = points[1::3] - vertices[: len(points[1::3])]
-    before = points[2::3] - (np.roll(vertices, -1, axis=0) if closed else vertices[1:])
-    if closed:
-        before = np.roll(before, 1, axis=0)
-    else:
-        before, after = np.pad(before, ((1, 0), (0, 0))), np.pad(after, ((0, 1), (0, 0)))
-    return {"c": closed, "v": vertices.tolist(), "i": before.tolist(), "o": after.tolist()}
+    vertices, cubics = points[::3], len(points) // 3
+    none = ((0, len(vertices) - cubics), (0, 0))  # a handle of no length beyond the ends of an open curve
+    after = np.pad(points[1::3] - vertices[:cubics], none)
+    before = np.pad(points[2::3] - np.roll(vertices, -1, axis=0)[:cubics], none)
+    return {"c": closed, "v": vertices.tolist(), "i": np.roll(before, 1, axis=0).tolist(), "o": after.tolist()}

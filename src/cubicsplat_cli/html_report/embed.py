@@ -5,7 +5,6 @@ Templates escape all values that they do not declare safe.
 
 from __future__ import annotations
 
-import base64
 import io
 import math
 import re
@@ -32,6 +31,7 @@ from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.elements import SVG
 from cubicsplat_cli.svg.own import own_elements
 from cubicsplat_cli.svg.scene_reader import curves_of
+from cubicsplat_cli.svg.values import uri_of
 
 # Of the formats that browsers show: the types, and the first bytes. Pillow may lack readers of other formats.
 _BROWSERS_SHOW = {"PNG": "image/png", "JPEG": "image/jpeg", "WEBP": "image/webp", "GIF": "image/gif"}
@@ -48,27 +48,22 @@ def picture_url(picture: Picture, data: bytes) -> str:
     """
     mime = _mime(picture, data)
     if mime is not None:
-        return data_url(mime, data)
+        return uri_of(data, mime)
     image = Image.fromarray(picture.pixels())
     exact = encoded(image, "WEBP", lossless=True)
-    return data_url("image/webp", exact if len(exact) <= len(data) else encoded(image, "WEBP", quality=_QUALITY))
+    return uri_of(exact if len(exact) <= len(data) else encoded(image, "WEBP", quality=_QUALITY), "image/webp")
 
 
 def thumbnail_url(pixels: np.ndarray) -> str:
     """Return a data: URL of (H, W, 3 or 4) uint8, scaled to at most THUMBNAIL px a side."""
     image = Image.fromarray(pixels)
     image.thumbnail((THUMBNAIL, THUMBNAIL))
-    return data_url("image/webp", encoded(image, "WEBP", quality=80))
+    return uri_of(encoded(image, "WEBP", quality=80), "image/webp")
 
 
 def picture_data_url(pixels: np.ndarray) -> str:
     """Return a data: URL of (H, W, 3 or 4) uint8 as WebP, with little loss."""
-    return data_url("image/webp", encoded(Image.fromarray(pixels), "WEBP", quality=_QUALITY))
-
-
-def data_url(mime: str, data: bytes) -> str:
-    """Return the bytes as a URL."""
-    return f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
+    return uri_of(encoded(Image.fromarray(pixels), "WEBP", quality=_QUALITY), "image/webp")
 
 
 def _mime(picture: Picture, data: bytes) -> str | None:

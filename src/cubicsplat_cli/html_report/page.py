@@ -14,12 +14,13 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.formatting import counted, duration, file_size, level_text
-from cubicsplat_cli.html_report.embed import Shown, data_url, picture_url, rendered, shown_elements
+from cubicsplat_cli.html_report.embed import Shown, picture_url, rendered, shown_elements
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Setting, renamed, settings_of
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
+from cubicsplat_cli.svg.values import uri_of
 
 LEFT, RIGHT, TOP, BOTTOM = 40.0, 310.0, 10.0, 112.0  # of the plotted area, in a chart of 320 x 132 units
 _BINS = 32
@@ -58,7 +59,7 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
     losses = [] if own is None else own.losses_db
     # A foreign SVG, or a raster picture, is shown as a picture, which can neither act nor fetch.
     if subject.raster is None:
-        shown = None if own is not None else data_url("image/svg+xml", subject.candidate)
+        shown = None if own is not None else uri_of(subject.candidate, "image/svg+xml")
     else:
         shown = picture_url(subject.raster, subject.candidate)
     # Of the run that made the SVG.
@@ -83,7 +84,7 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         data={"width": picture.width, "height": picture.height, "kind": kind, "losses": losses},
         facts=_facts(subject, kind, own),
         charts=_charts(report, losses, kind),
-        times=_times(report),
+        times=[] if report is None else _times(report),
         notes=[*(() if report is None else report.notes), *subject.notes],
         **made,
     )
@@ -142,10 +143,8 @@ def _charts(report: Report | None, losses: list[float], kind: str) -> list[Chart
     return charts
 
 
-def _times(report: Report | None) -> list[tuple[str, str, float]]:
+def _times(report: Report) -> list[tuple[str, str, float]]:
     """Return name, text and percentage of each stage."""
-    if report is None:
-        return []
     stages = [(name, getattr(report.timing, f"{name}_s")) for name in ("read", "fit", "write", "draw", "measure")]
     timed = [(name, seconds) for name, seconds in stages if seconds is not None]
     total = sum(seconds for _, seconds in timed) or 1.0

@@ -43,7 +43,9 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     paths = np.array([primitive_of(shape) is None for shape in shapes], dtype=bool)
     filled = np.array([shape.stroke is None for shape in shapes], dtype=bool)
     dots = filled & ((boxes[2:] - boxes[:2]).prod(axis=0) <= _DOT)
-    joins = paths | dots | (filled & np.array([sign or _rounded(shape) for shape in shapes], dtype=bool))
+    # Boxes that are written as paths, for their round corners.
+    rounded = [isinstance(box := shape.outlines[0], Rectangle) and box.radius > MOST_ON_RECT for shape in shapes]
+    joins = paths | dots | (filled & (sign | np.array(rounded, dtype=bool)))
     free = joins & np.array([_opaque(shape) for shape in shapes], dtype=bool)
     for k in np.flatnonzero(free).tolist():
         if _crosses(shapes[k]):
@@ -104,11 +106,6 @@ def primitive_of(shape: Shape) -> Circle | Ellipse | Rectangle | None:
     """Return the circle, ellipse or rectangle that a shape, or the path of its stroke, is; None for others."""
     paths = shape.outlines if shape.stroke is None else (shape.stroke.path,)
     return None if len(paths) > 1 or isinstance(paths[0], (Chain, Ring)) else paths[0]
-
-
-def _rounded(shape: Shape) -> bool:
-    """Return whether a filled shape is a box that is written as a path, for its round corners."""
-    return isinstance(shape.outlines[0], Rectangle) and shape.outlines[0].radius > MOST_ON_RECT
 
 
 def _opaque(shape: Shape) -> bool:

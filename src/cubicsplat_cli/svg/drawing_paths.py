@@ -271,9 +271,7 @@ def add_rounded(path: PathText, box: Rectangle, *, clockwise: bool) -> None:
 
 
 def rounded_of(subpath: Sequence[PathSegment]) -> tuple[Rectangle, bool] | None:
-    """Return the rectangle that `add_rounded` wrote as segments, and whether it runs clockwise; None for others."""
-    if "".join(piece.command for piece in subpath) not in LETTERS:
-        return None
+    """Return the rectangle that `add_rounded` wrote as segments of LETTERS, and whether it runs clockwise, or None."""
     arcs = [piece for piece in subpath if piece.command == "A"]
     radius, sweep = arcs[0].numbers[0], arcs[0].numbers[4]
     numbers = (radius, radius, 0.0, 0.0, sweep)

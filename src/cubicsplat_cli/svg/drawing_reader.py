@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
+from cubicsplat_cli.svg.drawing_paths import LETTERS, controls_of, ring_of, rounded_of
 from cubicsplat_cli.svg.own import GEOMETRY, REFERENCE, GradientReader, OwnElement, own_elements
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
@@ -262,7 +262,7 @@ def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
     letters = _letters(subpath)
     if letters == "AAZ":
         return _ellipse(*subpath[:2]), subpath[0].numbers[4] == 1.0
-    rounded = rounded_of(subpath)
+    rounded = rounded_of(subpath) if letters in LETTERS else None
     if rounded is not None:
         return rounded
     if not re.fullmatch(r"[LHVCS]+Z", letters):

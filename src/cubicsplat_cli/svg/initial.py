@@ -65,9 +65,8 @@ def load_initial_drawing(source: str | Path | bytes, mode: Mode = Mode.CLOSED) -
 def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Scene, list[str]]:
     """Return the scene of an SVG, without a background, and a sentence for each thing that it lacks.
 
-    mode: closed for fills, and strokes as the outlines of what they cover; open for strokes alone. Paths, basic shapes,
-    groups, uses, transforms, `style=` and simple style sheets are read; gradients become their mean colours. Raises
-    InputError, with the source, for a file that is no SVG or shows no shape of that kind.
+    mode: closed for fills, and strokes as the outlines of what they cover; open for strokes alone. Gradients become
+    their mean colours. Raises InputError, with the source, for a file that is no SVG or shows no shape of that kind.
     """
     size = check_untrusted(data, source)
     whole = size.width.is_integer() and size.height.is_integer()

@@ -54,11 +54,7 @@ def comment_text(text: str) -> str:
 
 
 def data_uri(svg: str) -> str:
-    """Return an SVG as a `data:` URI for use between double quotes, which is shorter than base64.
-
-    Attributes have single quotes, the XML declaration and spaces between elements are gone, and characters that a URI
-    cannot hold are escaped.
-    """
+    """Return an SVG as a `data:` URI for use between double quotes, with few escapes, so shorter than base64."""
     text = re.sub(r"^<\?xml[^>]*>\s*", "", svg)
     text = re.sub(r"<[^>]*>", lambda tag: tag[0] if "'" in tag[0] else tag[0].replace('"', "'"), text)
     text = re.sub(r">\s+<", "><", text).strip()
@@ -115,10 +111,7 @@ def document(root: ElementTree.Element) -> str:
 
 
 def minified(svg: str) -> str:
-    """Return a document in one line, without what its picture does not need.
-
-    Left out are the declaration, comment, title, size in px, and all ids except those of gradients.
-    """
+    """Return a document in one line, without declaration, comment, title, size in px, and ids other than gradients'."""
     text = re.sub(r"^<\?xml[^>]*>|<!--.*?-->|<title>.*?</title>|\n", "", svg, flags=re.DOTALL)
     text = re.sub(r" +(?=viewBox)", " ", _SIDE.sub("", text, count=2), count=1)
     return re.sub(r'(?<=<)(path|rect|circle|ellipse|g) id="[^"]*"', r"\1", text)

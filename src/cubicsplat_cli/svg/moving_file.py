@@ -117,8 +117,7 @@ def write_moving_drawing(
 ) -> str:
     """Return the SVG text of a moving drawing. begins: (F,) of the frames, s from the start. plays: 0 for ever.
 
-    Each shape is one element, in the order of the drawing, at its first place. Animations show, hide and move it at
-    once.
+    Each shape is one element, in the order of the drawing, at its first place. Animations show, hide and move it.
     """
     drawing = moving.drawing
     precision = suggested_precision(drawing.width, drawing.height)

@@ -37,7 +37,6 @@ GEOMETRY = {
     "circle": ("cx", "cy", "r"),
     "ellipse": ("cx", "cy", "rx", "ry", "transform"),
 }
-_PAINT = {"id", "fill", "fill-opacity"}
 _STROKE = {"stroke", "stroke-opacity", "stroke-width", "stroke-linecap", "stroke-linejoin"}
 _GRADIENT = {"id", "gradientUnits", "gradientTransform", "spreadMethod", "href", "xlink:href"}
 # The attributes of each element, by its place in a file.
@@ -54,9 +53,9 @@ _OWN: dict[str, set[str]] = {
     "svg/g/g/g/path": {"d", "fill", "fill-opacity"},
     "svg/g/polygon": {"points", "fill", "fill-opacity"},
 }
-for _name in ("path", "rect", "circle", "ellipse"):
-    _OWN[f"svg/clipPath/{_name}"] = {*GEOMETRY[_name]}
-    _OWN[f"svg/{_name}"] = _OWN[f"svg/g/{_name}"] = {*GEOMETRY[_name], *_PAINT, *_STROKE}
+for _name, _geometry in GEOMETRY.items():
+    _OWN[f"svg/clipPath/{_name}"] = {*_geometry}
+    _OWN[f"svg/{_name}"] = _OWN[f"svg/g/{_name}"] = {*_geometry, "id", "fill", "fill-opacity", *_STROKE}
 for _parent in ("svg", "svg/defs", "svg/g"):
     _OWN[f"{_parent}/linearGradient"] = {"x1", "y1", "x2", "y2", *_GRADIENT}
     _OWN[f"{_parent}/radialGradient"] = {"cx", "cy", "r", "fx", "fy", "fr", *_GRADIENT}

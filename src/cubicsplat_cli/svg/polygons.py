@@ -72,8 +72,7 @@ class GridPolygons:
 def grid_size(width: int, height: int, units: int) -> tuple[float, float]:
     """Return the size of a grid of about `units` units, at most 99, on the longer side.
 
-    Of the sizes within a twentieth it is the one on which the sides of a picture of width x height px are nearest to
-    whole units.
+    Of the sizes within a twentieth it is the one on which the sides of the picture are nearest to whole units.
     """
     longer, shorter = max(width, height), min(width, height)
     choices = range(max(1, math.ceil(0.95 * units)), min(99, math.floor(1.05 * units)) + 1)

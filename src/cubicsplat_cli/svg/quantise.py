@@ -60,8 +60,7 @@ class GridScene:
 def to_grid(scene: Scene, precision: int) -> GridScene:
     """Round a scene to the numbers of a file with `precision` decimals.
 
-    Raises InputError, which names the first curve with a value that is not finite or out of range; UsageError for a
-    precision outside 0..6.
+    Raises InputError, with the first curve, for a value not finite or out of range; UsageError for a bad precision.
     """
     PRECISION.check("precision", precision)
     scene.validate()

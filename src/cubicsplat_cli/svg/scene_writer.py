@@ -33,8 +33,8 @@ GROUP_STYLES = {
     Mode.CLOSED: {"fill-rule": "nonzero"},
     Mode.OPEN: {"fill": "none", "stroke-linecap": "round", "stroke-linejoin": "round"},
 }
-# The numbers of Geometrize for the kinds of shapes.
-_BACKGROUND_TYPE, GEOMETRIZE_TYPES = 0, {"rectangle": 1, "triangle": 2, "ellipse": 4}
+# The numbers of Geometrize for the kinds of shapes; a background has 0.
+GEOMETRIZE_TYPES = {"rectangle": 1, "triangle": 2, "ellipse": 4}
 
 
 def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str = "", shapes: str = ANY) -> str:
@@ -42,8 +42,7 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
 
     precision: decimals of the coordinates in px, 0..6. title: any text; viewers show it. comment: one line for an XML
     comment, by which the command line recognises its own files. shapes: the kind of all curves; they are written as
-    `<ellipse>`, `<rect>` or `<polygon>` instead of paths. Raises InputError, which names the curve, for a value that is
-    not finite or out of range, UsageError for a bad precision.
+    `<ellipse>`, `<rect>` or `<polygon>` instead of paths. Raises the errors of `to_grid`.
     """
     grid = to_grid(scene, precision)
     size = (grid.width, grid.height)
@@ -204,10 +203,8 @@ def geometrize_list(kind: str, scene: Scene, scores: list[float], marks: Mapping
     Each item has `type`, `data`, `color` (8-bit RGBA) and `score`. Coordinates are whole px, angles whole degrees.
     scores: (N + 1,) of the background alone, and with each further shape. marks: further members of the first item.
     """
-    color = _rgba(scene.background or (0.0, 0.0, 0.0), float(scene.background is not None))
-    items: list[dict[str, Any]] = [
-        {"type": _BACKGROUND_TYPE, "data": [0, 0, scene.width, scene.height], "color": color}
-    ]
+    ground = _rgba(scene.background or (0.0, 0.0, 0.0), float(scene.background is not None))
+    items: list[dict[str, Any]] = [{"type": 0, "data": [0, 0, scene.width, scene.height], "color": ground}]
     arrays = (as_numpy(a)[::-1] for a in (scene.points, scene.colours, scene.opacities))
     for points, colour, opacity in zip(*arrays, strict=True):
         if kind == "triangle":

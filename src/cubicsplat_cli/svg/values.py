@@ -140,10 +140,10 @@ def _matrix(name: str, n: list[float]) -> np.ndarray:
     return turn if len(n) < 3 else translation(n[1], n[2]) @ turn @ translation(-n[1], -n[2])
 
 
-def uri_of(data: bytes) -> str:
-    """Return the data URI of a PNG or JPEG file."""
-    kind = "png" if data.startswith(_PNG) else "jpeg"
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+def uri_of(data: bytes, kind: str = "") -> str:
+    """Return the data URI of a file. kind: its media type, by default that of a PNG or JPEG."""
+    kind = kind or ("image/png" if data.startswith(_PNG) else "image/jpeg")
+    return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def picture_in(uri: str) -> tuple[bytes, int]:
