@@ -57,8 +57,8 @@ def exported(
         if form in BY_CAIRO:
             data, notes = _by_cairo(svg, form, drawn, source)
             return data + f"% {mark}\n".encode(), notes
+        drawing = painted_shapes(svg, source, size, drawn)
         try:
-            drawing = painted_shapes(svg, size, drawn)
             data = dxf(drawing, mark, tolerance) if form == "dxf" else vector_drawable(drawing, mark)
         except InputError as error:
             raise InputError(f"{source}: {error}") from error

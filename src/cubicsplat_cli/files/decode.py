@@ -254,14 +254,12 @@ def shrunk(image: Image.Image, factor: int) -> Image.Image:
     """Return a copy of the means of blocks of factor x factor px, with the same `info`, in a mode that can be averaged:
     alpha is premultiplied, so that hidden colours do not bleed in.
     """
-    small: Image.Image | None = None
+    size = math.ceil(image.width / factor), math.ceil(image.height / factor)
+    small = Image.new(_averageable(image.crop((0, 0, 1, 1))).mode, size)
     rows = max(1, BAND_PIXELS // image.width // factor) * factor
     for top in range(0, image.height, rows):
-        band = _averageable(image.crop((0, top, image.width, min(image.height, top + rows)))).reduce(factor)
-        if small is None:
-            small = Image.new(band.mode, (band.width, math.ceil(image.height / factor)))
-        small.paste(band, (0, top // factor))
-    assert small is not None  # a picture has rows
+        band = _averageable(image.crop((0, top, image.width, min(image.height, top + rows))))
+        small.paste(band.reduce(factor), (0, top // factor))
     small.info = image.info
     return small
 

@@ -59,8 +59,6 @@ def _scaled(mask: Mask, picture: Picture, full: tuple[int, int]) -> np.ndarray:
     if abs(width * picture.height / (height * picture.width) - 1.0) > 0.01:
         misfit = f"which the mask {mask.name} with {width} x {height} does not fit; give one of the same shape"
         raise InputError(f"{picture.source}: has {full[0]} x {full[1]} pixels, {misfit}")
-    if (width, height) == (picture.width, picture.height):
-        return mask.grey
     image = Image.fromarray(mask.grey).resize((picture.width, picture.height), Image.Resampling.BILINEAR)
     return np.clip(np.asarray(image), 0.0, 1.0)
 

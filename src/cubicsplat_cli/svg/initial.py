@@ -52,29 +52,26 @@ class InitialDrawing:
 
 
 def load_initial_drawing(source: str | Path | bytes, mode: Mode = Mode.CLOSED) -> InitialDrawing:
-    """Return a drawing from its path or bytes. mode: as of `read_foreign`, whose errors it raises."""
+    """Return a drawing from its path or bytes.
+
+    mode: of an SVG that cubicsplat did not write: closed for fills, and strokes as the outlines of what they cover;
+    open for strokes alone. Gradients become their mean colours. Raises InputError, with the name, for a file that is no
+    SVG or shows no shape of that kind.
+    """
     data = source if isinstance(source, bytes) else read_file(Path(source))
     name = "the SVG" if isinstance(source, bytes) else printable(str(source))
     try:
         return InitialDrawing(read_svg(data), name, sha256_of(data))
     except InputError:
-        scene, notes = read_foreign(data, name, mode)
-        return InitialDrawing(scene, name, sha256_of(data), tuple(notes))
+        return _foreign(data, name, mode)
 
 
-def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Scene, list[str]]:
-    """Return the scene of an SVG, without a background, and a sentence for each thing that it lacks.
-
-    mode: closed for fills, and strokes as the outlines of what they cover; open for strokes alone. Gradients become
-    their mean colours. Raises InputError, with the source, for a file that is no SVG or shows no shape of that kind.
-    """
+def _foreign(data: bytes, source: str, mode: Mode) -> InitialDrawing:
+    """Return any SVG as a scene without a background, with a note on each thing that it lacks."""
     size = check_untrusted(data, source)
     whole = size.width.is_integer() and size.height.is_integer()
     scale = 1.0 if whole else max(1.0, _SIDE / max(size.width, size.height))
-    try:
-        drawing = painted_shapes(data, size, SvgSize(scale * size.width, scale * size.height))
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
+    drawing = painted_shapes(data, source, size, SvgSize(scale * size.width, scale * size.height))
     curves = [curve for shape in drawing.shapes for curve in _curves_of(shape, mode, drawing.left_out)][::-1]
     if not curves:
         kind = "stroke" if mode is Mode.OPEN else "filled shape"
@@ -94,7 +91,7 @@ def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Sc
         mode, round(drawing.width), round(drawing.height), points, paints[:, :3].copy(), paints[:, 3].copy(),
         np.array([curve.half_width for curve in curves], np.float32), None, ring_ends,
     )  # fmt: skip
-    return scene, [f"{source}: {note}" for note in notes]
+    return InitialDrawing(scene, source, sha256_of(data), tuple(f"{source}: {note}" for note in notes))
 
 
 class _Curve(NamedTuple):

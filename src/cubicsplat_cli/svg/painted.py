@@ -61,10 +61,10 @@ class PaintedShapes:
         return [f"left out{of}: {', '.join(parts)}"] if parts else []
 
 
-def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
+def painted_shapes(svg: bytes, source: str, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
     """Return the shapes of a checked SVG of natural size `size`, drawn at size `drawn` and centred in it.
 
-    Raises InputError for an SVG that cannot be read or has too many segments.
+    source: its name for messages. Raises InputError for an SVG that cannot be read or has too many segments.
     """
     made = PaintedShapes(drawn.width, drawn.height)
     scale = min(drawn.width / size.width, drawn.height / size.height)
@@ -83,7 +83,7 @@ def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
             if segments > MAX_COMMANDS:
                 raise TooLong(f"has more than {MAX_COMMANDS} segments; simplify it")
     except (InputError, ValueError, ElementTree.ParseError) as error:
-        raise InputError(one_line(error)) from error
+        raise InputError(f"{source}: {one_line(error)}") from error
     return made
 
 
