@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, fromstring
 
 from cubicsplat_cli.artwork.shapes import colour_group
 from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
@@ -29,9 +29,9 @@ def layers(svg: str | bytes) -> dict[str, str]:
     width, height = elements[0].canvas_size()
     margin = max(1, round(_MARGIN * max(width, height)))
     gradients = GradientReader(elements)
-    root = ElementTree.fromstring(text)
-    definitions: dict[str, ElementTree.Element] = {}
-    by_paint: dict[tuple[str, str], tuple[Rgba, list[ElementTree.Element]]] = {}
+    root = fromstring(text)
+    definitions: dict[str, Element] = {}
+    by_paint: dict[tuple[str, str], tuple[Rgba, list[Element]]] = {}
     for parsed, element in zip(elements, root.iter(), strict=True):
         element.tag = parsed.name
         fill, opacity = element.get("fill", ""), element.get("fill-opacity", "1")
@@ -59,9 +59,7 @@ def _colour(shape: OwnElement, gradients: GradientReader) -> Rgba:
     return mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
 
 
-def _layer_document(
-    root: ElementTree.Element, size: tuple[int, int], margin: int, title: str, mark: str
-) -> ElementTree.Element:
+def _layer_document(root: Element, size: tuple[int, int], margin: int, title: str, mark: str) -> Element:
     """Return an empty document of the same scale for a picture of a size in px and its margin."""
     width, height = size
     across, down = width + 2 * margin, height + 2 * margin
@@ -73,7 +71,7 @@ def _layer_document(
     return sheet
 
 
-def _register_marks(width: int, height: int, margin: int) -> ElementTree.Element:
+def _register_marks(width: int, height: int, margin: int) -> Element:
     """Return a black circle with a cross for each corner of the margin."""
     radius, arm = _RADIUS * margin, _ARM * margin
     data = ""
@@ -82,4 +80,4 @@ def _register_marks(width: int, height: int, margin: int) -> ElementTree.Element
             data += f"M{x - arm:g} {y:g}h{2 * arm:g}M{x:g} {y - arm:g}v{2 * arm:g}M{x - radius:g} {y:g}"
             data += f"a{radius:g} {radius:g} 0 1 0 {2 * radius:g} 0a{radius:g} {radius:g} 0 1 0 {-2 * radius:g} 0z"
     pen = {"fill": "none", "stroke": "#000", "stroke-width": f"{_LINE * margin:g}"}
-    return ElementTree.Element("path", {"id": "register", "d": data, **pen})
+    return Element("path", {"id": "register", "d": data, **pen})

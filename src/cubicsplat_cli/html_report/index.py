@@ -128,12 +128,12 @@ def write_pages(
     if not folders:
         write_atomically(first, _page(compared[0], threads))
         return
-    names = {id(each): first.with_name(f"{Path(each.path).name}{PAGE}") for each in compared}
-    check_outputs([first, *names.values()], force=False)
+    pages = [first.with_name(f"{Path(each.path).name}{PAGE}") for each in compared]
+    check_outputs([first, *pages], force=False)
     entries = []
-    for each in compared:
-        write_atomically(names[id(each)], _page(each, threads))
-        entries.append(_entry(each, names[id(each)]))
+    for each, path in zip(compared, pages, strict=True):
+        write_atomically(path, _page(each, threads))
+        entries.append(_entry(each, path))
     entries += [Entry(str(path), error=error) for path, error in failed]
     write_atomically(first, index(first, entries, first.absolute().parent.name))
 

@@ -191,9 +191,7 @@ def _add_ellipse(path: PathText, ellipse: Ellipse, clockwise: bool) -> None:
     path.close()
 
 
-def write_mosaic(
-    mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str, grouped: bool = False
-) -> str:
+def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str, grouped: bool) -> str:
     """Return the SVG text of a mosaic. grouped: whether each colour is in a group. Otherwise like `write_drawing`."""
     precision = _precision_of(mosaic, precision)
     root, names = empty_document(mosaic.width, mosaic.height, title, comment), Identifiers()
