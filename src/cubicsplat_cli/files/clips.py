@@ -31,6 +31,7 @@ from cubicsplat_cli.settings import MAX_PIXELS
 
 FOLDER_FPS = 25.0  # of pictures in a folder, which have no times: the default of ffmpeg
 UNTIMED_S = 0.1  # of a frame that asks for 10 ms or less, as browsers show it
+_ONE_FRAME = "has one frame only; `cubicsplat vectorize` is for single pictures"
 
 
 @record
@@ -109,12 +110,8 @@ def _finished(source: ClipSource, most_frames: int | None, max_size: int | None)
         )
     first = [*islice(source.frames(), 2)]
     if len(first) < 2:
-        raise _single(source.name)
+        raise InputError(f"{source.name}: {_ONE_FRAME}")
     return replace(source, width=first[0].picture.width, height=first[0].picture.height)
-
-
-def _single(shown: str) -> InputError:
-    return InputError(f"{shown}: has one frame only; `cubicsplat vectorize` is for single pictures")
 
 
 def _resampled(frames: Iterator[Frame], fps: float) -> Iterator[Frame]:
@@ -168,7 +165,7 @@ def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) ->
     plays = _plays(data, shown) if data else None
     load_picture(data, name=shown, max_pixels=max_pixels, frame=1)  # checks bytes and pixels as of a still picture
     if plays is None:
-        raise _single(shown)
+        raise InputError(f"{shown}: {_ONE_FRAME}")
     digest = sha256_of(data)
 
     def frames() -> Iterator[Frame]:

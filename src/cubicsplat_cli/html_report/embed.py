@@ -67,9 +67,7 @@ def picture_data_url(pixels: np.ndarray) -> str:
 
 
 def _mime(picture: Picture, data: bytes) -> str | None:
-    """Return the type of the file if a browser shows it as it was read here; None if it was turned, resized, has other
-    colours or more bits.
-    """
+    """Return the file's type, None if browsers show it other than as read: turned, resized, in other colours or bits."""
     if not data.startswith(_MAGIC):
         return None
     with Image.open(io.BytesIO(data)) as image:
