@@ -67,7 +67,7 @@ def picture_data_url(pixels: np.ndarray) -> str:
 
 
 def _mime(picture: Picture, data: bytes) -> str | None:
-    """Return the file's type, None if browsers show it other than as read: turned, resized, in other colours or bits."""
+    """Return the file's type, None if browsers show it other than as read: turned, resized, other colours or bits."""
     if not data.startswith(_MAGIC):
         return None
     with Image.open(io.BytesIO(data)) as image:

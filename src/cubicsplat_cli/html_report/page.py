@@ -19,7 +19,7 @@ from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Setting, renamed, settings_of
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import FitSettings, Recipe
+from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.values import uri_of
 
 LEFT, RIGHT, TOP, BOTTOM = 40.0, 310.0, 10.0, 112.0  # of the plotted area, in a chart of 320 x 132 units
@@ -175,14 +175,9 @@ def _differing(settings: Mapping[str, Any]) -> Iterator[tuple[str, Setting, Any]
     """Yield name, description and value of each setting that differs from its default."""
     usual = FitSettings.from_preset(settings.get("preset", "standard"), settings.get("mode", "closed"))
     recipe, artwork = settings.get("recipe") or {}, settings.get("artwork") or {}
-    held: tuple[tuple[type, Mapping[str, Any], Any], ...] = (
-        (Request, settings, Request()),
-        (FitSettings, settings, usual),
-        (Recipe, renamed(recipe), usual.recipe),
-        (ArtworkSettings, artwork, ArtworkSettings()),
-    )
-    for owner, given, default in held:
-        for field, spec in settings_of(owner):
+    holders, held = (Request(), usual, usual.recipe, ArtworkSettings()), (settings, settings, renamed(recipe), artwork)
+    for default, given in zip(holders, held, strict=True):
+        for field, spec in settings_of(type(default)):
             name = field.name
             # The defaults of preset and mode do not depend on the chosen preset and mode.
             before = getattr(FitSettings() if name in ("preset", "mode") else default, name)

@@ -247,7 +247,7 @@ def _rules_of(root: ElementTree.Element, left_out: Counter[str]) -> list[_Rule]:
                 if match is None or not match[0]:
                     left_out["style rule"] += 1
                     continue
-                name, kind, value = (group or "" for group in match.groups())
+                name, kind, value = match.groups("")
                 rules.append(({".": 1, "#": 2}.get(kind, 0), name or "*", kind, value, _declarations(body)))
     return sorted(rules, key=lambda rule: rule[0])
 
