@@ -93,11 +93,9 @@ def forced_cells(target: np.ndarray) -> Cells:
 
 
 def without_repeats(target: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, C) with one pixel for each of its cells; unchanged if it has less than 32 cells each way,
-    or none larger than a pixel.
-    """
+    """Return a picture (H, W, C) with one pixel for each of its cells; unchanged if a side has less than 32 cells."""
     grid = exact_grid(target)
-    return target if min(len(grid.x), len(grid.y)) <= 32 else _sampled(target, grid)
+    return target if min(len(grid.x), len(grid.y)) <= 32 else grid.sampled(target)
 
 
 def _exact_cells(target: np.ndarray) -> Cells | None:
@@ -106,8 +104,7 @@ def _exact_cells(target: np.ndarray) -> Cells | None:
     if len(distinct(_keys(_levels(target[:ROWS, : 2**16 // ROWS])))[0]) > _most_colours(height * width):
         return None
     grid = exact_grid(target)
-    count = (len(grid.x) - 1) * (len(grid.y) - 1)
-    if count > MOST_CELLS:
+    if (len(grid.x) - 1) * (len(grid.y) - 1) > MOST_CELLS:
         return None
     cells = _cells_on(target, grid)
     return cells if _are_meant(cells) else None
@@ -127,9 +124,12 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
     if grid is None or (len(grid.x) - 1) * (len(grid.y) - 1) > MOST_CELLS:
         return None
     middle = _medians(levels[..., :3], grid)
-    inner = _inner(grid)
+    # Pixels beside a border of cells do not count.
+    rows, columns = (~np.isin(np.arange(ends[-1]), [ends[1:-1], ends[1:-1] - 1]) for ends in (grid.y, grid.x))
+    inner = rows[:, None] & columns
     off = largest(np.abs(levels[..., :3] - grid.enlarged(middle))) * inner
-    noise, step = float(np.sqrt(np.mean(off[inner] ** 2))), _step(middle)
+    noise = float(np.sqrt(np.mean(off[inner] ** 2)))
+    step = math.sqrt(np.mean(np.concatenate([np.diff(middle, axis=axis).ravel() ** 2 for axis in (0, 1)])))
     if not 0.0 < noise <= 0.25 * step or (off[inner] > step).mean() > 0.004:
         return None
     # Where a logo lies on a code, more than noise differs within cells.
@@ -144,9 +144,7 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
 
 
 def _enlarged_cells(target: np.ndarray) -> Cells | None:
-    """Return the cells of a picture that was enlarged smoothly; None if it was not, or had none before, or is so large
-    that finding out takes seconds.
-    """
+    """Return the cells of a picture that was enlarged smoothly; None if it has none, or to find them takes seconds."""
     if target.shape[0] * target.shape[1] > MOST_CELLS:
         return None
     small, (across, down) = before_enlargement(with_channels(_levels(target), 4, 255.0))
@@ -161,13 +159,8 @@ def _enlarged_cells(target: np.ndarray) -> Cells | None:
 
 
 def _cells_on(target: np.ndarray, grid: Grid) -> Cells:
-    colours, numbers = _distinct(_levels(_sampled(target, grid)))
+    colours, numbers = _distinct(_levels(grid.sampled(target)))
     return Cells(numbers, colours, grid.x.astype(float), grid.y.astype(float), grid.side)
-
-
-def _sampled(target: np.ndarray, grid: Grid) -> np.ndarray:
-    """Return (R, C, ...) the first pixel of every cell; the same array if cells are pixels."""
-    return target if grid.side == 1.0 else target[grid.y[:-1]][:, grid.x[:-1]]
 
 
 def _levels(target: np.ndarray) -> np.ndarray:
@@ -205,7 +198,8 @@ def _are_meant(cells: Cells, *, enlarged: bool = False) -> bool:
     enlarged: True if the picture was enlarged smoothly, to these pixels times a factor.
     """
     numbers, count, larger = cells.numbers, len(cells.colours), cells.side > 1.0
-    small = max(numbers.shape) <= SMALL
+    small, levels = max(numbers.shape) <= SMALL, cells.colours[numbers]
+    pixels = not (larger or small)
     if not 1 < count <= _most_colours(numbers.size):
         return False
     if numbers.size * cells.side**2 <= 64:  # px, so few that each counts
@@ -220,9 +214,8 @@ def _are_meant(cells: Cells, *, enlarged: bool = False) -> bool:
         return False
     # Colours that dots stand for are meant, and not their pixels; but nobody dithers a small sprite by a program.
     # Who enlarges a picture sees its pixels.
-    if not (larger or small or enlarged) and dithered(cells.colours[numbers]) is not None:
+    if pixels and not enlarged and dithered(levels) is not None:
         return False
-    levels, pixels = cells.colours[numbers], not (larger or small)
     # Photos reduced to 16 colours have 0.24 or more of soft steps.
     if (pixels or count > FEW_COLOURS) and _soft(levels) > (0.2 if pixels else 0.5):
         return False
@@ -238,11 +231,6 @@ def _alone(numbers: np.ndarray) -> float:
     return float((like <= 1).sum()) / borders if borders else 0.0
 
 
-def _step(cells: np.ndarray) -> float:
-    """Return the root mean square step between neighbouring cells (R, C, 3), in levels of a channel."""
-    return math.sqrt(np.mean(np.concatenate([np.diff(cells, axis=axis).ravel() ** 2 for axis in (0, 1)])))
-
-
 def _medians(levels: np.ndarray, grid: Grid) -> np.ndarray:
     """Return (R, C, 3) the median of the middle half of each cell of (H, W, 3), and of 3 x 3 px at least."""
     reach = max(1, int(grid.side / 4.0))
@@ -251,12 +239,6 @@ def _medians(levels: np.ndarray, grid: Grid) -> np.ndarray:
     at = [np.rint(np.add.outer(middles, offsets)).astype(int) for middles in (rows, columns)]
     at = [np.clip(index, 0, length - 1) for index, length in zip(at, levels.shape[:2], strict=True)]
     return np.median(levels[at[0][:, None, :, None], at[1][None, :, None, :]], axis=(2, 3))
-
-
-def _inner(grid: Grid) -> np.ndarray:
-    """Return (H, W) bool: the pixels that are not beside a border of cells."""
-    rows, columns = (~np.isin(np.arange(ends[-1]), [ends[1:-1], ends[1:-1] - 1]) for ends in (grid.y, grid.x))
-    return rows[:, None] & columns
 
 
 def _cell_means(values: np.ndarray, grid: Grid) -> np.ndarray:
@@ -272,9 +254,7 @@ def _soft(levels: np.ndarray) -> float:
 
 
 def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:
-    """Return True if some of the colours of cells (R, C, 4), levels, only smooth edges: two thirds of their cells are
-    blends. Such cells are more than 0.05 of those at edges.
-    """
+    """Return True if over 0.05 of the cells at edges, (R, C, 4) levels, have colours of which 2/3 are blends."""
     blend = _between(levels) | _between(levels.swapaxes(0, 1)).swapaxes(0, 1)
     share = np.bincount(numbers[blend], minlength=count) / np.bincount(numbers.ravel(), minlength=count)
     edge = ~(ndimage.alike(numbers, (3, 1)) & ndimage.alike(numbers, (1, 3)))

@@ -48,8 +48,8 @@ def explained(
     small = _halved(seen - clipped, halved)
     mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels] | odd
     fills[:, 0], luma_cost = _fit_luma(seen[..., 0] - clipped[..., 0], mixture, mixed, fills[:, 0], free, sigma)
-    y, x = np.nonzero(_halved(mixed[..., None], halved)[..., 0] > 0.0)
-    columns = [_again(_halved(mixture.coverage(k)[..., None], halved), halved)[y, x, 0] for k in range(len(fills))]
+    y, x = np.nonzero(_halved(mixed, halved) > 0.0)
+    columns = [_again(_halved(mixture.coverage(k), halved), halved)[y, x] for k in range(len(fills))]
     shares, values = np.stack(columns, axis=1).astype(np.float64), small[y, x]
     fills[:, 1:3], rest = _fit_chroma(shares, values[:, 1:3], fills[:, 1:3], free, sigma)
     off = np.hypot(rest[:, 0], rest[:, 1])
@@ -61,9 +61,7 @@ def explained(
 
 
 def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:
-    """Return True if a colour (4,), in levels, is a fill of a palette (P, 4) less some of another one's chroma, which
-    sharpened chroma has beside that fill.
-    """
+    """Return True if sharpened chroma makes a colour (4,) of a fill of a palette (P, 4), less another one's chroma."""
     seen = palette @ LUMA_CHROMA
     steps = (seen[:, None] - seen) * [0.0, 1.0, 1.0, 0.0]
     steps[largest(np.abs(steps)) <= APART] = 0.0
@@ -107,7 +105,7 @@ def _fit_chroma(
 
 
 def _halved(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
-    """Return values (H, W, C) at half their size along some axes, the means of two px, float32."""
+    """Return values (H, W, ...) at half their size along some axes, the means of two px, float32."""
     values = values.astype(np.float32)
     for axis in axes:
         lines = np.moveaxis(values, axis, 0)
@@ -138,7 +136,7 @@ def _stored(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
 
 
 def _again(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
-    """Return values (H, W, C), halved along some axes, once they are enlarged and halved again."""
+    """Return values (H, W, ...), halved along some axes, once they are enlarged and halved again."""
     weights = np.array([0.5 * BESIDE, 1.0 - BESIDE, 0.5 * BESIDE], dtype=np.float32)
     for axis in halved:
         values = ndimage.correlate1d(values, weights, axis=axis, mode="nearest")

@@ -109,9 +109,7 @@ class Condition:
 
 
 def condition_of(levels: np.ndarray, *, lossy: bool = False) -> Condition:
-    """Return the condition of a picture. lossy: True if its file was compressed with loss, which then needs no further
-    evidence than a rough pixel.
-    """
+    """Return the condition of a picture. lossy: True if its file has loss, which a rough pixel suffices to show."""
     if min(levels.shape[:2]) < (BLOCK if lossy else 2 * BLOCK):
         return Condition()
     second = second_differences(levels)
@@ -198,7 +196,9 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
     ripples = _rippled(levels, rough, near, spans, quiet) and _everywhere(rough, near)
     if not ripples and rough.sum() <= 0.02 * near.sum():
         return False
-    luma, opaque, indexed = levels @ SEEN, bool((levels[..., 3] >= 255.0).all()), _indexed(levels)
+    luma, opaque, colours = levels @ SEEN, bool((levels[..., 3] >= 255.0).all()), levels[..., :3]
+    # A GIF or a palette has 256 colours, not all grey, whose rounding makes a picture rough.
+    indexed = bool((colours != colours[..., :1]).any()) and are_few(packed(colours), MOST_COLORS)
     coefficients = _coefficients(luma, 0)
     # Ringing leaves 3 x 3 px alike in hardly any block with an edge: in at most 0.05 of them in JPEGs of quality 60 to
     # 98, in at most 0.5 in nine of ten WebPs and 0.77 in all, and in 0.5 to 1 in clean pictures. Pale stripes, text on
@@ -213,7 +213,7 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
 
 
 def _everywhere(rough: np.ndarray, near: np.ndarray) -> bool:
-    """Return True if nearly all places are rough near their edges, (H, W) bool, as a compression of the whole picture
+    """Return True if nearly all places are rough near their edges, (H, W) bool, as the whole picture's compression
     leaves them, and not the photographs in a screenshot.
 
     In nine of ten JPEGs and WebPs of quality 70 to 97, of half the size or saved as PNG too, at most 0.2 of the pixels
@@ -230,13 +230,13 @@ def rippled(levels: np.ndarray) -> bool:
     spans = spread(levels, 5, 5)
     quiet = _quiet(spans)
     near = quiet & ndimage.maximum_filter(~quiet, BLOCK + 1)
-    return _rippled(levels, near & (second_differences(levels) >= ROUGH), near, spans, quiet)
+    return _rippled(levels, second_differences(levels) >= ROUGH, near, spans, quiet)
 
 
 def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.ndarray, quiet: np.ndarray) -> bool:
     """Return True if a picture's fills ripple 5 to 8 px from edges, beyond the filters that make pictures smaller.
 
-    rough, near, quiet: (H, W) bool, the rough ones of the quiet pixels near edges, these, and all quiet ones.
+    rough, near, quiet: (H, W) bool, the rough pixels, the quiet ones near edges, and all quiet ones.
 
     In clean pictures, and in those reduced by Lanczos' filter, at most 0.008 of the pixels there that are nearly of a
     fill do; in nine of ten JPEGs and WebPs of quality 70 to 90 0.02 to 0.4, of half the size or saved as PNG too.
@@ -254,8 +254,8 @@ def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.
 
 
 def _blocky(coefficients: np.ndarray, luma: np.ndarray) -> bool:
-    """Return True if the coefficients of a picture's blocks are nearly 0 more often than those half a block away: by a
-    quarter in at least 20 blocks, and by more than chance.
+    """Return True if coefficients of blocks are nearly 0 more often than those half a block away: by a quarter in at
+    least 20 blocks, and by more than chance.
     """
     own, number = _zeros(coefficients)
     apart, _ = _zeros(_coefficients(luma, BLOCK // 2))
@@ -281,23 +281,14 @@ def _busy(coefficients: np.ndarray) -> np.ndarray:
 
 
 def _even_blocks(levels: np.ndarray, busy: np.ndarray) -> float:
-    """Return the share of blocks with edges, busy (n,) bool, in which some 3 x 3 px are exactly alike, and not clear; 0
-    without such blocks.
-    """
+    """Return the share of busy blocks (n,) bool with 3 x 3 px that are exactly alike, and not clear; 0 without any."""
     alike = (levels[..., 3] > 0.0) & (spread(levels, 3, 3) == 0.0)
     inner = in_blocks(alike, BLOCK).reshape(-1, BLOCK, BLOCK)[busy, 1:-1, 1:-1]
     return float(inner.any(axis=(1, 2)).mean()) if inner.size else 0.0
 
 
-def _indexed(levels: np.ndarray) -> bool:
-    """True if a picture, not grey, has at most the 256 colours of a GIF or palette, whose rounding makes it rough."""
-    colours = levels[..., :3]
-    return bool((colours != colours[..., :1]).any()) and are_few(packed(colours), MOST_COLORS)
-
-
 def _rings(levels: np.ndarray, rough: np.ndarray, near: np.ndarray) -> bool:
-    """Return True if rough pixels go up and down near edges, (H, W) bool, in a picture that is not blurred, as blur
-    reaches as far.
+    """Return True if rough pixels go up and down near edges, (H, W) bool, in a picture without blur, which looks alike.
 
     WebPs and small JPEGs may ring without showing blocks: 0.1 and more of the pixels in eight of ten WebPs, and in nine
     of ten reduced JPEGs, but in one of a hundred clip arts with soft shading.

@@ -44,12 +44,12 @@ def without_dither(levels: np.ndarray) -> tuple[np.ndarray, float | None]:
         return _with_gradients(levels) if banded(levels) else levels, None
     dots, dense = found
     uneven = spread(levels, 3, 3) > 0.0
-    most = bool(2 * (_around(dense) & uneven).sum() > uneven.sum())
+    most = bool(2 * (ndimage.binary_dilation(dense, ndimage.SQUARE, PERIOD) & uneven).sum() > uneven.sum())
     meant = dots if most else dense & _high_in_frequency(levels)
     if not meant.any():
         return levels, None
     guide = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
-    means = guided_means(levels, guide, _around(meant), SIDE, ALIKE)
+    means = guided_means(levels, guide, ndimage.binary_dilation(meant, ndimage.SQUARE, PERIOD), SIDE, ALIKE)
     return (means, LEFT) if most else (_with_gradients(means), 0.0)
 
 
@@ -98,11 +98,6 @@ def dithered(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     return (dots, dense) if are_few(colours, MOST_COLORS) and _repeated(colours, dense) < REPEATED else None
 
 
-def _around(dots: np.ndarray) -> np.ndarray:
-    """Return (H, W) bool: the pixels that dots (H, W) may stand for."""
-    return ndimage.binary_dilation(dots, ndimage.SQUARE, PERIOD)
-
-
 def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
     """Return (H, W) bool: True where what a blur takes from a picture (H, W, C) alternates from pixel to pixel.
 
@@ -119,8 +114,6 @@ def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
 def _repeated(colours: np.ndarray, dots: np.ndarray) -> float:
     """Return the share of dots (H, W) bool of the colours (H, W) of the pixels a PERIOD away to all four sides."""
     inner = (slice(PERIOD, -PERIOD),) * 2
-    like = np.ones(colours[inner].shape, dtype=bool)
-    for axis in (0, 1):
-        for by in (PERIOD, -PERIOD):
-            like &= np.roll(colours, by, axis)[inner] == colours[inner]
+    moved = (np.roll(colours, by, axis) for axis in (0, 1) for by in (PERIOD, -PERIOD))
+    like = np.all([each[inner] == colours[inner] for each in moved], axis=0)
     return float(like[dots[inner]].mean()) if dots[inner].any() else 1.0

@@ -35,12 +35,10 @@ ASIDE, WORSE = 3, 1.5  # px by which other lengths are off, whose errors must be
 
 
 def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
-    """Return the picture (h, w, 4) in levels as it was before it was enlarged, and the factors of its width and height;
-    itself, (H, W, 4), and (1, 1) if it was not.
-    """
+    """Return a picture (h, w, 4) in levels before it was enlarged, and the factors across and down, (1, 1) for none."""
     grid = exact_grid(levels)
     if grid.side > 1.0 and grid.x[1] == grid.y[1] == grid.side:
-        small = levels[grid.y[:-1]][:, grid.x[:-1]]
+        small = grid.sampled(levels)
         # Shapes that merely lie on a grid have no blends at their edges.
         if _blends(small) >= FEWEST:
             return small, (grid.side, grid.side)

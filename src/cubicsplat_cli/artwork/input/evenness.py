@@ -65,8 +65,7 @@ def _usual_step(levels: np.ndarray) -> float:
 
 def evenness(levels: np.ndarray, tile: int, even: float = FLAT_RANGE) -> Evenness:
     """Return the evenness of a picture (H, W, C) in 0..255 in those tiles of tile x tile px that are not all alike.
-
-    even: levels by which neighbours differ at most that are alike.
+    Neighbours are alike that differ by at most `even` levels.
     """
     pairs, alike, little = (np.zeros(levels.shape[:2], dtype=np.int32) for _ in range(3))
     for step in steps(levels):
@@ -88,9 +87,7 @@ def evenness(levels: np.ndarray, tile: int, even: float = FLAT_RANGE) -> Evennes
 
 @record
 class Contrasts:
-    """saved: nats a pair that noise and edges need less than one scale to describe the differences. edges: share of the
-    pairs with an edge between them.
-    """
+    """saved: nats a pair that noise and edges save against one scale of differences. edges: share of pairs with one."""
 
     saved: float
     edges: float

@@ -21,11 +21,9 @@ NEARLY = 1.0  # levels by which another colour may be nearer to a blend: palette
 
 
 def rounding_noise(levels: np.ndarray) -> float:
-    """Return the noise, in levels, that blends seem to have in a picture (H, W, 4) in levels whose colours were rounded
-    to a few; 0 if they were not, or by little.
-
-    A uniform error of standard deviation s ends at sqrt(3) s. `restore` expects that noise, and the misfit of its
-    model, end at OUTLIER times theirs.
+    """Return the noise, in levels, that the rounding of a picture (H, W, 4) to a few colours makes of blends; 0 if it
+    was not rounded, or by little. A uniform error of standard deviation s ends at sqrt(3) s. `restore` expects that
+    noise, and the misfit of its model, end at OUTLIER times theirs.
     """
     numbers = packed(np.rint(levels))
     kinds, counts = np.unique(np.concatenate([_blends(numbers), _blends(numbers.T)]), axis=0, return_counts=True)

@@ -17,9 +17,7 @@ _FINER = 16  # times as many frequencies as px, so that a period is exact to a f
 
 @record
 class Grid:
-    """x: (C + 1,) and y: (R + 1,) int, px, the borders of the columns and rows of cells. side: of a cell, px, the
-    shorter one on average.
-    """
+    """x: (C + 1,) and y: (R + 1,) int px, the borders of columns and rows. side: px, the mean shorter one of cells."""
 
     x: np.ndarray
     y: np.ndarray
@@ -28,6 +26,10 @@ class Grid:
     def enlarged(self, cells: np.ndarray) -> np.ndarray:
         """Return the picture (H, W, ...) of cells (R, C, ...)."""
         return cells.repeat(np.diff(self.y), axis=0).repeat(np.diff(self.x), axis=1)
+
+    def sampled(self, picture: np.ndarray) -> np.ndarray:
+        """Return (R, C, ...) the first pixel of every cell of a picture; the same array if cells are pixels."""
+        return picture if self.side == 1.0 else picture[self.y[:-1]][:, self.x[:-1]]
 
 
 def exact_grid(target: np.ndarray) -> Grid:

@@ -26,9 +26,7 @@ BESIDE = 2  # px to either side of a square, the colours of which a square on a 
 
 
 def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (H, W) bool: pixels of (H, W, 4) whose 3 x 3 px are of one colour but for noise, and a level of rounding;
-    and the means (H, W, 4) of these.
-    """
+    """Return (H, W) bool: where 3 x 3 px of (H, W, 4) are alike but for noise and rounding; and the means of all."""
     size = (3, 3, 1)
     mean = ndimage.uniform_filter(levels, size, mode="nearest")
     square = ndimage.uniform_filter(levels * levels, size, mode="nearest")

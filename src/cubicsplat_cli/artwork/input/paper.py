@@ -86,9 +86,7 @@ def _on_light_paper(levels: np.ndarray, luma: np.ndarray, *, may_be_uneven: bool
     fine, coarse = _grain(off, paper)
     grainy = fine >= max(LEAST_GRAIN, coarse / 1.5)
     even = _is_even(light)
-    if not (even or (grainy and may_be_uneven)):
-        return None
-    if light.max() < 128.0 or light.min() < 0.3 * light.max():
+    if not (even or (grainy and may_be_uneven)) or light.max() < 128.0 or light.min() < 0.3 * light.max():
         return None
     far = max(APART, 2.0 * OUTLIER * rest)
     if (np.abs(off) <= OUTLIER * rest).mean() < 0.6 or (off > far).mean() > 0.004 or (off < -far).mean() < 0.0005:
@@ -194,9 +192,7 @@ def _grain(off: np.ndarray, paper: np.ndarray) -> tuple[float, float]:
 
 
 def _surface(channel: np.ndarray, paper: np.ndarray, cell: int) -> np.ndarray:
-    """Return (H, W): the light of the paper in one channel, from the pixels that are paper (H, W) bool. The polynomial
-    counts as a twentieth of a cell's pixels.
-    """
+    """Return (H, W): the light of paper (H, W) bool in a channel. The polynomial counts as a twentieth of a cell."""
     count = _cells(paper, cell).mean(axis=-1)
     means = _cells(np.where(paper, channel, 0.0), cell).mean(axis=-1) / np.maximum(count, 1e-6)
     measured = count > 0.1

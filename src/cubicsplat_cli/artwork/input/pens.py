@@ -27,11 +27,9 @@ FEWEST = 80  # places of a kind of line
 
 @record
 class Profiles:
-    """Profiles across lines.
-
-    places: (n, 2) x and y, px. depths: (n, u) levels darker than paper at `offsets` (u,) px across the line. masses:
-    (n,) integrals of the depth across the line, levels px; tints: (n, 3) those of the channels over that. Both are
-    means of the places around.
+    """places: (n, 2) x and y, px, on lines. depths: (n, u) levels darker than paper at `offsets` (u,) px across them.
+    masses: (n,) integrals of the depth across, levels px; tints: (n, 3) those of the channels over that; both are means
+    of the places around.
     """
 
     places: np.ndarray
@@ -107,10 +105,8 @@ class Pens:
 
 
 def pens_of(bare: np.ndarray, paper: np.ndarray, grain: float) -> Pens | None:
-    """Return the pens that drew on paper; None if too few lines are thin enough to tell.
-
-    bare: (H, W, 3) levels under even light; paper: (3,) those of its paper, but for the grain; grain: the standard
-    deviation of that, in levels.
+    """Return the pens that drew on paper; None if too few lines are thin enough to tell. bare: (H, W, 3) levels under
+    even light; paper: (3,) those of its paper but for the grain, a standard deviation in levels.
     """
     lines = profiles_of(paper - bare, OUTLIER * grain)
     kinds = _kinds(lines)

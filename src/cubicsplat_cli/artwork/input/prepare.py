@@ -37,9 +37,7 @@ HALOS = "drawn without the halos that sharpening left at its edges"
 
 @record
 class PreparedInput:
-    """A picture prepared for drawing.
-
-    levels: (H, W, 4) float32 premultiplied RGBA in 0..255, the picture to draw, in a condition. scale: the factors
+    """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, the picture to draw, in a condition. scale: the factors
     across and down by which its drawing is enlarged to the canvas of (width, height) px. upscale_factor: the mean
     factor by which the picture had been enlarged, 1 for none. scanned: True if levels are ink on a scan's paper, made
     even; pens: the pens of its lines. flat: levels without gradients, if the condition was estimated from these.
@@ -69,9 +67,7 @@ class PreparedInput:
 
     @property
     def unavoidable_error(self) -> float:
-        """Root mean square error, in levels, of a drawing that has lost nothing: the noise of the picture, or its steps
-        where edges have no anti-aliasing.
-        """
+        """Levels rms by which a drawing that lost nothing is off: by noise, or steps of edges without anti-aliasing."""
         return error_of_steps(self.levels) if self.condition.aliased else self.condition.noise
 
     @property
@@ -90,9 +86,7 @@ class PreparedInput:
 
 
 def analysed(target: np.ndarray, compression: Compression | None = None) -> PreparedInput:
-    """Prepare a picture for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; compression: that
-    of its file, if it has any loss.
-    """
+    """Prepare a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. compression: its file's, if any."""
     height, width = target.shape[:2]
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)
@@ -115,14 +109,12 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     seen = levels if noise is None else reduced(original, factor)
     condition = Condition(noise) if noise else condition_of(seen, lossy=lossy)
     prepared = _prepared(levels, condition, factor, width, height, known=lossy)
-    prepared = replace(prepared, edge_notes=tuple(notes))
     condition = replace(prepared.condition, sharpened=HALOS in notes)
     as_drawn = levels is original and prepared.mean_scale == 1 and not prepared.scanned
-    if compression is None or not condition.jpeg or not as_drawn:
-        return replace(prepared, condition=condition)
-    if compression.tables:
+    compression = compression if condition.jpeg and as_drawn else None
+    if compression and compression.tables:
         condition = replace(condition, halved=compression.halved)
-    return replace(prepared, condition=condition, compression=compression)
+    return replace(prepared, condition=condition, compression=compression, edge_notes=tuple(notes))
 
 
 def without_filters(levels: np.ndarray, *, lossy: bool = False) -> tuple[np.ndarray, list[str]]:

@@ -49,11 +49,9 @@ def seen_as(condition: Condition, *, sharp: bool = False) -> np.ndarray:
 
 
 def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
-    """Return True if a picture (H, W, 4) in levels is explained by a blur: restored and blurred again, it is about as
-    near to the picture as if restored without a blur, or nearer.
-
-    "About" is twice the error: enlarging blurs by no Gaussian, and the ratio is up to 1.3 in pictures that were
-    enlarged by 1.5, and 2.3 to 33 in clean ones.
+    """Return True if a blur explains a picture (H, W, 4) in levels: restored and blurred again, it has less than twice
+    the error that it has restored without a blur. Enlarging blurs by no Gaussian, so the ratio is up to 1.3 in pictures
+    that were enlarged by 1.5; it is 2.3 to 33 in clean ones.
     """
     sharp = restored(levels, condition, lines=False).levels
     plain = restored(levels, replace(condition, blur=0.0), lines=False).levels
@@ -83,8 +81,8 @@ def restored(
     space = seen_as(condition, sharp=True)
     seen = (levels @ space).astype(np.float32)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
-    nearest, _ = nearest_fills(seen, palette @ space, straight=True)
     if not condition.rounded:
+        nearest, _ = nearest_fills(seen, palette @ space, straight=True)
         palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])
     thick, squares = len(palette), NONE
     if thick <= MOST_SEEN:
@@ -97,15 +95,13 @@ def restored(
             thin = _line_fills(seen, palette @ space, sigma, (OUTLIER if condition.rounded else NO_BLEND) * sigma)
             palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
     if condition.jpeg:
-        palette, labels = _with_small_parts(stored, seen, palette, sigma, thick, squares, condition)
+        palette, labels = _with_small_parts(stored, seen, palette, sigma, squares, condition)
         near = np.where(_shows_inside(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = rounded_as_jpegs(_median_fills(levels, palette, labels, near))
     else:
         labels = labelled(seen, palette @ space, sigma, thick)
-        if condition.rounded:
-            palette = _commonest_colours(levels, palette, labels)
-        else:
-            palette = _median_fills(levels, palette, labels, np.full(len(palette), np.inf))
+        fills_of = _commonest_colours if condition.rounded else _median_fills
+        palette = fills_of(levels, palette, labels)
     for fill in placeholders:
         off = np.abs(palette - fill).max(axis=1)
         if off.min() < 0.5 * APART:
@@ -138,13 +134,7 @@ def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, si
 
 
 def _with_small_parts(
-    levels: np.ndarray,
-    seen: np.ndarray,
-    palette: np.ndarray,
-    sigma: float,
-    thick: int,
-    proposed: np.ndarray,
-    condition: Condition,
+    levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, sigma: float, proposed: np.ndarray, condition: Condition
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the palette of a JPEG (H, W, 4) in levels, with the fills of small parts fitted to all of their pixels and
     missing fills added; and the labels.
@@ -154,6 +144,7 @@ def _with_small_parts(
     may have made of others are removed if the picture is as well explained without them.
     """
     space, colours = seen_as(condition, sharp=True), (levels @ LUMA_CHROMA).astype(np.float32)
+    thick = len(palette)
     nearest, gap = nearest_fills(seen, palette @ space, straight=True)
     odd = gap > OUTLIER * sigma
     if len(palette) <= MOST_SEEN:
@@ -283,9 +274,7 @@ def _fills_beneath(levels: np.ndarray, blur: float) -> np.ndarray:
 
 def labelled(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int, *, bounded: bool = False) -> np.ndarray:
     """Return (H, W) int32: the fill (P, 4) that each pixel of a picture (H, W, 4) has most of. Fills from `thick` on
-    have only thin lines.
-
-    bounded: True if pixels are off by rounding, as in a JPEG, and not by chance.
+    have only thin lines. bounded: True if pixels are off by rounding, as in a JPEG, and not by chance.
     """
     nearest, gap = nearest_fills(seen, fills, straight=True)
     pure = np.where(gap <= OUTLIER * sigma, nearest, -1).astype(np.int32)
@@ -329,20 +318,20 @@ def _commonest_colours(levels: np.ndarray, palette: np.ndarray, labels: np.ndarr
     return out
 
 
-def _median_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Return the palette (P, 4) with the median of the pixels of each fill, those farthest from edges, of the pixels
-    that are off it by less than `near` (P,) levels; rounded to whole levels.
+def _median_fills(
+    levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, near: np.ndarray | float = np.inf
+) -> np.ndarray:
+    """Return the palette (P, 4) with the median of the pixels of each fill that are farthest from edges, of those that
+    are off it by less than `near` (P,) levels; rounded to whole levels.
     """
-    depth = depth_in(labels)
+    depth, near = depth_in(labels), np.broadcast_to(near, len(palette))
     out = palette.copy()
     for k, box in enumerate(ndimage.find_objects(labels + 1, len(palette))):
         if box is None:
             continue
-        own = labels[box] == k
-        if near[k] < np.inf:
-            own &= np.abs(levels[box] - palette[k]).max(axis=-1) < near[k]
-            if not own.any():
-                continue
+        own = (labels[box] == k) & (np.abs(levels[box] - palette[k]).max(axis=-1) < near[k])
+        if not own.any():
+            continue
         deep = depth[box][own]
         far = deep >= max(1, min(8, np.quantile(deep, 0.75)))
         if deep.max() > 1:

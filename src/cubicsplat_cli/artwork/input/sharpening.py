@@ -46,9 +46,8 @@ UNTOLD = 0.01  # weight of a pixel that is cut off at an end of the scale, where
 
 
 class UnsharpMask(NamedTuple):
-    """An unsharp mask: it adds to a picture `amount` times what a Gaussian blur of `radius` px takes away from it.
-
-    noise: levels by which pixels are off after it.
+    """A mask that adds to a picture `amount` times what a Gaussian blur of `radius` px takes away from it; noise:
+    levels by which pixels are off after it.
     """
 
     amount: float
@@ -78,7 +77,7 @@ class UnsharpMask(NamedTuple):
         steps = math.ceil(6.0 / math.log(1.0 + 2.0 / self.amount))
         found = levels
         for _ in range(passes):
-            low, high = _even_range(found, size + 4, ROUGH + 2.0 * self.noise)
+            low, high = _range_of(found, _even(found, ROUGH + 2.0 * self.noise), size + 4)
             clipped = np.clip(levels, low, high)
             found = np.where(np.abs(clipped - levels) <= highest, clipped, levels)
             for _ in range(steps):
@@ -132,7 +131,7 @@ def _profiles(levels: np.ndarray, plain: np.ndarray) -> np.ndarray:
     """Return profiles (n, 2 * SIDE + 1) of a picture (H, W, 4) across straight edges that are nearly upright or level,
     at most MOST_PROFILES, rising; by a picture with fewer halos (H, W, 4), in which they are even at their ends.
     """
-    reach, found = np.arange(-SIDE, SIDE + 1), [np.empty((0, 2 * SIDE + 1), dtype=np.float32)]
+    reach, found = np.arange(-SIDE, SIDE + 1), list[np.ndarray]()
     for values, even in zip(_lines_of(levels[..., :3]), _lines_of(plain[..., :3]), strict=True):
         slopes = np.abs(even[:, 2:] - even[:, :-2])
         y, x = np.nonzero(slopes[1:-1, SIDE - 1 : 1 - SIDE] >= 0.5 * CONTRAST)
@@ -205,12 +204,10 @@ def _even(levels: np.ndarray, most: float) -> np.ndarray:
     return np.asarray(ndimage.maximum_filter(second_differences(levels), 3) <= most)
 
 
-def _even_range(levels: np.ndarray, size: int, most: float) -> tuple[np.ndarray, np.ndarray]:
+def _range_of(levels: np.ndarray, even: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the least and the largest value of even pixels in odd windows around each pixel, inf and -inf for none."""
-    even, window = _even(levels, most)[..., None], (size, size, 1)
-    low = ndimage.minimum_filter(np.where(even, levels, np.float32(np.inf)), window)
-    high = ndimage.maximum_filter(np.where(even, levels, np.float32(-np.inf)), window)
-    return low, high
+    low, high = (np.where(even[..., None], levels, np.float32(none)) for none in (np.inf, -np.inf))
+    return ndimage.minimum_filter(low, (size, size, 1)), ndimage.maximum_filter(high, (size, size, 1))
 
 
 def without_halos(levels: np.ndarray) -> np.ndarray:
@@ -226,7 +223,7 @@ def without_halos(levels: np.ndarray) -> np.ndarray:
     if flat[even].sum() <= 0.5 * even.sum():
         return levels
     flat = flat[..., None]
-    low, high = _even_range(levels, 2 * REACH + 1, ROUGH)
+    low, high = _range_of(levels, even, 2 * REACH + 1)
     clipped = np.clip(levels, low, high)
     clipped = np.where(np.abs(clipped - levels) <= MOST * (high - low), clipped, levels)
     known, side = flat, np.where(flat, clipped, np.float32(0.0))
@@ -251,8 +248,7 @@ def _halos(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the sizes of the halos on the light (n,) and dark (m,) sides of edges along the rows of a channel (H, W),
     over the contrast. Sides too near to an end of the scale, where a halo was cut off, do not count.
     """
-    if values.shape[1] <= 2 * REACH:
-        return np.empty(0), np.empty(0)
+
     steep = np.abs(values[:, REACH + 1 : 1 - REACH] - values[:, REACH - 1 : -REACH - 1]) >= 0.5 * CONTRAST
     y, x = np.nonzero(steep)
     lines = values[y[:, None], x[:, None] + np.arange(2 * REACH + 1)].astype(np.float64)

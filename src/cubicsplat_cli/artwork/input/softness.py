@@ -6,6 +6,8 @@ area has one colour, or a gradient; in a photo colours drift across it. The mean
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
@@ -41,7 +43,7 @@ class Softness:
     @property
     def drift(self) -> float:
         """The share, of the pixels that are neither edge nor ground, that drift; 0 if hardly any do."""
-        return _drift(self.soft, self.even)
+        return self.soft / (self.soft + self.even) if self.soft >= 0.1 else 0.0
 
     @property
     def drifts(self) -> bool:
@@ -51,11 +53,7 @@ class Softness:
         if self.drift <= MOST_DRIFT or _grain(self.levels, self.mask) < 0.004:
             return False
         left = float((self.mask & ~in_gradients(self.levels, 8)).sum()) / max(float(self.mask.sum()), 1.0)
-        return _drift(left * self.soft, self.even) > MOST_DRIFT
-
-
-def _drift(soft: float, even: float) -> float:
-    return soft / (soft + even) if soft >= 0.1 else 0.0
+        return replace(self, soft=left * self.soft).drift > MOST_DRIFT
 
 
 def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
@@ -94,9 +92,7 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
 
 
 def _grain(levels: np.ndarray, mask: np.ndarray) -> float:
-    """Return the share of the pixels of a mask (H, W) with a second difference of 2 levels, which rounding a ramp never
-    gives; 1 if all are on the border.
-    """
+    """Return the share of a mask (H, W) with second differences of 2 levels, above what rounding gives; 1 if empty."""
     turned = (levels, mask), (levels.swapaxes(0, 1), mask.T)
     bent = np.concatenate([largest(_bends(lines))[inside[:, 1:-1]] >= 2.0 for lines, inside in turned])
     return float(bent.mean()) if len(bent) else 1.0

@@ -24,10 +24,8 @@ ALIKE = 0.1  # share by which the contrasts of two parts with one fill may diffe
 
 @record
 class _Parts:
-    """k parts on grounds whose rows hardly change.
-
-    at: (n,) the pixels of all parts, numbered by rows; own: (n,) int, the part of each; off: (n, 3) levels by which
-    they differ from the ground; ground: (n, 3) levels. count: k.
+    """k parts on grounds whose rows hardly change. at: (n,) their pixels, numbered by rows; own: (n,) int, the part of
+    each; off: (n, 3) levels by which they differ from the ground; ground: (n, 3) levels. count: k.
     """
 
     at: np.ndarray
