@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.channels import light_of_srgb
-from cubicsplat_cli.artwork.input.few_colours import rounding_noise
+from cubicsplat_cli.artwork.input.condition import rounding_noise
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.files.load import as_picture
 

@@ -11,10 +11,11 @@ from cubicsplat_cli.artwork.gradients.bands import banded_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients, without_noisy_gradients
 from cubicsplat_cli.artwork.input.chroma import mixture_of
+from cubicsplat_cli.artwork.input.condition import MISFIT
 from cubicsplat_cli.artwork.input.pens import sharpened
 from cubicsplat_cli.artwork.input.prepare import PreparedInput
 from cubicsplat_cli.artwork.input.recompressed import EDGE_ERROR, SMOOTHED, before_compression
-from cubicsplat_cli.artwork.input.restore import MISFIT, restored
+from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.layers.translucent import TranslucentPart, parts_of
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions

@@ -19,9 +19,9 @@ from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, joine
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
-from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
+from cubicsplat_cli.artwork.input.condition import MISFIT, OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import UNLIKE, calm_pixels
-from cubicsplat_cli.artwork.input.restore import BLUR_REACH, JPEG_TIMES, MISFIT, seen_as
+from cubicsplat_cli.artwork.input.restore import BLUR_REACH, JPEG_TIMES, seen_as
 from cubicsplat_cli.artwork.regions.fills import BLEND
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage

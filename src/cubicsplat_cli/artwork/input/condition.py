@@ -1,4 +1,5 @@
-"""Estimate the degradation of a picture since it was drawn: noise, compression, blur, or missing anti-aliasing.
+"""Estimate the degradation of a picture since it was drawn: noise, compression, blur, missing anti-aliasing, or the
+rounding of its colours to a few.
 
 Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
 """
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import LUMA, are_few, commonest, in_blocks, packed
+from cubicsplat_cli.artwork.channels import LUMA, are_few, blend_of, commonest, in_blocks, packed, unpacked
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, MOST_PALETTE
 from cubicsplat_cli.artwork.regions.sampling import CONTRAST, EXAMINED, FEW_SAMPLES, FEWEST, ONE_SAMPLE, aliased
 from cubicsplat_cli.artwork.settings import MOST_COLORS
@@ -18,6 +19,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import edge_variances, second_differences, spread
 
 OUTLIER = 4.0  # standard deviations; what is farther off is no noise
+MISFIT = 1.0  # levels by which pixels are off the model of a restored picture beyond their noise
 SECOND = 6.0**0.5  # standard deviation of a second difference of white noise of 1: weights 1, -2 and 1
 ROUGH = 3.0  # levels of a second difference that neither even areas nor gradients have
 # px of the blocks to which planes are fitted; levels by which nearly all are off, of which rounding makes 0.29, and
@@ -41,6 +43,10 @@ SEEN = np.append(LUMA, 0.7).astype(np.float32)
 LEAST_BLUR, LEAST_BLUR_OF_JPEG = 0.35, 0.6
 NEAR_EDGES = 2.0  # times as much as elsewhere, by which the pixels of a JPEG are off a few px from edges
 SKEWED = 2.0  # how many times as far as the upper quartile the lower one is off the median where some edges are sharp
+# Fewer different blends do not tell. Of the blends in pictures of 16 or 32 colours, 0.3 to 0.85 are rounded off their
+# lines, unless the palette holds them all, and in those of 64 up to 0.7; in plain drawings at most 0.18.
+FEWEST_BLENDS, ROUNDED = 20, 0.25
+NEARLY = 1.0  # levels by which another colour may be nearer to a blend: palettes are not searched exactly
 
 
 @dataclass(frozen=True)
@@ -152,10 +158,9 @@ def _cut_off(colours: np.ndarray) -> np.ndarray:
 
 
 def _drift(levels: np.ndarray, *, compressed: bool) -> float:
-    """Return the standard deviation, in levels, of noise that drifts; 0 unless nearly all blocks without edges are off
-    the planes fitted to them by more than rounding leaves.
-
-    Pictures of generators, and those that were made smaller after a loss, have such noise, alike over several px.
+    """Return the standard deviation, in levels, of noise that drifts, alike over several px, as in the pictures of
+    generators and in those made smaller after a loss; 0 unless nearly all blocks without edges are off the planes
+    fitted to them by more than rounding leaves.
     """
     blocks = in_blocks(levels[..., :3], PLANE)
     blocks = blocks.reshape(*blocks.shape[:2], PLANE**2, 3)
@@ -197,7 +202,7 @@ def _compressed(levels: np.ndarray, rough: np.ndarray, spans: np.ndarray, quiet:
     if not ripples and rough.sum() <= 0.02 * near.sum():
         return False
     luma, opaque, colours = levels @ SEEN, bool((levels[..., 3] >= 255.0).all()), levels[..., :3]
-    # A GIF or a palette has 256 colours, not all grey, whose rounding makes a picture rough.
+    # A GIF or a palette has at most 256 colours, not all grey, whose rounding makes a picture rough.
     indexed = bool((colours != colours[..., :1]).any()) and are_few(packed(colours), MOST_COLORS)
     coefficients = _coefficients(luma, 0)
     # Ringing leaves 3 x 3 px alike in hardly any block with an edge: in at most 0.05 of them in JPEGs of quality 60 to
@@ -235,7 +240,6 @@ def rippled(levels: np.ndarray) -> bool:
 
 def _rippled(levels: np.ndarray, rough: np.ndarray, near: np.ndarray, spans: np.ndarray, quiet: np.ndarray) -> bool:
     """Return True if a picture's fills ripple 5 to 8 px from edges, beyond the filters that make pictures smaller.
-
     rough, near, quiet: (H, W) bool, the rough pixels, the quiet ones near edges, and all quiet ones.
 
     In clean pictures, and in those reduced by Lanczos' filter, at most 0.008 of the pixels there that are nearly of a
@@ -340,3 +344,43 @@ def blurred_everywhere(levels: np.ndarray) -> bool:
 def _variances(levels: np.ndarray, even: float) -> np.ndarray:
     """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels."""
     return edge_variances(levels, levels @ SEEN, EXAMINED, even, CONTRAST, 0.1)
+
+
+def rounding_noise(levels: np.ndarray) -> float:
+    """Return the noise, in levels, that the rounding of a picture to a few colours without dither, as in GIFs and PNGs
+    with a short palette, makes of blends; 0 if it was not rounded, or by little.
+
+    A pixel on an edge should lie on the line between the colours that it blends. Rounded, it has the one of the few
+    that is nearest to the blend, and its distance from the line shows the error of all blends. A uniform error of
+    standard deviation s ends at sqrt(3) s. `restore` expects that noise, and its MISFIT, end at OUTLIER times theirs.
+    """
+    numbers = packed(np.rint(levels))
+    kinds, counts = np.unique(np.concatenate([_blends(numbers), _blends(numbers.T)]), axis=0, return_counts=True)
+    first, value, last = (unpacked(column) for column in kinds.T)
+    share, off = blend_of(value, first, last)
+    error = np.linalg.norm(off, axis=-1)
+    wide = np.linalg.norm(last - first, axis=-1) > CONTRAST
+    if wide.sum() < FEWEST_BLENDS or (error[wide] > ROUGH).mean() < ROUNDED:
+        return 0.0
+    colours = np.unique(numbers)
+    if len(colours) > MOST_COLORS:
+        return 0.0
+    from scipy.spatial import cKDTree  # takes a while to import, and few pictures come to it
+
+    least, _ = cKDTree(unpacked(colours)).query(first + share[:, None] * (last - first))
+    nearest = wide & (error <= least + NEARLY)
+    if (nearest & (error > ROUGH)).sum() < ROUNDED * wide.sum():
+        return 0.0
+    # The error of a channel, of which two are off the line.
+    deviation = float(np.sqrt(0.5 * np.average(error[nearest] ** 2, weights=counts[nearest])))
+    return max(0.0, 3.0**0.5 * deviation / OUTLIER - MISFIT)
+
+
+def _blends(numbers: np.ndarray) -> np.ndarray:
+    """Return (n, 3): the colours of single pixels, between those of two runs of 2 px or more to the left and right of
+    them, of a picture (H, W) in numbers for colours.
+    """
+    count = max(0, numbers.shape[1] - 4)
+    before, left, middle, right, after = (numbers[:, k : k + count] for k in range(5))
+    single = (before == left) & (left != middle) & (middle != right) & (right == after) & (left != right)
+    return np.stack([left[single], middle[single], right[single]], axis=1)

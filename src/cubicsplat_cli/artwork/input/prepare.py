@@ -14,10 +14,15 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_blurred_gradients
-from cubicsplat_cli.artwork.input.condition import LEAST_BLUR_OF_JPEG, Condition, blurred_everywhere, condition_of
+from cubicsplat_cli.artwork.input.condition import (
+    LEAST_BLUR_OF_JPEG,
+    Condition,
+    blurred_everywhere,
+    condition_of,
+    rounding_noise,
+)
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.few_colours import rounding_noise
 from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import WHITE, scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
@@ -117,7 +122,7 @@ def analysed(target: np.ndarray, compression: Compression | None = None) -> Prep
     return replace(prepared, condition=condition, compression=compression, edge_notes=tuple(notes))
 
 
-def without_filters(levels: np.ndarray, *, lossy: bool = False) -> tuple[np.ndarray, list[str]]:
+def without_filters(levels: np.ndarray, *, lossy: bool) -> tuple[np.ndarray, list[str]]:
     """Return a picture (H, W, 4) in levels without what programs do to a finished one, and notes on that: colour
     fringes of text, and sharpening; the same array if nothing was done. lossy: True if its file was compressed with
     loss, whose ringing looks like sharpening.
@@ -174,4 +179,4 @@ def _prepared(
 
 def as_levels(target: np.ndarray) -> np.ndarray:
     """Return (H, W, 4) float32 premultiplied RGBA in levels of 0..255, of a picture in [0, 1] (H, W, 3 or 4)."""
-    return np.asarray(with_channels(np.asarray(target, dtype=np.float32), 4) * np.float32(255.0))
+    return with_channels(np.asarray(target, dtype=np.float32), 4) * np.float32(255.0)

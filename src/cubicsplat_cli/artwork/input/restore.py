@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import blend_of, commonest, largest
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA, RGB, explained, mixture_of, smeared, with_sharp_chroma
-from cubicsplat_cli.artwork.input.condition import OUTLIER, Condition
+from cubicsplat_cli.artwork.input.condition import MISFIT, OUTLIER, Condition
 from cubicsplat_cli.artwork.input.palette import FAR, even_fills, missing_colours, noisy_fills, reach_of, square_fills
 from cubicsplat_cli.artwork.regions.fills import APART, FLAT_RANGE, LONG, SAME, TOGETHER, picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import MOST_SEEN, NONE, missing_fills, solid_labels, with_lines
@@ -23,9 +23,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import REACH, best_blend, blend_with, near_fills, nearest_fills, relabelled, spread
 from cubicsplat_cli.record import record
 
-# Levels by which pixels are off the model beyond their noise; and times the noise that they are off near a JPEG's
-# edges.
-MISFIT, JPEG_TIMES = 1.0, 4.0
+JPEG_TIMES = 4.0  # times the noise by which pixels near a JPEG's edges are off
 NO_BLEND = 6.0  # times the misfit by which other colours are off; errors of rounding are bounded, so less tells there
 NOWHERE = 3.0  # nats for a fill that is nowhere solid nearby
 NEIGHBOUR = 0.7  # nats for each neighbour of another fill: odds of 2 to 1
@@ -86,20 +84,20 @@ def restored(
         palette = np.vstack([palette, missing_colours(levels, palette, nearest, condition)])
     thick, squares = len(palette), NONE
     if thick <= MOST_SEEN:
-        reach = reach_of(condition)
         # What a JPEG's chroma smears beside edges is no fill.
+        reach = reach_of(condition)
         apart = reach * (FAR if condition.jpeg else 1.0)
         squares = square_fills(levels, seen, palette @ space, sigma, reach, apart)
         if not condition.jpeg:
             palette = np.vstack([palette, squares])
-            thin = _line_fills(seen, palette @ space, sigma, (OUTLIER if condition.rounded else NO_BLEND) * sigma)
-            palette = np.vstack([palette, np.clip(thin @ np.linalg.inv(space), 0.0, 255.0)])
+            thin = _line_fills(seen, palette, sigma, (OUTLIER if condition.rounded else NO_BLEND) * sigma)
+            palette = np.vstack([palette, np.clip(thin, 0.0, 255.0)])
     if condition.jpeg:
         palette, labels = _with_small_parts(stored, seen, palette, sigma, squares, condition)
         near = np.where(_shows_inside(labels, len(palette)), np.inf, ONE_COLOUR)
         palette = rounded_as_jpegs(_median_fills(levels, palette, labels, near))
     else:
-        labels = labelled(seen, palette @ space, sigma, thick)
+        labels = labelled(seen, palette, sigma, thick)
         fills_of = _commonest_colours if condition.rounded else _median_fills
         palette = fills_of(levels, palette, labels)
     for fill in placeholders:
@@ -125,9 +123,8 @@ def _nearby_line_fills(seen: np.ndarray, fills: np.ndarray, pure: np.ndarray, si
     (H, W, 4) that are off all blends of fills nearby by more than six times the misfit sigma. pure: (H, W) int32, the
     fill of each pixel that is near one, -1 of others.
     """
-    solid = solid_labels(pure)
     y, x = np.nonzero(pure < 0)
-    near = near_fills(solid, y, x, REACH)
+    near = near_fills(solid_labels(pure), y, x, REACH)
     odd = (best_blend(seen[y, x], fills, near)[1] > NO_BLEND * sigma) & (near[:, 0] >= 0)
     y, x = y[odd], x[odd]
     return missing_fills(seen, (y, x), fills[near[odd, 0]], ONE_COLOUR, NO_BLEND * sigma)
@@ -228,7 +225,7 @@ def _borders(labels: np.ndarray) -> int:
 
 def _shows_inside(labels: np.ndarray, count: int) -> np.ndarray:
     """Return (count,) bool: True for fills that enough pixels show away from edges."""
-    return np.asarray(np.bincount(labels[depth_in(labels) >= INSIDE], minlength=count) >= FEWEST_INSIDE)
+    return np.bincount(labels[depth_in(labels) >= INSIDE], minlength=count) >= FEWEST_INSIDE
 
 
 def depth_in(labels: np.ndarray) -> np.ndarray:
