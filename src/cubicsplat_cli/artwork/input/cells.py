@@ -77,10 +77,8 @@ def cells_of(target: np.ndarray) -> Cells | None:
 
 
 def forced_cells(target: np.ndarray) -> Cells:
-    """Return the cells of any picture; single pixels if it has none larger.
-
-    They have at most 4096 colours, and fewer if they are very many, since each colour is sought among all cells. Raises
-    InputError if there are more than MOST_CELLS.
+    """Return the cells of any picture, single pixels if it has none larger, in at most 4096 colours: fewer if they are
+    very many, since each colour is sought among all cells. Raises InputError if there are more than MOST_CELLS.
     """
     grid = exact_grid(target)
     rows, columns = len(grid.y) - 1, len(grid.x) - 1
@@ -177,8 +175,7 @@ def _keys(levels: np.ndarray) -> np.ndarray:
 def _distinct(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the different colours (K, 4) of cells (R, C, 3 or 4) in levels, and (R, C) the number of each cell's."""
     first, numbers = distinct(_keys(levels))
-    colours = levels.reshape(-1, levels.shape[2])[first].astype(np.float64)
-    return with_channels(colours, 4, 255.0), numbers
+    return with_channels(levels.reshape(-1, levels.shape[2])[first].astype(np.float64), 4, 255.0), numbers
 
 
 def _merged(levels: np.ndarray, apart: float, free: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -193,9 +190,8 @@ def _most_colours(cells: int) -> int:
 
 
 def _are_meant(cells: Cells, *, enlarged: bool = False) -> bool:
-    """Return True if a picture is made of cells: pixel art, and no photo or drawing that has them by chance.
-
-    enlarged: True if the picture was enlarged smoothly, to these pixels times a factor.
+    """Return True if a picture is made of cells: pixel art, and no photo or drawing that has them by chance. enlarged:
+    True if the picture was enlarged smoothly, to these pixels times a factor.
     """
     numbers, count, larger = cells.numbers, len(cells.colours), cells.side > 1.0
     small, levels = max(numbers.shape) <= SMALL, cells.colours[numbers]
@@ -204,9 +200,8 @@ def _are_meant(cells: Cells, *, enlarged: bool = False) -> bool:
         return False
     if numbers.size * cells.side**2 <= 64:  # px, so few that each counts
         return True
-    corners = _corners(numbers)
     # With fewer corners it is a few shapes on a grid.
-    if corners < max(numbers.size / 64.0, 16 if larger else 1):
+    if _corners(numbers) < max(numbers.size / 64.0, 16 if larger else 1):
         return False
     # Of the pixels at borders, 0.2 to 0.55 stand alone in drawn sprites and scenes, and less in aliased drawings of 48
     # px and more; in small pictures 0.04 and more in sprites, less than 0.03 in plain symbols.

@@ -27,30 +27,24 @@ BESIDE = 0.25  # share of the value beside a pixel's own one when libjpeg enlarg
 SNAP = 0.08  # shares this near to 0 or 1 are; one of 4 x 4 samples is 0.0625
 REWEIGHTED = 4  # rounds of least squares with Cauchy's weights
 PRIOR = 2.0  # px; weight of the former value of each fill
+Axes = tuple[int, ...]  # along which chroma is stored at half its size: 0 for rows, 1 for columns
 
 
 def explained(
-    seen: np.ndarray,
-    mixture: Mixture,
-    fills: np.ndarray,
-    free: np.ndarray,
-    odd: np.ndarray,
-    sigma: float,
-    halved: tuple[int, ...],
+    seen: np.ndarray, mixture: Mixture, fills: np.ndarray, free: np.ndarray, odd: np.ndarray, sigma: float, halved: Axes
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Return the fills (P, 4) that explain a picture best, the cost of their residuals in nats, and the colours (k, 4)
     of pixels with large residuals; all as luma, chroma and opacity in levels.
 
     seen: (H, W, 4) the picture; fills: (P, 4); free: (P,) bool, those to be fitted; odd: (H, W) bool, pixels that
-    count though they may lie away from edges; sigma: levels by which luma is off near edges; halved: as of a condition.
+    count though they may lie away from edges; sigma: levels by which luma is off near edges.
     """
-    fills, clipped = fills.copy(), _clipping(mixture.painted(fills), halved)
-    small = _halved(seen - clipped, halved)
+    fills, seen = fills.copy(), seen - _clipping(mixture.painted(fills), halved)
     mixed = ~ndimage.alike(mixture.labels, 5) | free[mixture.labels] | odd
-    fills[:, 0], luma_cost = _fit_luma(seen[..., 0] - clipped[..., 0], mixture, mixed, fills[:, 0], free, sigma)
+    fills[:, 0], luma_cost = _fit_luma(seen[..., 0], mixture, mixed, fills[:, 0], free, sigma)
     y, x = np.nonzero(_halved(mixed, halved) > 0.0)
     columns = [_again(_halved(mixture.coverage(k), halved), halved)[y, x] for k in range(len(fills))]
-    shares, values = np.stack(columns, axis=1).astype(np.float64), small[y, x]
+    shares, values = np.stack(columns, axis=1).astype(np.float64), _halved(seen, halved)[y, x]
     fills[:, 1:3], rest = _fit_chroma(shares, values[:, 1:3], fills[:, 1:3], free, sigma)
     off = np.hypot(rest[:, 0], rest[:, 1])
     strange = off > max(12.0, 5.0 * float(np.median(off)) if len(off) else 0.0)
@@ -61,7 +55,7 @@ def explained(
 
 
 def smeared(fill: np.ndarray, palette: np.ndarray) -> bool:
-    """Return True if sharpened chroma makes a colour (4,) of a fill of a palette (P, 4), less another one's chroma."""
+    """Return True if a colour (4,) is one of a palette (P, 4) less some chroma of another, as sharpening leaves."""
     seen = palette @ LUMA_CHROMA
     steps = (seen[:, None] - seen) * [0.0, 1.0, 1.0, 0.0]
     steps[largest(np.abs(steps)) <= APART] = 0.0
@@ -77,13 +71,14 @@ def _fit_luma(
     y, x = np.nonzero(mask)
     own, other, share = (plane[y, x] for plane in (mixture.labels, mixture.other, mixture.share))
     count, out, value = len(fills), fills.copy(), luma[y, x].astype(np.float64)
+    parts = (own, 1.0 - share), (other, share)
     rest = value - (1.0 - share) * out[own] - share * out[other]
     for _ in range(REWEIGHTED):
         weight = 1.0 / (1.0 + (rest / sigma) ** 2)
         gram, right = np.zeros((count, count)), np.zeros(count)
-        for a, s in ((own, 1.0 - share), (other, share)):
+        for a, s in parts:
             right += np.bincount(a, weight * s * rest, count)
-            for b, t in ((own, 1.0 - share), (other, share)):
+            for b, t in parts:
                 gram += np.bincount(a * count + b, weight * s * t, count * count).reshape(count, count)
         out[free] += np.linalg.solve(gram[np.ix_(free, free)] + PRIOR * np.eye(int(free.sum())), right[free])
         rest = value - (1.0 - share) * out[own] - share * out[other]
@@ -104,7 +99,7 @@ def _fit_chroma(
     return out, rest
 
 
-def _halved(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+def _halved(values: np.ndarray, axes: Axes) -> np.ndarray:
     """Return values (H, W, ...) at half their size along some axes, the means of two px, float32."""
     values = values.astype(np.float32)
     for axis in axes:
@@ -114,7 +109,7 @@ def _halved(values: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
     return values
 
 
-def _clipping(painted: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
+def _clipping(painted: np.ndarray, halved: Axes) -> np.ndarray:
     """Return (H, W, 4): the change of a picture (H, W, 4) when its channels are clipped to 0..255 with the chroma that
     is stored, which may be too strong for the luma of a pixel; both as luma, chroma and opacity.
     """
@@ -123,7 +118,7 @@ def _clipping(painted: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     return np.asarray(np.clip(made @ RGB, 0.0, 255.0) @ LUMA_CHROMA - made, np.float32)
 
 
-def _stored(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
+def _stored(values: np.ndarray, halved: Axes) -> np.ndarray:
     """Return values (H, W, C), stored at half their size along some axes, as they are read, float32."""
     out = _halved(values, halved)
     for axis in halved:
@@ -135,7 +130,7 @@ def _stored(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     return out[: values.shape[0], : values.shape[1]]
 
 
-def _again(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
+def _again(values: np.ndarray, halved: Axes) -> np.ndarray:
     """Return values (H, W, ...), halved along some axes, once they are enlarged and halved again."""
     weights = np.array([0.5 * BESIDE, 1.0 - BESIDE, 0.5 * BESIDE], dtype=np.float32)
     for axis in halved:
@@ -143,7 +138,7 @@ def _again(values: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
     return values
 
 
-def with_sharp_chroma(seen: np.ndarray, halved: tuple[int, ...]) -> np.ndarray:
+def with_sharp_chroma(seen: np.ndarray, halved: Axes) -> np.ndarray:
     """Return a picture (H, W, 4) as luma, chroma and opacity in levels, with the chroma that was lost when it was
     stored at half its size along some axes: around every pixel, in 9 x 9 px, chroma follows luma as their halved
     versions do.

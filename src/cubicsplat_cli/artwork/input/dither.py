@@ -108,7 +108,7 @@ def _high_in_frequency(levels: np.ndarray) -> np.ndarray:
     products = np.zeros(levels.shape[:2], dtype=np.float32)
     products[:, 1:] += (residual[:, 1:] * residual[:, :-1]).sum(axis=-1)
     products[1:] += (residual[1:] * residual[:-1]).sum(axis=-1)
-    return np.asarray(ndimage.uniform_filter(products, AROUND, mode="constant") < 0.0)
+    return ndimage.uniform_filter(products, AROUND, mode="constant") < 0.0
 
 
 def _repeated(colours: np.ndarray, dots: np.ndarray) -> float:

@@ -82,7 +82,6 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     def best(length: int) -> Kernel:
         return min(KERNELS, key=lambda kernel: error((length, kernel)))
 
-    @cache
     def stands_out(length: int) -> float:
         kernel = best(length)
         if (least := error((length, kernel))) > OFF:
@@ -137,12 +136,8 @@ def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
     """
     from scipy.linalg import cho_solve_banded, cholesky_banded  # see _enlarging
 
-    gram = (enlarging.T @ enlarging).todia()
-    bands = np.zeros((int(gram.offsets.max()) + 1, gram.shape[0]))
-    for offset, diagonal in zip(gram.offsets, gram.data, strict=True):
-        if offset <= 0:
-            # In dia format, diagonals below the main one begin at the start of their rows.
-            bands[-offset, : gram.shape[0] + offset] = diagonal[: gram.shape[0] + offset]
+    gram = enlarging.T @ enlarging
+    bands = np.stack([np.pad(gram.diagonal(-k), (0, k)) for k in range(gram.todia().offsets.max() + 1)])
     factors = (cholesky_banded(bands, lower=True), True)
     flat = lines.reshape(len(lines), -1).astype(np.float64)
     low, high = flat <= 0.5, flat >= 254.5

@@ -17,7 +17,7 @@ _FINER = 16  # times as many frequencies as px, so that a period is exact to a f
 
 @record
 class Grid:
-    """x: (C + 1,) and y: (R + 1,) int px, the borders of columns and rows. side: px, the mean shorter one of cells."""
+    """x: (C + 1,) and y: (R + 1,) int, px, the borders of columns and rows. side: the shorter mean side of cells."""
 
     x: np.ndarray
     y: np.ndarray

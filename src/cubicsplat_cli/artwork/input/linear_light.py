@@ -72,7 +72,7 @@ def _edges(colours: np.ndarray) -> np.ndarray:
 def _alike(colours: np.ndarray) -> np.ndarray:
     """Return (H, W - 2) bool: True for three pixels in a row of (H, W, 3) that have one colour."""
     steps = largest(np.abs(np.diff(colours, axis=1)))
-    return np.asarray((steps[:, :-1] == 0.0) & (steps[:, 1:] == 0.0))
+    return (steps[:, :-1] == 0.0) & (steps[:, 1:] == 0.0)
 
 
 def _places(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -207,8 +207,7 @@ def _on_ramps(seen: np.ndarray, mean: np.ndarray, sigma: float) -> np.ndarray:
     """
     padded = np.pad(seen, ((BESIDE, BESIDE), (BESIDE, BESIDE), (0, 0)), mode="edge")
     out = np.zeros(mean.shape[:2], dtype=bool)
-    turned = out.T, padded.swapaxes(0, 1), mean.swapaxes(0, 1)
-    for part, around, middle in ((out, padded, mean), turned):
+    for part, around, middle in ((out, padded, mean), (out.T, padded.swapaxes(0, 1), mean.swapaxes(0, 1))):
         height, width = middle.shape[:2]
         # The two pixels beside the square, in its rows or columns.
         pair = 0.5 * (around[BESIDE : BESIDE + height] + around[BESIDE + 1 : BESIDE + height + 1])

@@ -21,19 +21,19 @@ from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.record import record
 
 REACH, STEP = 8.0, 0.5  # px to either side of a line, and between the samples of a profile
+OFFSETS = np.arange(-REACH, REACH + 0.5 * STEP, STEP)  # px across a line, of the samples
 TINT = 0.25  # difference of tints (channels over luma) within which they are one
 FEWEST = 80  # places of a kind of line
 
 
 @record
 class Profiles:
-    """places: (n, 2) x and y, px, on lines. depths: (n, u) levels darker than paper at `offsets` (u,) px across them.
-    masses: (n,) integrals of the depth across, levels px; tints: (n, 3) those of the channels over that; both are means
-    of the places around.
+    """places: (n, 2) x and y, px, on lines. depths: (n, u) levels darker than paper at OFFSETS (u,). masses: (n,)
+    integrals of the depth across, levels px; tints: (n, 3) those of the channels over that; both are means of the
+    places around.
     """
 
     places: np.ndarray
-    offsets: np.ndarray
     depths: np.ndarray
     masses: np.ndarray
     tints: np.ndarray
@@ -47,17 +47,16 @@ def profiles_of(dark: np.ndarray, least: float) -> Profiles:
     """
     depth = dark @ LUMA
     places, directions = _ridges(depth, least)
-    offsets = np.arange(-REACH, REACH + 0.5 * STEP, STEP)
-    depths = _sampled(depth, places, directions, offsets)
+    depths = _sampled(depth, places, directions)
     outer = np.concatenate([depths[:, :3], depths[:, -3:]], axis=1).reshape(-1, 2, 3).mean(axis=2)
     alone = (np.abs(outer) <= least).all(axis=1)
     places, directions, depths = places[alone], directions[alone], depths[alone]
-    near = PointTree(places).query_ball_point(places, 8.0) if len(places) else []
+    near = PointTree(places).query_ball_point(places, 8.0)
     many = np.array([len(part) >= 6 for part in near], dtype=bool)
-    own = np.stack([_sampled(dark[..., k], places, directions, offsets).sum(axis=1) * STEP for k in range(3)], axis=-1)
+    own = np.stack([_sampled(dark[..., k], places, directions).sum(axis=1) * STEP for k in range(3)], axis=-1)
     masses = np.array([own[part].mean(axis=0) for part in near]).reshape(-1, 3)[many]
     total = masses @ LUMA
-    return Profiles(places[many], offsets, depths[many], total, masses / np.maximum(total, 1e-6)[:, None])
+    return Profiles(places[many], depths[many], total, masses / np.maximum(total, 1e-6)[:, None])
 
 
 def _ridges(depth: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
@@ -82,11 +81,11 @@ def _ridges(depth: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([x, y], axis=1) + shift[line][:, None] * direction[line], direction[line]
 
 
-def _sampled(values: np.ndarray, places: np.ndarray, directions: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """Return (n, u): values (H, W) at offsets (u,) px from places (n, 2) along directions (n, 2), by cubic splines."""
+def _sampled(values: np.ndarray, places: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Return (n, u): values (H, W) at OFFSETS (u,) from places (n, 2) along directions (n, 2), by cubic splines."""
     from scipy import ndimage
 
-    at = places[:, None] + offsets[None, :, None] * directions[:, None]
+    at = places[:, None] + OFFSETS[None, :, None] * directions[:, None]
     return ndimage.map_coordinates(values, [at[..., 1], at[..., 0]], order=3, mode="nearest")
 
 
@@ -126,9 +125,8 @@ def pens_of(bare: np.ndarray, paper: np.ndarray, grain: float) -> Pens | None:
 
 def _with_areas(pens: Pens, bare: np.ndarray, least: float) -> Pens | None:
     """Return the pens with the inks of areas, three times as wide as the widest line and its blur, that are off all
-    others by more than 40 levels; None if areas cover more than twice as much as lines.
-
-    least: levels by which ink is darker than paper.
+    others by more than 40 levels; None if areas cover more than twice as much as lines. least: levels by which ink is
+    darker than paper.
     """
     dark = ndimage.gaussian_filter((pens.paper - bare) @ LUMA, 1.0) > 2.0 * least
     wide = 3.0 * (float(np.quantile(pens.widths, 0.95)) + pens.blur) + 2.0
@@ -190,7 +188,7 @@ def _fitted(
     def off(x: np.ndarray) -> np.ndarray:
         depths, widths, grounds = x[1:].reshape(3, count)
         soft = np.sqrt(2.0 * (x[0] ** 2 + 1.0 / 12.0))  # a pixel is a square
-        u, half = lines.offsets / soft, 0.5 * widths[:, None] / soft
+        u, half = OFFSETS / soft, 0.5 * widths[:, None] / soft
         drawn = grounds[:, None] + 0.5 * depths[:, None] * (erf(u + half) - erf(u - half))
         thin = np.maximum(1.2 - widths, 0.0) / 0.2
         return np.concatenate([((drawn - means) / errors[:, None]).ravel(), (depths / black - 0.85) / 0.15, thin])
@@ -231,8 +229,7 @@ def sharpened(levels: np.ndarray, pens: Pens) -> tuple[np.ndarray, np.ndarray]:
     """Return the drawing as sharp and even as its pens drew it, (H, W, 4) float32 in levels: paper, inks, and blends of
     paper and one ink; and the fills (k, 4), the paper's first. levels: (H, W, 4) the drawing, paper elsewhere.
     """
-    drawn = np.any(levels[..., :3] != pens.paper, axis=-1)
-    owner = _owners(drawn, pens)
+    owner = _owners(np.any(levels[..., :3] != pens.paper, axis=-1), pens)
     # A pale ink shows in those channels that it darkens.
     depths = pens.paper - pens.inks
     weights = depths * LUMA

@@ -91,7 +91,7 @@ class PreparedInput:
 
 
 def analysed(target: np.ndarray, compression: Compression | None = None) -> PreparedInput:
-    """Prepare a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. compression: its file's, if any."""
+    """Prepare a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. compression: of a file with loss."""
     height, width = target.shape[:2]
     factor, notes = reduction(height, width), list[str]()
     original = as_levels(target)

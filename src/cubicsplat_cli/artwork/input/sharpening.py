@@ -183,7 +183,7 @@ def _misfits(profiles: np.ndarray, mask: UnsharpMask) -> np.ndarray:
         toward = np.einsum("ncp,csp,ncp->ncs", weights, shares, profiles[:, None] - np.clip(drawn, 0.0, 255.0))
         sides = np.clip(sides + np.linalg.solve(normal + UNTOLD * np.eye(2), toward[..., None])[..., 0], 0.0, 255.0)
     drawn = np.clip(np.einsum("ncs,csp->ncp", sides, shares), 0.0, 255.0)
-    return np.asarray(np.square(profiles[:, None] - drawn).mean(axis=2).min(axis=1))
+    return np.square(profiles[:, None] - drawn).mean(axis=2).min(axis=1)
 
 
 def _busiest(levels: np.ndarray) -> np.ndarray:
@@ -201,7 +201,7 @@ def _rough(levels: np.ndarray) -> float:
 
 def _even(levels: np.ndarray, most: float) -> np.ndarray:
     """Return (H, W) bool: pixels away from edges and halos, where second differences are at most so many levels."""
-    return np.asarray(ndimage.maximum_filter(second_differences(levels), 3) <= most)
+    return ndimage.maximum_filter(second_differences(levels), 3) <= most
 
 
 def _range_of(levels: np.ndarray, even: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -249,8 +249,7 @@ def _halos(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     over the contrast. Sides too near to an end of the scale, where a halo was cut off, do not count.
     """
 
-    steep = np.abs(values[:, REACH + 1 : 1 - REACH] - values[:, REACH - 1 : -REACH - 1]) >= 0.5 * CONTRAST
-    y, x = np.nonzero(steep)
+    y, x = np.nonzero(np.abs(values[:, REACH + 1 : 1 - REACH] - values[:, REACH - 1 : -REACH - 1]) >= 0.5 * CONTRAST)
     lines = values[y[:, None], x[:, None] + np.arange(2 * REACH + 1)].astype(np.float64)
     falling = lines[:, 0] > lines[:, -1]
     lines[falling] = lines[falling, ::-1]

@@ -67,22 +67,16 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     # 0.6745: median of a normal error's size.
     noisy = 2 * np.count_nonzero(bends > NOISY * 0.6745 * SECOND) > bends.size
     means, slopes = planes(values, 9 if noisy else 5)
-    places, count = ndimage.label((slopes <= 1.2) & drawn)
+    places, count = ndimage.large_parts((slopes <= 1.2) & drawn, 9)
     inside = places > 0
-    order = np.argsort(places[inside], kind="stable")
-    lengths = np.bincount(places[inside], minlength=count + 1)[1:]
-    ends = np.cumsum(lengths)
-    sorted_means = means[inside][order]
-    soft = np.zeros(len(order), dtype=bool)
+    inner, ends = means[inside], np.cumsum(np.bincount(places[inside], minlength=count + 1)[1:])
+    soft = np.zeros(len(inner), dtype=bool)
     colours, sizes = [np.full(levels.shape[2], -1e3)], [0]
-    for start, end in zip(ends - lengths, ends, strict=True):
-        if end - start < 9:
-            continue
-        middle = np.median(sorted_means[start:end], axis=0)
-        off = largest(np.abs(sorted_means[start:end] - middle)) > 4.0
-        soft[order[start:end]] = off
+    for own in np.split(np.argsort(places[inside], kind="stable"), ends)[:-1]:
+        middle = np.median(inner[own], axis=0)
+        soft[own] = largest(np.abs(inner[own] - middle)) > 4.0
         colours.append(middle)
-        sizes.append(int((~off).sum()))
+        sizes.append(int((~soft[own]).sum()))
     total, area = float(drawn.sum()), np.array(sizes, dtype=float)
     ground = np.abs(np.array(colours) - colours[int(area.argmax())]).max(axis=1) <= 6.0
     mask = np.zeros(places.shape, dtype=bool)

@@ -44,8 +44,7 @@ class _Parts:
 
 
 def without_subpixels(levels: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, 4) in levels with its LCD text anti-aliased by whole pixels; the same array if it has
-    none.
+    """Return a picture (H, W, 4) in levels with its LCD text anti-aliased by whole pixels; the same array without any.
 
     Text for certain has red and blue offset by 1/6 to 2/3 of a pixel (the difference of two pixels is less than the
     slope between them), which explains half of the squares of its colour fringes; for parts with the fill of other
@@ -117,10 +116,8 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> tuple[n
     contrast = totals[parts.own]
     share = (parts.off * contrast).sum(axis=1) / square[parts.own]
     fringe = parts.off - share[:, None] * contrast
-    row = np.zeros((size[0], size[1] + 2))
-    inner = parts.at + 2 * (parts.at // size[1]) + 1
-    row.ravel()[inner] = share
-    slope = 0.5 * (row.ravel()[inner + 1] - row.ravel()[inner - 1])
+    rows = np.pad(np.bincount(parts.at, share, size[0] * size[1]).reshape(size), ((0, 0), (1, 1)))
+    slope = 0.5 * (rows[:, 2:] - rows[:, :-2]).ravel()[parts.at]
     lean = totals * (OFFSETS - (totals**2 @ OFFSETS / square)[:, None])
     moved = lean[parts.own] * slope[:, None]
     both = parts.sums((fringe * moved).sum(axis=1))
