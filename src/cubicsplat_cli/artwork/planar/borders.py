@@ -31,7 +31,7 @@ class Run:
     piece: int
     t: tuple[float, float]
     edges: list[Step]
-    loop: int = -1
+    loop: int
 
 
 @record
@@ -50,18 +50,14 @@ def borders_of(faces: Faces, region: np.ndarray, sources: Sources) -> Borders:
     kept = left != right
     runs: list[Run] = []
     for number, (chain, closed) in enumerate(_chains(faces, kept)):
-        found = _along_pieces(chain, faces, sources, closed)
-        for run in found if closed else ():
-            run.loop = number
-        runs += found
+        runs += _along_pieces(chain, faces, sources, number if closed else -1)
     ends = np.array([_ends(run, faces) for run in runs], dtype=np.int64).reshape(-1, 2)
     return Borders(runs, ends, _cycles(faces, region, kept, runs))
 
 
 def _ends(run: Run, faces: Faces) -> tuple[int, int]:
     (first, ahead), (last, onward) = run.edges[0], run.edges[-1]
-    start = faces.tail[first] if ahead else faces.head[first]
-    return int(start), int(faces.head[last] if onward else faces.tail[last])
+    return int(faces.ends[first, int(not ahead)]), int(faces.ends[last, int(onward)])
 
 
 def _chains(faces: Faces, kept: np.ndarray) -> list[tuple[list[Link], bool]]:
@@ -69,13 +65,15 @@ def _chains(faces: Faces, kept: np.ndarray) -> list[tuple[list[Link], bool]]:
     edges = np.flatnonzero(kept).tolist()
     meetings: dict[int, list[Link]] = defaultdict(list)
     for e in edges:
-        meetings[int(faces.tail[e])].append((e, 0))
-        meetings[int(faces.head[e])].append((e, 1))
+        for end in (0, 1):
+            meetings[int(faces.ends[e, end])].append((e, end))
     return rows_of(edges, pairs_of(meetings.values()))
 
 
-def _along_pieces(chain: list[Link], faces: Faces, sources: Sources, closed: bool) -> list[Run]:
-    """The runs of a chain: it keeps to a piece as long as that goes on, then takes the one that follows it."""
+def _along_pieces(chain: list[Link], faces: Faces, sources: Sources, loop: int) -> list[Run]:
+    """The runs of a chain: it keeps to a piece as long as that goes on, then takes the one that follows it. loop: as of
+    the runs.
+    """
     runs: list[Run] = []
     after = sources.after
     for e, entered in chain:
@@ -88,10 +86,10 @@ def _along_pieces(chain: list[Link], faces: Faces, sources: Sources, closed: boo
             last.edges.append((e, ahead))
             continue
         joined = ((p, t) for p, t in found if last and (after[last.piece] == p or after[p] == last.piece))
-        runs.append(Run(*next(joined, found[0]), [(e, ahead)]))
-    if closed and len(runs) > 1 and runs[0].piece == runs[-1].piece and _goes_on(runs[-1].t, runs[0].t):
+        runs.append(Run(*next(joined, found[0]), [(e, ahead)], loop))
+    if loop >= 0 and len(runs) > 1 and runs[0].piece == runs[-1].piece and _goes_on(runs[-1].t, runs[0].t):
         last = runs.pop()
-        runs[0] = Run(last.piece, (last.t[0], runs[0].t[1]), last.edges + runs[0].edges)
+        runs[0] = Run(last.piece, (last.t[0], runs[0].t[1]), last.edges + runs[0].edges, loop)
     return runs
 
 
@@ -157,8 +155,7 @@ def edges_of_borders(borders: Borders, faces: Faces, sources: Sources) -> Edges:
 
 def _clusters(borders: Borders, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
     """(V,) the node of each vertex, named by one of them, and (runs,) bool which runs lie within one."""
-    steps = np.hypot(*(faces.vertices[faces.head] - faces.vertices[faces.tail]).T) / GRID
-    lengths = np.array([steps[[e for e, _ in run.edges]].sum() for run in borders.runs])
+    lengths = np.array([faces.lengths[[e for e, _ in run.edges]].sum() for run in borders.runs])
     name = np.arange(len(faces.vertices))
     gone = np.zeros(len(lengths), dtype=bool)
 
@@ -255,7 +252,7 @@ def _smooth_pairs(ends: list[Link], borders: Borders, sources: Sources) -> list[
 def _smooth(p: int, t: float, q: int, u: float, sources: Sources) -> bool:
     if p == q:
         return min(t, 1.0 - t) > EXACT
-    for (a, at), (b, start) in (((p, t), (q, u)), ((q, u), (p, t))):
-        if sources.after[a] == b and bool(sources.smooth[a]) and at > 1.0 - EXACT and start < EXACT:
-            return True
-    return False
+    return any(
+        sources.after[a] == b and sources.smooth[a] and at > 1.0 - EXACT and start < EXACT
+        for (a, at), (b, start) in (((p, t), (q, u)), ((q, u), (p, t)))
+    )

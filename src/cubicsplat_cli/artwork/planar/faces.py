@@ -4,11 +4,11 @@ edge, without slivers.
 
 from __future__ import annotations
 
-from collections import deque
+from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.planar.snapping import GRID, Segments
+from cubicsplat_cli.artwork.planar.snapping import GRID, Segments, crossed
 from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 
@@ -20,71 +20,70 @@ LEAST_AREA, LEAST_WIDTH = 0.02, 0.05  # px^2, px
 
 @record
 class Faces:
-    """A planar map. vertices: (V, 2) int64, steps of the grid; tail, head: (E,) the vertices of the edges; following:
-    (2 E,) the half-edge after each along its face, half-edge 2 e running along edge e and 2 e + 1 back; face: (2 E,)
-    the face beside each half-edge, where its direction has it if x grows to the right and y upwards on the left; face 0
-    is all around. areas: (F,) square steps, infinite for face 0. runs: of each edge the (piece, t at tail, t at head)
-    that lie on it, the uppermost shape's first; covers: of each face the shapes that cover it, none beyond the canvas;
-    shown: (F,) the uppermost of these, NOTHING without.
-    """
+    """A planar map. vertices: (V, 2) int64, steps of the grid; ends: (E, 2) the vertices of the edges; following: (2
+    E,) the half-edge after each along its face, half-edge 2 e running along edge e and 2 e + 1 back; face: (2 E,) the
+    face beside each half-edge, where its direction has it if x grows to the right and y upwards on the left; face 0 is
+    all around. areas: (F,) square steps, infinite for face 0. runs: of each edge the (piece, t at tail, t at head) that
+    lie on it, the uppermost shape's first; covers: of each face the shapes that cover it, none beyond the canvas."""
 
     vertices: np.ndarray
-    tail: np.ndarray
-    head: np.ndarray
+    ends: np.ndarray
     following: np.ndarray
     face: np.ndarray
     areas: np.ndarray
     runs: list[list[tuple[int, float, float]]]
     covers: list[list[int]]
-    shown: np.ndarray
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """(E,) px of the edges."""
+        return np.asarray(np.hypot(*np.diff(self.vertices[self.ends], axis=1)[:, 0].T) / GRID)
 
 
 def faces_of(segments: Segments, shape: np.ndarray) -> Faces:
     """The planar map of segments that meet at their ends only. shape: (P,) the shape of each piece, the greatest that
     of the canvas, which bounds what shows.
     """
-    vertices, tail, head, runs, changes = _edges(segments, shape)
-    following = _following(vertices, tail, head)
-    cycle, areas = _cycles(vertices, tail, head, following)
-    face_of_cycle = _nested(vertices, tail, head, cycle, areas)
+    vertices, ends, runs, changes = _edges(segments, shape)
+    following = _following(vertices, ends)
+    cycle, areas = _cycles(vertices, ends, following)
+    face_of_cycle = _nested(vertices, ends, cycle, areas)
     face = face_of_cycle[cycle]
     sizes = np.bincount(face_of_cycle, 0.5 * areas, 1)
     sizes[0] = np.inf
     covers = _covers(face, changes, len(sizes), int(shape.max()))
-    shown = np.array([max(shapes, default=NOTHING) for shapes in covers])
-    return Faces(vertices, tail, head, following, face, sizes, runs, covers, shown)
+    return Faces(vertices, ends, following, face, sizes, runs, covers)
 
 
 def _edges(
     segments: Segments, shape: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[tuple[int, float, float]]], list[dict[int, int]]]:
-    """Vertices, tails, heads, runs, and of each edge by how much the winding numbers are greater on its left.
+) -> tuple[np.ndarray, np.ndarray, list[list[tuple[int, float, float]]], list[dict[int, int]]]:
+    """Vertices, ends, runs, and of each edge by how much the winding numbers are greater on its left.
 
     Edges on either side of which everything is the same are left out.
     """
-    ends, index = np.unique(np.concatenate([segments.start, segments.end]), axis=0, return_inverse=True)
+    vertices, index = np.unique(np.concatenate([segments.start, segments.end]), axis=0, return_inverse=True)
     index = index.reshape(2, -1)
     forward = index[0] < index[1]
     low, high = np.minimum(*index), np.maximum(*index)
-    key, edge = np.unique(low * len(ends) + high, return_inverse=True)
+    key, edge = np.unique(low * len(vertices) + high, return_inverse=True)
     runs: list[list[tuple[int, float, float]]] = [[] for _ in key]
     changes: list[dict[int, int]] = [{} for _ in key]
     owners = shape[segments.piece]
     for k in np.lexsort((segments.piece, -owners)).tolist():
-        e, owner, ahead = int(edge.flat[k]), int(owners[k]), bool(forward[k])
+        e, owner, ahead = int(edge[k]), int(owners[k]), bool(forward[k])
         t = segments.t[k] if ahead else segments.t[k, ::-1]
         runs[e].append((int(segments.piece[k]), float(t[0]), float(t[1])))
         changes[e][owner] = changes[e].get(owner, 0) + (1 if ahead else -1)
     live = [e for e in range(len(key)) if any(changes[e].values())]
-    tail, head = np.divmod(key[live], len(ends))
-    return ends, tail, head, [runs[e] for e in live], [{s: n for s, n in changes[e].items() if n} for e in live]
+    ends = np.stack(np.divmod(key[live], len(vertices)), axis=1)
+    return vertices, ends, [runs[e] for e in live], [{s: n for s, n in changes[e].items() if n} for e in live]
 
 
-def _following(vertices: np.ndarray, tail: np.ndarray, head: np.ndarray) -> np.ndarray:
+def _following(vertices: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """(2 E,) the half-edge that follows each along the face on its left: the last one before its way back."""
-    origin = np.stack([tail, head], axis=1).ravel()
-    way = (vertices[head] - vertices[tail]).astype(float)
-    angle = np.arctan2(*np.stack([way, -way], axis=1).reshape(-1, 2).T[::-1])
+    origin, way = ends.ravel(), np.diff(vertices[ends], axis=1).astype(float)
+    angle = np.arctan2(*np.concatenate([way, -way], axis=1).reshape(-1, 2).T[::-1])
     order = np.lexsort((angle, origin))
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
@@ -94,38 +93,24 @@ def _following(vertices: np.ndarray, tail: np.ndarray, head: np.ndarray) -> np.n
     return before[np.arange(len(order)) ^ 1]
 
 
-def _cycles(
-    vertices: np.ndarray, tail: np.ndarray, head: np.ndarray, following: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """(2 E,) the cycle of each half-edge, and (C,) twice their areas, negative around a component."""
+def _cycles(vertices: np.ndarray, ends: np.ndarray, following: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(2 E,) the cycle of each half-edge, and (C,) twice their exact areas, negative around a component."""
     count, cycle = linked_groups(len(following), np.arange(len(following)), following)
-    a, b = vertices[tail], vertices[head]
-    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    areas = np.zeros(count, dtype=np.int64)
-    np.add.at(areas, cycle[0::2], cross)
-    np.add.at(areas, cycle[1::2], -cross)
-    return cycle, areas
+    cross = crossed(*vertices[ends].swapaxes(0, 1))
+    return cycle, np.bincount(cycle, np.stack([cross, -cross], axis=1).ravel(), count)
 
 
-def _nested(
-    vertices: np.ndarray, tail: np.ndarray, head: np.ndarray, cycle: np.ndarray, areas: np.ndarray
-) -> np.ndarray:
+def _nested(vertices: np.ndarray, ends: np.ndarray, cycle: np.ndarray, areas: np.ndarray) -> np.ndarray:
     """(C,) the face of each cycle: of those around a component the face that it lies in."""
-    origin = np.stack([tail, head], axis=1).ravel()
-    inner = np.flatnonzero(areas > 0)
-    face = np.full(len(areas), -1)
-    face[inner] = np.arange(1, len(inner) + 1)
-    outer = np.flatnonzero(areas <= 0)
-    y0, y1 = vertices[tail, 1], vertices[head, 1]
-    x0, x1 = vertices[tail, 0].astype(float), vertices[head, 0].astype(float)
+    face = np.where(areas > 0, np.cumsum(areas > 0), -1)
+    spots = vertices[ends.ravel()]
+    order = np.lexsort((spots[:, 1], spots[:, 0], cycle))
+    leftmost = spots[order[np.searchsorted(cycle[order], np.arange(len(areas)))]]
+    (x0, y0), (x1, y1) = vertices[ends].transpose(1, 2, 0)
     parent: dict[int, int] = {}
-    by_cycle = np.argsort(cycle, kind="stable")
-    bounds = np.searchsorted(cycle[by_cycle], np.arange(len(areas) + 1))
-    for c in outer.tolist():
-        own = by_cycle[bounds[c] : bounds[c + 1]]
-        spots = vertices[origin[own]]
-        x, y = spots[np.lexsort((spots[:, 1], spots[:, 0]))[0]]
+    for c in np.flatnonzero(areas <= 0).tolist():
         # Just above its leftmost vertex: the nearest edge to the left.
+        x, y = leftmost[c]
         spans = np.flatnonzero((np.minimum(y0, y1) <= y) & (y < np.maximum(y0, y1)))
         at = x0[spans] + (x1 - x0)[spans] * ((y - y0[spans]) / (y1 - y0)[spans])
         left = spans[at < x]
@@ -146,27 +131,21 @@ def _nested(
 
 def _covers(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas: int) -> list[list[int]]:
     """The shapes that cover each of `count` faces within the canvas."""
-    beside: list[list[tuple[int, int, int]]] = [[] for _ in range(count)]
-    for e in range(len(changes)):
-        left, right = int(face[2 * e]), int(face[2 * e + 1])
-        beside[right].append((left, e, 1))
-        beside[left].append((right, e, -1))
-    windings: list[dict[int, int] | None] = [None] * count
-    windings[0] = {}
-    queue = deque([0])
-    covers: list[list[int]] = [[] for _ in range(count)]
-    while queue:
-        here = queue.popleft()
-        own = windings[here] or {}
-        if canvas in own:
-            covers[here] = [shape for shape in own if shape != canvas]
-        for other, e, sign in beside[here]:
-            if windings[other] is not None:
-                continue
-            there = own | {shape: own.get(shape, 0) + sign * change for shape, change in changes[e].items()}
-            windings[other] = {shape: total for shape, total in there.items() if total}
-            queue.append(other)
-    return covers
+    beside: list[list[tuple[int, dict[int, int], int]]] = [[] for _ in range(count)]
+    for (left, right), change in zip(face.reshape(-1, 2).tolist(), changes, strict=True):
+        beside[right].append((left, change, 1))
+        beside[left].append((right, change, -1))
+    windings: dict[int, dict[int, int]] = {0: {}}
+    reached = [0]
+    for here in reached:
+        own = windings[here]
+        for other, change, sign in beside[here]:
+            if other not in windings:
+                there = own | {shape: own.get(shape, 0) + sign * more for shape, more in change.items()}
+                windings[other] = {shape: total for shape, total in there.items() if total}
+                reached.append(other)
+    within = [windings.get(number, {}) for number in range(count)]
+    return [[shape for shape in own if shape != canvas] if canvas in own else [] for own in within]
 
 
 def visible_regions(faces: Faces, fills: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,13 +153,13 @@ def visible_regions(faces: Faces, fills: np.ndarray) -> tuple[np.ndarray, np.nda
 
     fills: (shapes,) int, equal where two shapes look alike.
     """
-    shown = faces.shown.copy()
-    left, right = faces.face[0::2], faces.face[1::2]
-    steps = faces.vertices[faces.head] - faces.vertices[faces.tail]
-    lengths = np.hypot(*steps.T) / GRID
+    shown = np.array([max(shapes, default=NOTHING) for shapes in faces.covers])
+    # The last one is what NOTHING, -1, picks.
+    classes = np.append(fills, NOTHING)
+    left, right, lengths = faces.face[0::2], faces.face[1::2], faces.lengths
     areas = faces.areas / GRID**2
     for _ in range(4):  # passes
-        region = connected(_classes(shown, fills), left, right)
+        region = connected(classes[shown], left, right)
         size = np.bincount(region, areas)
         apart = region[left] != region[right]
         around = np.bincount(region[left[apart]], lengths[apart], len(size))
@@ -189,12 +168,8 @@ def visible_regions(faces: Faces, fills: np.ndarray) -> tuple[np.ndarray, np.nda
         if not slivers.any():
             break
         _absorbed(shown, region, slivers, (left, right, lengths))
-    region = connected(_classes(shown, fills), left, right)
+    region = connected(classes[shown], left, right)
     return region, _shapes(shown, region, areas)
-
-
-def _classes(shown: np.ndarray, fills: np.ndarray) -> np.ndarray:
-    return np.where(shown >= 0, np.append(fills, 0)[shown], NOTHING)
 
 
 def connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -228,7 +203,6 @@ def _shapes(shown: np.ndarray, region: np.ndarray, weights: np.ndarray) -> np.nd
     """(R,) the shape on the largest part of each region."""
     count = int(region.max()) + 1
     values, index = np.unique(shown, return_inverse=True)
-    index = index.reshape(-1)
     finite = np.where(np.isfinite(weights), weights, 0.0)
     total = np.bincount(region * len(values) + index, finite + 1e-12, count * len(values))
     return values[total.reshape(count, -1).argmax(axis=1)]

@@ -91,12 +91,11 @@ class Segments:
         return Segments(self.start[which], self.end[which], self.piece[which], self.t[which])
 
 
-def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segments:
-    """The pieces as chords that meet at their ends only; those that lie on each other are all there.
-
-    live: (P,) bool, which pieces are taken; all by default.
+def snapped_segments(sources: Sources, live: np.ndarray | bool = True) -> Segments:
+    """The pieces as chords that meet at their ends only; those that lie on each other are all there. live: (P,) bool,
+    which pieces are taken, or of all.
     """
-    segments = _chords(sources, np.ones(len(sources.lines), dtype=bool) if live is None else live)
+    segments = _chords(sources, live)
     fresh = np.ones(len(segments.piece), dtype=bool)
     for _ in range(200):  # rounds
         which, points, at = _cuts(segments, fresh)
@@ -106,21 +105,15 @@ def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segmen
     raise EngineError("the outlines of this drawing cannot be told apart; use --stacking stacked")
 
 
-def _chords(sources: Sources, live: np.ndarray) -> Segments:
+def _chords(sources: Sources, live: np.ndarray | bool) -> Segments:
     cubics = sources.cubics
     bend = np.abs(cubics[:, :2] - 2.0 * cubics[:, 1:3] + cubics[:, 2:]).max(axis=(1, 2))
-    length = polygon_lengths(cubics)
     counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
-    counts = np.ceil(np.maximum(counts, length / LONGEST)).clip(1).astype(np.int64) * live
+    counts = np.ceil(np.maximum(counts, polygon_lengths(cubics) / LONGEST)).clip(1).astype(np.int64) * live
     piece, local = places_within(counts)
-    t = np.stack([local / counts[piece], (local + 1) / counts[piece]], axis=1)
-    ends = []
-    for k, border in ((0, 0), (1, 3)):
-        at = sources.at(piece, t[:, k])
-        exact = t[:, k] == float(k)
-        at[exact] = cubics[piece[exact], border]
-        ends.append(np.rint(at * GRID).astype(np.int64))
-    found = Segments(ends[0], ends[1], piece, t)
+    t = np.stack([local, local + 1], axis=1) / counts[piece, None]
+    start, end = (np.rint(sources.at(piece, at) * GRID).astype(np.int64) for at in t.T)
+    found = Segments(start, end, piece, t)
     return found.chosen((found.start != found.end).any(axis=1))
 
 
@@ -138,18 +131,15 @@ def _cuts(segments: Segments, fresh: np.ndarray) -> _Cuts:
 def _near_vertices(a: np.ndarray, b: np.ndarray, seg: np.ndarray, vertex: np.ndarray) -> _Cuts:
     way, off = b[seg] - a[seg], vertex - a[seg]
     dot, square = (way * off).sum(axis=1), (way * way).sum(axis=1)
-    cross = way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0]
-    near = (dot > 0) & (dot < square) & (_NEAR[1] * cross * cross < _NEAR[0] * square)
+    near = (dot > 0) & (dot < square) & (_NEAR[1] * crossed(way, off) ** 2 < _NEAR[0] * square)
     return seg[near], vertex[near], dot[near] / square[near]
 
 
 def _crossings(a: np.ndarray, b: np.ndarray, i: np.ndarray, j: np.ndarray) -> list[_Cuts]:
     """Proper crossings, as cuts of both segments but where the grid point is an end."""
     ab, cd, ac = b[i] - a[i], b[j] - a[j], a[j] - a[i]
-    turn = _cross(ab, cd)
-    u, v = _cross(ac, cd), _cross(ac, ab)
-    sign = np.sign(turn)
-    size = np.abs(turn)
+    turn, u, v = crossed(ab, cd), crossed(ac, cd), crossed(ac, ab)
+    sign, size = np.sign(turn), np.abs(turn)
     proper = (turn != 0) & (u * sign > 0) & (u * sign < size) & (v * sign > 0) & (v * sign < size)
     i, j = i[proper], j[proper]
     at = np.rint(a[i] + (u[proper] / turn[proper])[:, None] * ab[proper]).astype(np.int64)
@@ -164,7 +154,8 @@ def _crossings(a: np.ndarray, b: np.ndarray, i: np.ndarray, j: np.ndarray) -> li
     return out
 
 
-def _cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+def crossed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(n,) the cross products of vectors (n, 2)."""
     return p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
 
 
@@ -175,8 +166,6 @@ def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarr
     which, points, at = which[order], points[order], at[order]
     apart = np.append(True, (which[1:] != which[:-1]) | (np.diff(at) > LEAST))
     which, points, at = which[apart], points[apart], at[apart]
-    kept = np.ones(len(segments.piece), dtype=bool)
-    kept[which] = False
     # Chains of points, each segment's own ends around its cuts.
     own = np.unique(which)
     index = np.concatenate([own, which, own])
@@ -189,6 +178,6 @@ def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarr
     t0, t1 = segments.t[owner].T
     t = np.stack([t0 + share[pair] * (t1 - t0), t0 + share[pair + 1] * (t1 - t0)], axis=1)
     new = Segments(place[pair], place[pair + 1], segments.piece[owner], t)
-    old = segments.chosen(kept)
-    joined = Segments(*(np.concatenate([getattr(old, n), getattr(new, n)]) for n in ("start", "end", "piece", "t")))
+    old = segments.chosen(np.delete(np.arange(len(segments.piece)), own))
+    joined = Segments(*(np.concatenate(parts) for parts in zip(vars(old).values(), vars(new).values(), strict=True)))
     return joined, np.arange(len(joined.piece)) >= len(old.piece)
