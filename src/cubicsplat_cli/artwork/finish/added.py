@@ -172,10 +172,10 @@ class _Trials:
         after = settle(State.of(layers, self.goal, over=over), rounds)
         new = [replace(placed, shape=layer.drawn()) for placed, layer in zip(new, after.layers, strict=True)]
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
-        changed = [_changed(each.shape, self.goal.reach, self.size) for each in new]
-        return new, [self._change(each.shape, falls, *where) for each, where in zip(new, changed, strict=True)], falls
+        return new, [self._change(each.shape, falls) for each in new], falls
 
-    def _change(self, shape: Shape, falls: np.ndarray, window: tuple[slice, slice], own: np.ndarray) -> _Change:
+    def _change(self, shape: Shape, falls: np.ndarray) -> _Change:
+        window, own = _changed(shape, self.goal.reach, self.size)
         price = PRICE * (SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines))
         if not own.any():
             return _Change(0.0, UNSEEN, price)
@@ -216,7 +216,7 @@ def _back(goal: Goal) -> np.ndarray:
 def _floor(changes: list[_Change]) -> float:
     """The misfit by chance of a pixel of some shapes: their mean, by what they explain."""
     falls = np.array([max(change.fall, UNSEEN) for change in changes])
-    return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
+    return float(np.average([change.floor for change in changes], weights=falls))
 
 
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:

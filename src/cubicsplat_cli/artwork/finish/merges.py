@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import summed
 from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR, Constraints, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, judged, settle, trimmed
-from cubicsplat_cli.artwork.finish.state import UNSEEN, WHITE, State
+from cubicsplat_cli.artwork.finish.state import UNSEEN, State
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bernstein, feet_of, polygon_lengths
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import PRICE
@@ -40,6 +39,10 @@ class Merge:
     line: bool
     saved: int
     net: float
+
+    def run(self, pieces: int) -> np.ndarray:
+        """(count,) the numbers of its pieces in a ring of so many."""
+        return np.asarray((self.first + np.arange(self.count)) % pieces)
 
 
 def with_merges(state: State, constraints: Constraints, detail: float) -> State:
@@ -92,7 +95,7 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
     gone = np.zeros(ring.pieces, dtype=bool)
     controls, lines = ring.controls.copy(), ring.lines.copy()
     for merge in plan:
-        gone[(merge.first + np.arange(1, merge.count)) % ring.pieces] = True
+        gone[merge.run(ring.pieces)[1:]] = True
         controls[merge.first], lines[merge.first] = merge.cubic[1:3], merge.line
     return Ring(ring.anchors, controls, lines, ring.smooth).chosen(~gone)
 
@@ -111,7 +114,7 @@ class Visibility:
         c, own = state.stack.crossings, slice(state.marks[number], state.marks[number + 1])
         piece, t = c.piece[own] - state.pieces[number], c.t[own]
         order = np.lexsort((t, piece))
-        seen = summed((c.slope[own] * WHITE) ** 2) * SEEN_SIGMA**2 > UNSEEN
+        seen = state.effects(own) * SEEN_SIGMA**2 > UNSEEN
         return cls(piece[order], t[order], seen[order], state.goal.share_error)
 
     def weights(self, piece: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -140,8 +143,8 @@ def samples_along(ring: Ring, visibility: Visibility) -> tuple[np.ndarray, np.nd
 def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: float) -> list[Merge]:
     """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
     points, weights, px, ends = samples_along(ring, visibility)
-    border = np.array([constraints.width, constraints.height])
-    fixed = (np.abs(ring.anchors) < MEAN_ERROR).any(axis=1) | (np.abs(ring.anchors - border) < MEAN_ERROR).any(axis=1)
+    beyond = ring.anchors - [constraints.width, constraints.height]
+    fixed = (np.minimum(np.abs(ring.anchors), np.abs(beyond)) < MEAN_ERROR).any(axis=1)
     shows = np.isin(np.arange(ring.pieces), visibility.piece[visibility.seen])
     pieces, samples = (ring.cubics, ring.lines, ring.smooth, fixed, shows), (points, weights * px, ends)
     bounds = (PRICE / detail, HOPEFUL, MOST_TURN), (LONGEST_RUN, LONGEST_HIDDEN, FEWEST_PIECES)
@@ -152,7 +155,7 @@ def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: 
     chosen: list[Merge] = []
     left = ring.pieces
     for merge in sorted(merges, key=lambda merge: -merge.net):
-        run = (merge.first + np.arange(merge.count)) % ring.pieces
+        run = merge.run(ring.pieces)
         if not taken[run].any() and left - merge.count + 1 >= FEWEST_PIECES:
             taken[run] = True
             left -= merge.count - 1
@@ -175,10 +178,10 @@ def _paying(before: State, after: State, plans: list[list[Merge]], detail: float
             continue  # some piece was trimmed: the outline is judged as a whole
         gone = np.zeros(pieces, dtype=bool)
         for merge in plan:
-            gone[(merge.first + np.arange(1, merge.count)) % pieces] = True
+            gone[merge.run(pieces)[1:]] = True
         for merge in plan:
             number = judged.setdefault(id(merge), len(judged))
-            own[(merge.first + np.arange(merge.count)) % pieces + before.pieces[k]] = number
+            own[merge.run(pieces) + before.pieces[k]] = number
             other[int((~gone[: merge.first]).sum()) + after.pieces[k]] = number
     grown = before.stack.growth(after.stack, own, other, len(judged), before.spread)
 

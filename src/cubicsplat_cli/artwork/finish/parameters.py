@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
     Ring,
+    following,
     polygon_lengths,
     turn_matrix,
 )
@@ -103,7 +104,7 @@ def without_specks(ring: Ring) -> Ring:
     and than SMOOTH_SPECK px where they go on smoothly.
     """
     while ring.pieces > 3:
-        share = _speck_lengths(ring.cubics, ring.smooth)
+        share = polygon_lengths(ring.cubics) / np.where(ring.smooth | following(ring.smooth), SMOOTH_SPECK, SPECK)
         i = int(share.argmin())
         if share[i] >= 1.0:
             break
@@ -116,12 +117,6 @@ def without_specks(ring: Ring) -> Ring:
         smooth[j] &= smooth[i]
         ring = Ring(anchors, controls, ring.lines, smooth).chosen(np.arange(ring.pieces) != i)
     return ring
-
-
-def _speck_lengths(cubics: np.ndarray, smooth: np.ndarray) -> np.ndarray:
-    """(S,) the lengths of the pieces (S, 4, 2) of a ring, of the least that they may have."""
-    least = np.where(smooth | np.append(smooth[1:], smooth[:1]), SMOOTH_SPECK, SPECK)
-    return np.asarray(polygon_lengths(cubics) / least)
 
 
 @dataclass(eq=False)
@@ -150,7 +145,7 @@ class RingParameters:
 
     def trimmed(self) -> RingParameters:
         """Return the ring without pieces that have become too short to matter, itself where there are none."""
-        if self.constraints is None or (_speck_lengths(self.cubics, self.pieces.joints.smooth) >= 1.0).all():
+        if self.constraints is None:
             return self
         ring = _ring_of(self.pieces)
         shorter = without_specks(ring)
@@ -272,16 +267,14 @@ class RigidTransform:
         """An outline where it comes to lie; a ring has the same pieces in the same order."""
         if isinstance(outline, Ring):
             return Ring(self.points(outline.anchors), self.points(outline.controls), outline.lines, outline.smooth)
-        mirrored = self.signs[0] != self.signs[1]
+        if not isinstance(outline, Circle) and self.signs[0] != self.signs[1]:
+            outline = replace(outline, angle=-outline.angle)
         if isinstance(outline, Rectangle):
             half = np.array([0.5 * outline.width, 0.5 * outline.height])
             x, y = (self.points(np.array([outline.x, outline.y]) + half) - half).tolist()
-            angle = -outline.angle if mirrored else outline.angle
-            return Rectangle(x, y, outline.width, outline.height, outline.radius, angle)
+            return replace(outline, x=x, y=y)
         x, y = self.points(np.array([outline.cx, outline.cy])).tolist()
-        if isinstance(outline, Circle):
-            return Circle(x, y, outline.r)
-        return Ellipse(x, y, outline.rx, outline.ry, -outline.angle if mirrored else outline.angle)
+        return replace(outline, cx=x, cy=y)
 
 
 class CopyParameters:

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.parameters import LEAST, Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, TRIAL_ROUNDS, judged, settle
 from cubicsplat_cli.artwork.finish.state import State, begin, drawn
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, cubic_parts, divided, polygon_lengths
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, divided, polygon_lengths
 from cubicsplat_cli.artwork.shapes import PRICE, Drawing
 from cubicsplat_cli.progress import log, nothing, work
 from cubicsplat_cli.raster.stack import Goal
@@ -188,22 +188,17 @@ def _moved(ring: Ring, i: int, complaints: Complaints, number: int, joints: set[
 
 
 def rounded(ring: Ring, anchor: int, reach: float) -> Ring:
-    """The ring with a corner replaced by a cubic between points `reach` px before and after it, joined smoothly."""
-    before, after = (anchor - 1) % ring.pieces, anchor
-    cubics = ring.cubics
-    first, _ = cubic_parts(cubics[before], 1.0 - _parameter(cubics[before][::-1], reach))
-    _, second = cubic_parts(cubics[after], _parameter(cubics[after], reach))
-    corner = ring.anchors[anchor]
-    anchors, controls = ring.anchors.copy(), ring.controls.copy()
-    controls[before] = first[1:3]
-    controls[after] = second[1:3]
-    anchors[anchor] = second[0]
-    bend = np.stack([first[3] + (corner - first[3]) * 0.55, second[0] + (corner - second[0]) * 0.55])
-    anchors = np.insert(anchors, anchor, first[3], axis=0)
-    controls = np.insert(controls, anchor, bend, axis=0)
-    smooth = ring.smooth.copy()
-    smooth[anchor] = True
-    return Ring(anchors, controls, np.insert(ring.lines, anchor, False), np.insert(smooth, anchor, True))
+    """The ring with a corner, not that of anchor 0, replaced by a cubic between points `reach` px before and after it,
+    joined smoothly.
+    """
+    before, after = ring.cubics[anchor - 1 : anchor + 1]
+    cut = divided(ring, anchor, _parameter(after, reach))
+    cut = divided(cut, anchor - 1, 1.0 - _parameter(before[::-1], reach))
+    ends = cut.anchors[[anchor, anchor + 2]]
+    cut.controls[anchor] = ends + (ring.anchors[anchor] - ends) * 0.55
+    cut.lines[anchor] = False
+    cut.smooth[[anchor, anchor + 2]] = True
+    return cut.chosen(np.arange(cut.pieces) != anchor + 1)
 
 
 def _parameter(cubic: np.ndarray, reach: float) -> float:

@@ -76,20 +76,7 @@ class State:
 
     def with_outlines(self, changed: Mapping[int, Parameters]) -> State:
         """The state with other outlines by their numbers, which run as those did; itself where there are none."""
-        if not changed:
-            return self
-        layers = self.layers_with(changed)
-        if any(len(outline.lines) != len(self.outlines[k].lines) for k, outline in changed.items()):
-            return self.with_layers(layers)
-        cubics, lines = self.drawn.cubics.copy(), self.drawn.lines.copy()
-        starts = self.pieces.tolist()
-        for k, outline in changed.items():
-            own = slice(starts[k], starts[k + 1])
-            cubics[own], lines[own] = outline.cubics, outline.lines
-        pieces = replace(self.drawn, cubics=cubics, lines=lines)
-        after = State(layers, self.goal, pieces, DrawnStack(pieces, self.goal, self.stack, self.over), self.over)
-        vars(after).update(places=self.places, pieces=self.pieces, owners=self.owners)
-        return after
+        return self.with_layers(self.layers_with(changed)) if changed else self
 
     def layers_with(self, changed: Mapping[int, Parameters]) -> list[Layer]:
         """The layers with other outlines by their numbers."""
