@@ -96,14 +96,11 @@ def judged(state: State, trial: State, detail: float) -> State:
 
 def trimmed(state: State, moved: np.ndarray) -> State:
     """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
-    rings = [(k, o) for k in np.flatnonzero(moved).tolist() if isinstance(o := state.outlines[k], RingParameters)]
-    if not rings:
-        return state
     # One look at the lengths of all, since hardly any ring has a short piece.
-    lengths = polygon_lengths(np.concatenate([o.cubics for _, o in rings]))
-    least = np.minimum.reduceat(lengths, np.cumsum([0, *(len(o.cubics) for _, o in rings[:-1])]))
-    short = [own for own, length in zip(rings, least.tolist(), strict=True) if length < SMOOTH_SPECK]
-    return state.with_outlines({k: fewer for k, o in short if (fewer := o.trimmed()) is not o})
+    least = np.minimum.reduceat(polygon_lengths(state.drawn.cubics), state.pieces[:-1])
+    short = [(k, state.outlines[k]) for k in np.flatnonzero(moved & (least < SMOOTH_SPECK)).tolist()]
+    rings = [(k, o) for k, o in short if isinstance(o, RingParameters)]
+    return state.with_outlines({k: fewer for k, o in rings if (fewer := o.trimmed()) is not o})
 
 
 def _stepped(state: State, families: np.ndarray, damping: np.ndarray, awake: np.ndarray) -> dict[int, Parameters]:

@@ -101,27 +101,25 @@ def _goes_on(before: tuple[float, float], after: tuple[float, float]) -> bool:
 def _cycles(faces: Faces, region: np.ndarray, kept: np.ndarray, runs: list[Run]) -> Cycles:
     of_half: dict[int, Step] = {}
     for number, run in enumerate(runs):
-        for e, ahead in run.edges:
-            of_half[2 * e + (not ahead)] = (number, True)
-            of_half[2 * e + ahead] = (number, False)
+        for e, along in run.edges:
+            of_half[2 * e + (not along)] = (number, True)
+            of_half[2 * e + along] = (number, False)
     following = faces.following.tolist()
     cycles: Cycles = {}
-    seen: set[int] = set()
+    seen: set[Step] = set()
     for start in sorted(of_half):
-        if start in seen:
-            continue
-        row: list[Step] = []
-        h = start
-        while h not in seen:
-            seen.add(h)
-            if not row or row[-1] != of_half[h]:
-                row.append(of_half[h])
-            h = following[h]
+        row, step = list[Step](), of_half[start]
+        while step not in seen:
+            seen.add(step)
+            row.append(step)
+            number, ahead = step
+            e, along = runs[number].edges[-1 if ahead else 0]
+            h = following[2 * e + (along != ahead)]
             while not kept[h >> 1]:
                 h = following[h ^ 1]
-        if len(row) > 1 and row[0] == row[-1]:
-            row.pop()
-        cycles.setdefault(int(region[faces.face[start]]), []).append(row)
+            step = of_half[h]
+        if row:
+            cycles.setdefault(int(region[faces.face[start]]), []).append(row)
     return cycles
 
 
