@@ -74,8 +74,7 @@ def test_copies_follow_their_model_and_fit_together():
     shapes = tuple(Shape(white, (Circle(cx, 24.0, 8.8),), "x") for cx in (24.0, 70.0))
     state = begin(Drawing(96, 48, shapes), goal)
     model = parametrised(shapes[0].outlines[0], constraints)
-    state.layers[0].outlines[0] = model
-    state.layers[1].outlines[0] = CopyParameters(model, RigidTransform((1.0, 1.0), (46.0, 0.0)), 0)
+    state = state.with_outlines({0: model, 1: CopyParameters(model, RigidTransform((1.0, 1.0), (46.0, 0.0)), 0)})
     first, second = (layer.outlines[0].outline() for layer in settle(state, trim=False).layers)
     assert (first.r, second.r) == pytest.approx((9.02, 9.02), abs=0.005) and first.r == second.r
     assert (second.cx - first.cx, second.cy - first.cy) == (46.0, 0.0)

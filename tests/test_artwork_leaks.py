@@ -68,7 +68,7 @@ def test_the_equations_of_leaks_match_finite_differences():
         for each in (goal, weightless(goal)):
             layers = begin(stacked(20.7), each).layers
             layers[0].outlines[0] = outline.moved(step)
-            values.append(State.of(layers, each).stack.cost)
+            values.append(State(layers, each).stack.cost)
         return values[0] - values[1]
 
     found = gradient(goal) - gradient(weightless(goal))

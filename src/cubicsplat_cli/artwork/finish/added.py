@@ -68,7 +68,7 @@ def with_added(
     if condition.clean:
         return trials.drawing
     # Of what is damaged, noise makes specks that pay for themselves no more.
-    kept = without_shapes(replace(trials.before, goal=tolerant(goal)), detail, {})
+    kept = without_shapes(State(trials.still, tolerant(goal)), detail, {})
     return replace(trials.drawing, shapes=tuple(layer.shape for layer in kept.layers))
 
 
@@ -83,26 +83,22 @@ class _Change:
 
 @record
 class _Explanation:
-    """New shapes that explain an area, and what they change. fall: of half of the misfit of the area."""
+    """New shapes that explain an area, and what each changes. fall: of half of the misfit of the area."""
 
-    shapes: list[Placed]
-    changes: list[_Change]
+    shapes: list[tuple[Placed, _Change]]
     fall: float
 
 
 class _Trials:
     """New shapes tried in a drawing, whose own stay as they are. previous: in one with most of its shapes, or None."""
 
-    still: list[Layer]
-    before: State
-
     def __init__(
         self, drawing: Drawing, goal: Goal, picture: TargetPicture, detail: float, previous: _Trials | None = None
     ) -> None:
         self.drawing, self.goal, self.picture, self.detail = drawing, goal, picture, detail
         known = {id(layer.shape): layer for layer in previous.still} if previous is not None else {}
-        self.still = [known.get(id(shape)) or self._still(shape) for shape in drawing.shapes]
-        self.before = State.of(self.still, goal, previous.before if previous is not None else None)
+        self.still: list[Layer] = [known.get(id(shape)) or self._still(shape) for shape in drawing.shapes]
+        self.before: State = State(self.still, goal, previous.before if previous is not None else None)
         self.size = self.before.image.shape[:2]
         self.fills = {shape.fill for shape in drawing.shapes}
         self.painted = self.before.image @ _back(goal)
@@ -118,8 +114,7 @@ class _Trials:
         ways = self._explanations(found)
         new = self._in_few_fills([each for some in ways for each in self._shortest(some)])
         if new:
-            _, changes, _ = self._tried(new, 0)
-            new = [each for each, change in zip(new, changes, strict=True) if self._net(change, change.floor) > 0.0]
+            new = [each for each, change in self._tried(new, 0)[0] if self._net(change, change.floor) > 0.0]
         if not new:
             return self.drawing
         # Each new one lies right above the one that it lies on.
@@ -154,25 +149,24 @@ class _Trials:
             some.sort(key=lambda pair: pair[1].beneath)
             if not some:
                 continue
-            new, changes, falls = self._tried([each for _, each in some], ROUNDS)
-            own_of: dict[int, list[int]] = defaultdict(list)
-            for i, (k, _) in enumerate(some):
-                own_of[k].append(i)
-            for k, own in own_of.items():
+            tried, falls = self._tried([each for _, each in some], ROUNDS)
+            shapes: dict[int, list[tuple[Placed, _Change]]] = defaultdict(list)
+            for (k, _), each in zip(some, tried, strict=True):
+                shapes[k].append(each)
+            for k, own in shapes.items():
                 around = ndimage.binary_dilation(found[k].where, ndimage.SQUARE, MARGIN)
-                fall = float(falls[found[k].rows, found[k].columns][around].sum())
-                out[k].append(_Explanation([new[i] for i in own], [changes[i] for i in own], fall))
+                out[k].append(_Explanation(own, float(falls[found[k].rows, found[k].columns][around].sum())))
         return out
 
-    def _tried(self, new: list[Placed], rounds: int) -> tuple[list[Placed], list[_Change], np.ndarray]:
-        """New shapes after so many rounds, what each changes, and by how much half of the misfit falls, (H, W)."""
+    def _tried(self, new: list[Placed], rounds: int) -> tuple[list[tuple[Placed, _Change]], np.ndarray]:
+        """New shapes after so many rounds and what each changes, and by how much half of the misfit falls, (H, W)."""
         shapes = tuple(each.shape for each in new)
         layers = layers_of(replace(self.drawing, shapes=shapes), self.goal) if rounds else [*map(self._still, shapes)]
         over = self.before.stack, np.array([each.beneath for each in new], np.int32)
-        after = settle(State.of(layers, self.goal, over=over), rounds)
+        after = settle(State(layers, self.goal, over=over), rounds)
         new = [replace(placed, shape=layer.drawn()) for placed, layer in zip(new, after.layers, strict=True)]
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
-        return new, [self._change(each.shape, falls) for each in new], falls
+        return [(each, self._change(each.shape, falls)) for each in new], falls
 
     def _change(self, shape: Shape, falls: np.ndarray) -> _Change:
         window, own = _changed(shape, self.goal.reach, self.size)
@@ -190,18 +184,18 @@ class _Trials:
 
     def _shortest(self, ways: list[_Explanation]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
-        floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
+        floor = max((_floor(way) for way in ways), default=UNSEEN)
         gains = [(0.0, list[Placed]()), *(self._gain(way, floor) for way in ways)]
         return max(gains, key=lambda gain: gain[0])[1]
 
     def _gain(self, way: _Explanation, floor: float) -> tuple[float, list[Placed]]:
         """Nats by which a way shortens the description, and its shapes that do."""
-        good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
-        new = {way.shapes[k].shape.fill for k in good} - self.fills
-        price = sum(way.changes[k].price for k in good) + PRICE * FILL_PARAMETERS * len(new)
+        good = [(each, change) for each, change in way.shapes if self._net(change, floor) > 0.0]
+        new = {each.shape.fill for each, _ in good} - self.fills
+        price = sum(change.price for _, change in good) + PRICE * FILL_PARAMETERS * len(new)
         # What two of its shapes change is theirs once.
-        fall = min(way.fall, sum(way.changes[k].fall for k in good))
-        return (self.detail * fall / floor - price if good else 0.0), [way.shapes[k] for k in good]
+        fall = min(way.fall, sum(change.fall for _, change in good))
+        return (self.detail * fall / floor - price if good else 0.0), [each for each, _ in good]
 
     def _still(self, shape: Shape) -> Layer:
         """The layer of a shape that stays as it is."""
@@ -213,10 +207,10 @@ def _back(goal: Goal) -> np.ndarray:
     return np.asarray(255.0 * np.linalg.inv(goal.space))
 
 
-def _floor(changes: list[_Change]) -> float:
-    """The misfit by chance of a pixel of some shapes: their mean, by what they explain."""
-    falls = np.array([max(change.fall, UNSEEN) for change in changes])
-    return float(np.average([change.floor for change in changes], weights=falls))
+def _floor(way: _Explanation) -> float:
+    """The misfit by chance of a pixel of new shapes: their mean, by what they explain."""
+    falls = [max(change.fall, UNSEEN) for _, change in way.shapes]
+    return float(np.average([change.floor for _, change in way.shapes], weights=falls))
 
 
 def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:

@@ -17,7 +17,6 @@ from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces
-from cubicsplat_cli.record import record
 from cubicsplat_cli.scene.paint import Rgba
 
 # Residuals beyond count linearly: they are details that no shape draws. Times the error of shares, for edges in steps.
@@ -48,23 +47,26 @@ class Layer:
         return replace(self.shape, outlines=tuple(outline.outline() for outline in self.outlines))
 
 
-@record
 class State:
-    """A drawing against its picture. layers: back to front; goal: what they are fitted to; drawn: their pieces, and
-    stack: they, as drawn. over: layers that stay as they are, see `DrawnStack`.
+    """A drawing against its picture. layers: back to front; goal: what they are fitted to; previous: a state of the
+    same goal, of which unchanged parts are not drawn again; over: layers that stay as they are, see `DrawnStack`.
+
+    outlines: of all layers; pieces: (outlines + 1,) where those of each outline begin; drawn: these, and stack: they,
+    as drawn.
     """
 
-    layers: list[Layer]
-    goal: Goal
-    drawn: StackPieces
-    stack: DrawnStack
-    over: Over | None = None
-
-    @classmethod
-    def of(cls, layers: list[Layer], goal: Goal, previous: State | None = None, over: Over | None = None) -> State:
-        """Return the state of some layers. previous: of the same goal; its unchanged parts are not drawn again."""
-        pieces = _pieces_of(layers)
-        return cls(layers, goal, pieces, DrawnStack(pieces, goal, previous.stack if previous else None, over), over)
+    def __init__(
+        self, layers: list[Layer], goal: Goal, previous: State | None = None, over: Over | None = None
+    ) -> None:
+        self.layers, self.goal, self.over = layers, goal, over
+        self.outlines = [o for layer in layers for o in layer.outlines]
+        cubics, lines = [o.cubics for o in self.outlines], [o.lines for o in self.outlines]
+        sizes, signs = [*map(len, lines)], [sign for layer in layers for sign in layer.signs]
+        self.pieces = np.cumsum([0, *sizes])
+        ends = self.pieces[np.cumsum([len(layer.outlines) for layer in layers])].astype(np.int32)
+        fills = np.concatenate([layer.fill for layer in layers]).reshape(-1, 4)
+        self.drawn = StackPieces(ends, np.concatenate(cubics), np.concatenate(lines), np.repeat(signs, sizes), fills)
+        self.stack: DrawnStack = DrawnStack(self.drawn, goal, previous.stack if previous else None, over)
 
     def taken_back(self, before: State, worse: np.ndarray) -> State:
         """The state with the outlines of an earlier one where these are worse (outlines,) bool."""
@@ -72,7 +74,7 @@ class State:
 
     def with_layers(self, layers: list[Layer]) -> State:
         """The state of other layers, of which only what differs is drawn."""
-        return State.of(layers, self.goal, self, self.over)
+        return State(layers, self.goal, self, self.over)
 
     def with_outlines(self, changed: Mapping[int, Parameters]) -> State:
         """The state with other outlines by their numbers, which run as those did; itself where there are none."""
@@ -92,16 +94,6 @@ class State:
     def places(self) -> list[tuple[int, int]]:
         """(outlines,) the layer of each, and its number there."""
         return [(n, place) for n, layer in enumerate(self.layers) for place in range(len(layer.outlines))]
-
-    @cached_property
-    def outlines(self) -> list[Parameters]:
-        """The outlines of all layers."""
-        return [o for layer in self.layers for o in layer.outlines]
-
-    @cached_property
-    def pieces(self) -> np.ndarray:
-        """(outlines + 1,) where the pieces of each outline begin."""
-        return np.cumsum([0, *(len(o.lines) for o in self.outlines)])
 
     @cached_property
     def owners(self) -> np.ndarray:
@@ -169,17 +161,6 @@ class State:
         return gains
 
 
-def _pieces_of(layers: list[Layer]) -> StackPieces:
-    """The pieces of all layers."""
-    outlines = [o for layer in layers for o in layer.outlines]
-    lines = [o.lines for o in outlines]
-    sizes = list(map(len, lines))
-    ends = np.cumsum([0, *sizes])[np.cumsum([len(layer.outlines) for layer in layers])]
-    cubics, signs = np.concatenate([o.cubics for o in outlines]), [sign for layer in layers for sign in layer.signs]
-    fills = np.concatenate([layer.fill for layer in layers]).reshape(-1, 4)
-    return StackPieces(ends.astype(np.int32), cubics, np.concatenate(lines), np.repeat(signs, sizes), fills)
-
-
 def goal_of(
     target: np.ndarray,
     blur: float = 0.0,
@@ -212,7 +193,7 @@ def _half_contrast(target: np.ndarray) -> np.ndarray:
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
     """The state of a drawing against its picture; what is pinned stays where it is."""
-    return State.of(layers_of(drawing, goal, pins), goal)
+    return State(layers_of(drawing, goal, pins), goal)
 
 
 def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]:

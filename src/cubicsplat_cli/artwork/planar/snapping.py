@@ -70,11 +70,10 @@ def sources_from(
     canvas = Rectangle(0.0, 0.0, drawing.width, drawing.height).ring()
     rings, owners, outlines = [*rings, canvas], [*owners, count], [*outlines, canvas]
     sizes = np.array([ring.pieces for ring in rings])
-    starts = np.cumsum(sizes) - sizes
-    after = np.concatenate([start + (np.arange(size) + 1) % size for start, size in zip(starts, sizes, strict=True)])
-    smooth = np.concatenate([np.roll(ring.smooth, -1) for ring in rings])
-    shape, outline = np.repeat(np.array(owners), sizes), np.repeat(np.arange(len(rings)), sizes)
-    return Sources(*pieces_of_rings(rings), shape, after, smooth, outline, tuple(outlines))
+    outline, place = places_within(sizes)
+    after = np.arange(len(outline)) - place + (place + 1) % sizes[outline]
+    smooth = np.concatenate([ring.smooth for ring in rings])[after]
+    return Sources(*pieces_of_rings(rings), np.array(owners)[outline], after, smooth, outline, tuple(outlines))
 
 
 @record

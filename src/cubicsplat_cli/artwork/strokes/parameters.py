@@ -93,7 +93,7 @@ class StrokeParameters:
 
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
-    state = State.of(_layers(drawing, drawing.shapes, goal), goal)
+    state = State(_layers(drawing, drawing.shapes, goal), goal)
     fitted = _fitted(state, drawing)
     return drawing if fitted is state else replace(drawing, shapes=tuple(map(_drawn, fitted.layers)))
 
@@ -107,7 +107,7 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
     saved = [length_of(shape) - length_of(*own) for shape, own in zip(drawing.shapes, strokes, strict=True)]
     still = _layers(drawing, drawing.shapes, goal)
     parts = [_layers(drawing, strokes[n], goal) if own else [still[n]] for n, own in enumerate(tried.tolist())]
-    before = State.of(still, goal)
+    before = State(still, goal)
     after = _fitted(before.with_layers([*chain.from_iterable(parts)]), drawing)
     owners = np.repeat(np.arange(len(parts)), [len(own) for own in parts])
     pays = tried & (np.array(saved) > detail * _lost(before, after, owners, tried))
@@ -127,7 +127,7 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     if not strokes:
         return drawing
     trials = [shape.stroked(strokes[n][0]) if n in strokes else shape for n, shape in enumerate(shapes)]
-    before = State.of(_layers(drawing, shapes, goal), goal)
+    before = State(_layers(drawing, shapes, goal), goal)
     after = before.with_layers(_layers(drawing, trials, goal))
     tried = np.isin(np.arange(len(shapes)), [*strokes])
     # None is to be a stroke since its pixels happen to be nearer.
