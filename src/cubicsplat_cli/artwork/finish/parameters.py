@@ -154,7 +154,7 @@ class RingParameters:
     def outline(self) -> Outline:
         if self.is_box:
             low, high = self.pieces.anchors.min(axis=0), self.pieces.anchors.max(axis=0)
-            return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
+            return Rectangle(*low.tolist(), *(high - low).tolist())
         return _ring_of(self.pieces)
 
 

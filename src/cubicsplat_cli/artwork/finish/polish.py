@@ -1,8 +1,7 @@
 """The whole finish of a drawing: its pieces settled against the pixels; pieces added where those ask for more than an
 outline can do, and a primitive made a ring; runs of pieces merged; settled again.
 
-Every move is tried with a short finish, and kept only where the description of the picture becomes shorter: half of
-chi^2 over the pixels that the outline crosses, plus a price for every parameter.
+Every move is tried with a short finish, and kept only where the description of the picture becomes shorter (`judged`).
 """
 
 from __future__ import annotations

@@ -34,8 +34,8 @@ Over = tuple[DrawnStack, np.ndarray]  # the layers of another state, and where a
 
 @dataclass(eq=False)
 class Layer:
-    """A shape while it is optimised. fill: (4,) premultiplied, in the goal's coordinates; signs:
-    (outlines,) +1 where a ring runs as it must."""
+    """A shape while it is optimised. fill: (4,) premultiplied, in the goal's coordinates; signs: (outlines,) 1, or -1
+    where a ring runs the wrong way round."""
 
     shape: Shape
     fill: np.ndarray
@@ -50,9 +50,7 @@ class Layer:
 class State:
     """A drawing against its picture. layers: back to front; goal: what they are fitted to; previous: a state of the
     same goal, of which unchanged parts are not drawn again; over: layers that stay as they are, see `DrawnStack`.
-
-    outlines: of all layers; pieces: (outlines + 1,) where those of each outline begin; drawn: these, and stack: they,
-    as drawn.
+    outlines: of all layers; pieces: (outlines + 1,) where those of each begin; drawn: these, and stack: they, as drawn.
     """
 
     def __init__(
@@ -77,7 +75,7 @@ class State:
         return State(layers, self.goal, self, self.over)
 
     def with_outlines(self, changed: Mapping[int, Parameters]) -> State:
-        """The state with other outlines by their numbers, which run as those did; itself where there are none."""
+        """The state with other outlines by their numbers; itself where there are none."""
         return self.with_layers(self.layers_with(changed)) if changed else self
 
     def layers_with(self, changed: Mapping[int, Parameters]) -> list[Layer]:
@@ -121,13 +119,6 @@ class State:
         return self.stack.picture[1].ravel()
 
     @property
-    def sharing(self) -> float:
-        """The share of a crossing's change, in squares, that the goal's blur leaves, 1 without one: it spreads what an
-        outline does to either side of it; along the outline it hardly changes anything."""
-        taps = self.goal.taps
-        return float(2.0 * (taps**2).sum() - taps[0] ** 2)
-
-    @property
     def spread(self) -> int:
         """Px by which the goal's blur carries most of a pixel's change, 0 without one."""
         return -(-self.goal.reach // 2)
@@ -139,8 +130,11 @@ class State:
         return self.stack.growth(after.stack, before, later, len(which), spread, leaks)
 
     def chance(self, crossed: slice) -> np.ndarray:
-        """Return (m,) the misfit that the pixels of some crossings have by chance."""
-        return self.goal.share_error**2 * self.sharing * self.effects(crossed) + self.goal.error**2 + ROUNDING
+        """Return (m,) the misfit that the pixels of some crossings have by chance. A blur spreads what an outline does
+        to either side of it; along the outline it hardly changes anything."""
+        taps = self.goal.taps
+        left = float(2.0 * (taps**2).sum() - taps[0] ** 2)  # of a crossing's change, in squares; 1 without a blur
+        return self.goal.share_error**2 * left * self.effects(crossed) + self.goal.error**2 + ROUNDING
 
     def effects(self, crossed: slice) -> np.ndarray:
         """Return (m,) the squares of how much the pixels of some crossings change with their coverage."""

@@ -110,10 +110,9 @@ def dot_of(points: np.ndarray, shown: np.ndarray, corner: tuple[int, int]) -> Ou
     points (n, 2) keep to their edges, else a circle.
     """
     y, x = np.nonzero(shown)
-    low = np.array([x.min(), y.min()], dtype=float) + corner
-    high = np.array([x.max() + 1, y.max() + 1], dtype=float) + corner
+    low, high = np.array([[x.min(), y.min()], [x.max() + 1, y.max() + 1]], dtype=float) + corner
     off = np.minimum(np.abs(points - low), np.abs(points - high)).min(axis=1)
     if len(x) == np.prod(high - low) and off.max() < WHOLE:
         return Rectangle(*low.tolist(), *(high - low).tolist())
-    middle = points.mean(axis=0)
-    return Circle(float(middle[0]), float(middle[1]), math.sqrt(len(x) / math.pi))
+    cx, cy = points.mean(axis=0).tolist()
+    return Circle(cx, cy, math.sqrt(len(x) / math.pi))

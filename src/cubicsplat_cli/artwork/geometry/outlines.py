@@ -88,7 +88,7 @@ def level_box(ring: Ring, off: float = 0.0) -> Rectangle | None:
     sides = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
     across = sides.argmin(axis=1)
     level = sides.min(axis=1).max() <= off and (sides.max(axis=1) > off).all() and (across[:2] == across[2:]).all()
-    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist()) if level else None
+    return Rectangle(*low.tolist(), *(high - low).tolist()) if level else None
 
 
 def oriented(rings: Sequence[Ring]) -> tuple[Ring, ...]:
@@ -195,8 +195,8 @@ class Rectangle:
 
 def polygon(anchors: np.ndarray) -> Ring:
     """A ring of straight lines through the anchors (A, 2)."""
-    count, controls = len(anchors), thirds(anchors, following(anchors))
-    return Ring(np.asarray(anchors, dtype=float), controls, np.ones(count, dtype=bool), np.zeros(count, dtype=bool))
+    straight = np.ones(len(anchors), dtype=bool)
+    return Ring(np.asarray(anchors, dtype=float), thirds(anchors, following(anchors)), straight, ~straight)
 
 
 def thirds(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:

@@ -9,8 +9,7 @@ Link = tuple[int, int]  # the number of a thing, and one of its ends, 0 or 1
 
 def pairs_of(meetings: Iterable[list[Link]]) -> dict[Link, Link]:
     """Return for each end that meets just one other, at a place where ends meet, that other."""
-    pairs = [ends for ends in meetings if len(ends) == 2]
-    return {a: b for first, second in pairs for a, b in ((first, second), (second, first))}
+    return {a: b for ends in meetings if len(ends) == 2 for a, b in (ends, ends[::-1])}
 
 
 def rows_of(things: Iterable[int], partner: Mapping[Link, Link]) -> list[tuple[list[Link], bool]]:

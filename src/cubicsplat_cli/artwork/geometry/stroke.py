@@ -95,9 +95,8 @@ def pieces_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def pieces_of_chain(chain: Chain) -> Pieces:
     """The pieces of a chain that is fitted; lines that are exactly level or upright stay so."""
-    nothing = np.zeros((1, 2))
-    outgoing = np.concatenate([chain.controls[:, 0] - chain.anchors[:-1], nothing])
-    incoming = np.concatenate([nothing, chain.controls[:, 1] - chain.anchors[1:]])
+    outgoing, incoming = np.zeros_like(chain.anchors), np.zeros_like(chain.anchors)
+    outgoing[:-1], incoming[1:] = chain.controls[:, 0] - chain.anchors[:-1], chain.controls[:, 1] - chain.anchors[1:]
     tied, level = tied_coordinates(chain.anchors, chain.lines), np.zeros(len(chain.anchors), dtype=bool)
     pieces = Pieces((chain.anchors, incoming, outgoing), Joints(chain.lines, chain.smooth, level, tied))
     return pieces.moved(np.zeros(pieces.joints.variables))
@@ -123,8 +122,7 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
         assert isinstance(stroke.path, Chain)
         return (_dot(stroke.path.anchors[0], 0.5 * stroke.width, stroke.cap),)
     found = plan_of(cubics, lines, stroke).outline(cubics, 0.5 * stroke.width)
-    rings = np.split(found.cubics, found.ends[:-1])
-    straight = np.split(found.lines, found.ends[:-1])
+    rings, straight = (np.split(each, found.ends[:-1]) for each in (found.cubics, found.lines))
     made = [ring_of_cubics(*own, smooth=False) for own in zip(rings, straight, strict=True)]
     areas = [signed_area(ring) for ring in made]
     # Within a sharp corner a side makes a loop, which may be larger than the hole.
