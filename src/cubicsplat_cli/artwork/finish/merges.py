@@ -173,7 +173,7 @@ def _paying(before: State, after: State, plans: list[list[Merge]], detail: float
     own, other = np.full(before.pieces[-1], -1), np.full(after.pieces[-1], -1)
     judged: dict[int, int] = {}  # merges by identity
     for k, plan in enumerate(plans):
-        pieces, left = (int(state.pieces[k + 1] - state.pieces[k]) for state in (before, after))
+        pieces, left = (len(state.outlines[k].lines) for state in (before, after))
         if left != pieces - sum(merge.count - 1 for merge in plan):
             continue  # some piece was trimmed: the outline is judged as a whole
         gone = np.zeros(pieces, dtype=bool)

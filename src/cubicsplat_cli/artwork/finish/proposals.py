@@ -140,8 +140,7 @@ def proposals(area: Area, picture: TargetPicture, canvas: Canvas, detail: float)
             cover = _cover(share, area.where, condition.blur)
             if cover.any():
                 contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
-                drawn = _Drawn(area, share, cover, owners, touching, canvas)
-                fill = eight_bit(colour)
+                drawn, fill = _Drawn(area, share, cover, owners, touching, canvas), eight_bit(colour)
                 for beneath, outlines in drawn.outlines(picture.smallest, condition.edge_error / contrast, detail):
                     name = shape_name(fill, outlines, *canvas.size[::-1])
                     found.append(Placed(Shape(fill, outlines, name), beneath))

@@ -98,7 +98,7 @@ def oriented(rings: Sequence[Ring]) -> tuple[Ring, ...]:
 
 def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
-    points = points_at(np.concatenate([ring.cubics for ring in rings]), np.linspace(0.0, 1.0, 65)).reshape(-1, 2)
+    points = points_at(pieces_of_rings(rings)[0], np.linspace(0.0, 1.0, 65)).reshape(-1, 2)
     return points.min(axis=0), points.max(axis=0)
 
 

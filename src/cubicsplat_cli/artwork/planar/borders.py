@@ -46,8 +46,7 @@ class Borders:
 
 def borders_of(faces: Faces, region: np.ndarray, sources: Sources) -> Borders:
     """The borders between the regions (F,) of a planar map."""
-    left, right = region[faces.face[0::2]], region[faces.face[1::2]]
-    kept = left != right
+    kept = region[faces.face[0::2]] != region[faces.face[1::2]]
     runs: list[Run] = []
     for number, (chain, closed) in enumerate(_chains(faces, kept)):
         runs += _along_pieces(chain, faces, sources, number if closed else -1)

@@ -167,7 +167,7 @@ def visible_regions(faces: Faces, fills: np.ndarray) -> tuple[np.ndarray, np.nda
         slivers = (size < LEAST_AREA) | (2.0 * size < LEAST_WIDTH * around)
         if not slivers.any():
             break
-        _absorbed(shown, region, slivers, (left, right, lengths))
+        _absorbed(shown, region, slivers, faces)
     region = connected(classes[shown], left, right)
     return region, _shapes(shown, region, areas)
 
@@ -178,15 +178,11 @@ def connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.nd
     return linked_groups(len(classes), left[same], right[same])[1].astype(np.int64)
 
 
-def _absorbed(
-    shown: np.ndarray, region: np.ndarray, slivers: np.ndarray, edges: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> None:
+def _absorbed(shown: np.ndarray, region: np.ndarray, slivers: np.ndarray, faces: Faces) -> None:
     """Gives slivers, in place, what shows in the neighbour of the longest shared border, a drawn one if there is."""
-    left, right, lengths = edges
-    count = len(slivers)
-    a, b = region[left], region[right]
+    count, a, b = len(slivers), region[faces.face[0::2]], region[faces.face[1::2]]
     pairs, place = np.unique(np.concatenate([a * count + b, b * count + a]), return_inverse=True)
-    borders = np.bincount(place, np.tile(lengths, 2), len(pairs)).tolist()
+    borders = np.bincount(place, np.tile(faces.lengths, 2), len(pairs)).tolist()
     starts, others = np.searchsorted(pairs, np.arange(count + 1) * count).tolist(), (pairs % count).tolist()
     largest = _shapes(shown, region, np.ones(len(shown)))
     for s in np.flatnonzero(slivers):
