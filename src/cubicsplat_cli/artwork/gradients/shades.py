@@ -39,7 +39,7 @@ def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
     return shade
 
 
-def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = (2.0 * CLOSE) ** 2) -> Shade | None:
+def common_shade(pixels: Pixels, hints: Sequence[Shade] = (), most: float = (2.0 * CLOSE) ** 2) -> Shade | None:
     """Return the same; None if in every geometry the pixels of one t differ by more than `most` levels^2 in the mean,
     as pixels twice as far off as explained ones do, so that no gradient comes near them all."""
     # The pixels are sampled at random, in the same way each time.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ FULL = 0.96  # share of half a side, from which on a corner's radius is all of i
 BEYOND = 4.2  # sigmas from a box at which its shadow ends
 
 
-@dataclass(frozen=True)
-class Box:
+class Box(NamedTuple):
     """A box by its sides, px of the picture, whose corners are quarters of ellipses with half axes rx, ry."""
 
     left: float
@@ -32,13 +31,6 @@ class Box:
     bottom: float
     rx: float = 0.0
     ry: float = 0.0
-
-    def numbers(self) -> np.ndarray:
-        """(6,) its sides and half axes."""
-        return np.array([self.left, self.top, self.right, self.bottom, self.rx, self.ry])
-
-    def moved(self, dx: float, dy: float) -> Box:
-        return Box(self.left + dx, self.top + dy, self.right + dx, self.bottom + dy, self.rx, self.ry)
 
     @property
     def round(self) -> bool:
@@ -73,11 +65,11 @@ def box_of(mask: np.ndarray, hidden: np.ndarray | None = None) -> Box | None:
     radii = np.linspace(0.0, most, RADII)
     off = _pixels_off(whole, radii, x, y, inside, counts)
     best = int(off.argmin())
-    trials = [(int(off[best]), replace(whole, rx=float(radii[best]), ry=float(radii[best])))]
+    least, box = int(off[best]), whole._replace(rx=float(radii[best]), ry=float(radii[best]))
     if not any(ends):
         oval = ((x - left - half_x) / half_x) ** 2 + ((y - top - half_y) / half_y) ** 2 <= 1.0
-        trials.append((int(((oval != inside) & counts).sum()), replace(whole, rx=half_x, ry=half_y)))
-    least, box = min(trials, key=lambda trial: trial[0])
+        if (wrong := int(((oval != inside) & counts).sum())) < least:
+            least, box = wrong, whole._replace(rx=half_x, ry=half_y)
     return box if least <= OFF * perimeter else None
 
 
@@ -85,7 +77,6 @@ def _pixels_off(
     box: Box, radii: np.ndarray, x: np.ndarray, y: np.ndarray, own: np.ndarray, counts: np.ndarray
 ) -> np.ndarray:
     """Return (r,) how many of the pixels that count lie wrongly in or out of the box with each of some ascending radii.
-
     x, y: middles of the columns (1, w) and rows (h, 1); own, counts: (h, w) bool."""
     across = np.minimum(x - box.left, box.right - x)
     down = np.minimum(y - box.top, box.bottom - y)
@@ -96,8 +87,7 @@ def _pixels_off(
     return np.asarray(np.cumsum(lacked)[:-1] + had.sum() - np.cumsum(had)[:-1])
 
 
-@dataclass(frozen=True)
-class BlurredBox:
+class BlurredBox(NamedTuple):
     """A blurred copy of a box. dx, dy: its offset, px; grown: px by which it is larger on all sides; rounder: px by
     which its corners' radius is larger; sigma: standard deviation of its blur, px; alpha: its opacity, 0..1."""
 
@@ -114,7 +104,7 @@ class BlurredBox:
 
     def of(self, box: Box) -> Box:
         """Return a box moved and grown."""
-        return Box(*shadow_box(box.numbers(), self.numbers()).tolist())
+        return Box(*shadow_box(np.array(box), self.numbers()).tolist())
 
 
 def numbers_of(layers: Sequence[BlurredBox]) -> np.ndarray:
@@ -124,7 +114,7 @@ def numbers_of(layers: Sequence[BlurredBox]) -> np.ndarray:
 
 def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return (h, w) how much the layers of a box darken rows y (h,) and columns x (w,), px; 0..1."""
-    return 1.0 - shadow_window(box.numbers(), numbers_of(layers), x, y)
+    return 1.0 - shadow_window(np.array(box), numbers_of(layers), x, y)
 
 
 def too_dark(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> np.ndarray:
@@ -135,20 +125,17 @@ def too_dark(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> np.ndarray
 def nearest_layers(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
     """Return the layers nearest to samples, fitted from these, and the mean square error in levels^2."""
     numbers, left = samples.fitted(numbers_of(layers))
-    found = [
+    found = (
         BlurredBox(dx, dy, grown, rounder, float(np.exp(sigma)), float(1.0 / (1.0 + np.exp(-odds))))
         for dx, dy, grown, rounder, sigma, odds in numbers.tolist()
-    ]
+    )
     return tuple(found), left
 
 
 def reached(box: Box, layers: Sequence[BlurredBox], shape: tuple[int, int]) -> tuple[slice, slice]:
     """Return the rows and columns of a picture (H, W) that the shadow of a box may reach."""
-    ends = []
-    for layer in layers:
-        own, reach = layer.of(box), BEYOND * layer.sigma
-        ends.append((own.top - reach, own.bottom + reach, own.left - reach, own.right + reach))
-    top, bottom, left, right = np.array(ends).T
-    rows = slice(int(np.clip(top.min(), 0, shape[0])), int(np.clip(np.ceil(bottom.max()), 0, shape[0])))
-    columns = slice(int(np.clip(left.min(), 0, shape[1])), int(np.clip(np.ceil(right.max()), 0, shape[1])))
-    return rows, columns
+    boxes, reach = np.array([layer.of(box) for layer in layers]), BEYOND * np.array([layer.sigma for layer in layers])
+    left, top = (boxes[:, :2].T - reach).min(axis=1)
+    right, bottom = np.ceil((boxes[:, 2:4].T + reach).max(axis=1))
+    rows, columns = np.clip((top, bottom), 0, shape[0]), np.clip((left, right), 0, shape[1])
+    return slice(*rows.astype(int).tolist()), slice(*columns.astype(int).tolist())

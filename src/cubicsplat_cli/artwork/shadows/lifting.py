@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import ALIKE, EVEN, ROUNDED, SAME, SEEN, eight_bit
 from cubicsplat_cli.artwork.regions.regions import ShadowSides
-from cubicsplat_cli.artwork.shadows.casters import LEAST_CASTER, Ground
+from cubicsplat_cli.artwork.shadows.casters import LEAST_CASTER
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Shadow, falls_on, shadow_of
 from cubicsplat_cli.artwork.shadows.soft import REACH, SHARP_BEND, SoftArea, soft_areas
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -74,13 +74,15 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
     soft areas to remove, if they are known.
     """
     parts, count = smooth_parts(levels, SHARP_BEND, np.inf)
-    shadow = shadow_of(levels, parts, count) if areas is None else None
-    if shadow is not None:
-        grounds, taken = _shaded_grounds(levels, shadow), shadow.shaded.mask
-        above = np.logical_or.reduce([cast.mask for cast in shadow.casts]) & ~taken
-        out, meant = _without_grounds(levels, np.where(taken, 0, parts), grounds, above, 1.0, SEEN)
-        return Lifted(out, shadow, (), np.logical_or.reduce([area.mask for area in grounds]), meant)
-    return without_areas(levels, parts, tuple(soft_areas(levels, parts, count)) if areas is None else areas)
+    if areas is not None:
+        return without_areas(levels, parts, areas)
+    shadow = shadow_of(levels, parts, count)
+    if shadow is None:
+        return without_areas(levels, parts, tuple(soft_areas(levels, parts, count)))
+    grounds, taken = _shaded_grounds(levels, shadow), shadow.shaded.mask
+    above = np.logical_or.reduce([cast.mask for cast in shadow.casts]) & ~taken
+    out, meant = _without_grounds(levels, np.where(taken, 0, parts), grounds, above, 1.0, SEEN)
+    return Lifted(out, shadow, (), np.logical_or.reduce([area.mask for area in grounds]), meant)
 
 
 def without_areas(
@@ -93,8 +95,8 @@ def without_areas(
     """
     if not areas:
         return Lifted(levels)
-    dark, shown = ([area.scale * area.share > FAINT for area in areas], [area.mask for area in areas])
-    above = np.logical_or.reduce(dark) & ~np.logical_or.reduce(shown)
+    dark = np.logical_or.reduce([area.scale * area.share > FAINT for area in areas])
+    above = dark & ~np.logical_or.reduce([area.mask for area in areas])
     out, meant = _without_grounds(levels, parts, areas, above, rough, line)
     return Lifted(out, None, areas, None, meant)
 
@@ -107,35 +109,33 @@ def _without_grounds(
     above: (H, W) bool, the pixels that cover the shadows. parts, rough, line: as of `without_areas`.
     """
     cards = _like_ground(levels, parts, grounds, above, rough)
-    stands = placeholders([card.fill for card in cards], levels.reshape(-1, 4))
-    # The colours of a ground vary with its shade; a card has one everywhere.
-    paints = [*grounds, *(SoftArea(card, card.fill, np.zeros(parts.shape)) for card in cards)]
+    stands, paints = placeholders([card.fill for card in cards], levels.reshape(-1, 4)), [*grounds, *cards]
     paint = np.where(parts > 0, parts + len(paints) - 1, -1).astype(np.int32)
     for k, area in enumerate(paints):
         paint[area.mask] = k
-    fills = np.array([area.ground.fill for area in grounds] + stands)
+    fills = np.array([area.fill for area in grounds] + stands)
     meant = tuple((eight_bit(stand), eight_bit(card.fill)) for stand, card in zip(stands, cards, strict=True))
     return with_placeholders(levels, paint, [area.colours for area in paints], fills, line), meant
 
 
 def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
     """Return the visible pixels of the grounds on which the shadow of boxes falls, and their shades."""
-    colour, shares = shadow.shaded.colour, [shadow.share_on(ground.mask) for ground in shadow.shaded.grounds]
-    owner = np.full(levels.shape[:2], -1, dtype=np.int32)
-    for k, (ground, share) in enumerate(zip(shadow.shaded.grounds, shares, strict=True)):
+    colour, grounds = shadow.shaded.colour, shadow.shaded.grounds
+    shares, owner = [shadow.share_on(ground.mask) for ground in grounds], np.full(levels.shape[:2], -1)
+    for k, (ground, share) in enumerate(zip(grounds, shares, strict=True)):
         casters = np.logical_or.reduce([cast.mask for cast in shadow.casts if falls_on(cast.mask, ground.mask)])
         off = np.abs(ground.fill + share[..., None] * (colour - ground.fill) - levels).max(axis=2)
         near = ndimage.binary_dilation(ground.mask, ndimage.SQUARE, iterations=REACH) & (off <= EVEN)
         owner[(ground.mask & (off <= CLOSE + ALIKE)) | (near & ~casters & (owner < 0))] = k
-    grounds = enumerate(zip(shadow.shaded.grounds, shares, strict=True))
-    return [SoftArea(Ground(ground.fill, owner == k), colour, share) for k, (ground, share) in grounds]
+    return [SoftArea(ground.fill, owner == k, colour, shares[k]) for k, ground in enumerate(grounds)]
 
 
 def _like_ground(
     levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray, rough: float
-) -> list[Ground]:
-    """Return the fills that shapes above a shadow share with a ground, and their pixels; see `_without_grounds`."""
-    out: dict[tuple[float, ...], np.ndarray] = {}
+) -> list[SoftArea]:
+    """Return the shapes above a shadow that have the fill of a ground, one area for each fill and unlike those of
+    grounds in the same colour everywhere; see `_without_grounds`."""
+    out = dict[tuple[float, ...], np.ndarray]()
     numbers, sizes = np.unique(parts[above & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)
     for number in numbers[sizes >= LEAST_CASTER]:
@@ -144,12 +144,12 @@ def _like_ground(
         values = levels[box][inside]
         fill = np.rint(np.median(values, axis=0)).astype(float)
         even = (largest(np.abs(values - fill)) <= ROUNDED * rough).mean() >= EXPLAINED
-        if not even or min(np.abs(g.ground.fill - fill).max() for g in grounds) > SAME * rough:
-            continue
-        out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= inside
+        if even and min(np.abs(ground.fill - fill).max() for ground in grounds) <= SAME * rough:
+            out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= inside
     cards = []
-    for fill, mask in out.items():
+    for fill, mask in ((np.array(fill), mask) for fill, mask in out.items()):
         # Ringing makes the rims of shapes uneven.
-        rim = above & (largest(np.abs(levels - np.array(fill))) <= SAME * rough)
-        cards.append(Ground(np.array(fill), ndimage.binary_propagation(mask, None, rim)))
+        rim = above & (largest(np.abs(levels - fill)) <= SAME * rough)
+        shown = ndimage.binary_propagation(mask, None, rim)
+        cards.append(SoftArea(fill, shown, fill, np.zeros(parts.shape)))
     return cards

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import in_blocks, largest, packed
+from cubicsplat_cli.artwork.channels import in_blocks, largest, packed, unpacked
 from cubicsplat_cli.artwork.gradients.noisy import roughness
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA as LEAST_EVEN
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, RING, smooth_parts
@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.input.condition import NEAR_EDGES, Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
 from cubicsplat_cli.artwork.input.restore import seen_as
-from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, Ground, end_of
+from cubicsplat_cli.artwork.shadows.casters import LEAST_RANGE, end_of
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, without_areas
 from cubicsplat_cli.artwork.shadows.shadow import BLURS, MOST_MOVED
 from cubicsplat_cli.artwork.shadows.soft import LEAST_AREA, Line, SoftArea
@@ -77,8 +77,7 @@ def _grounds(values: np.ndarray, least: int, rough: float) -> Iterator[np.ndarra
     """Yield the commonest colours (4,) of even pixels (n, 4), each of at least so many."""
     while len(values) >= least:
         colours, counts = np.unique(packed(np.rint(values)), return_counts=True)
-        commonest = (colours[counts.argmax()] >> (8 * np.arange(4))) & 255
-        near = largest(np.abs(values - commonest)) <= rough
+        near = largest(np.abs(values - unpacked(colours[[counts.argmax()]]))) <= rough
         if near.sum() < least:
             return
         yield np.rint(np.median(values[near], axis=0)).astype(float)
@@ -99,15 +98,14 @@ def _area(
     # All pixels tell the colour of a shade best; where it meets others as dark, only its foot tells it.
     for most in (np.inf, FOOT * error):
         on_ground = _on_ground(off, fill, even, smooth, smooth & (far <= most), error)
-        best = None if on_ground is None else _best(*on_ground)
-        if on_ground is None or best is None:
+        if on_ground is None or (best := _best(*on_ground)) is None:
             continue
         line, (shown, field, _) = on_ground[0], best
         # Beside edges luma rings, and chroma is blurred.
         rim = ndimage.binary_dilation(shown, ndimage.SQUARE, iterations=RING)
         rim &= np.linalg.norm(line.apart(field) @ told, axis=2) <= NEAR_EDGES * error
         shown = ndimage.binary_propagation(shown, None, rim)
-        return SoftArea(Ground(fill, shown), fill + line.way, field, error / CLOSE)
+        return SoftArea(fill, shown, fill + line.way, field, error / CLOSE)
     return None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -33,11 +32,11 @@ class Cast(Caster):
 
     layers: tuple[BlurredBox, ...]
 
-    def darkening(self, shape: tuple[int, int]) -> tuple[slice, slice, np.ndarray]:
+    def darkening(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], np.ndarray]:
         """Return the rows and columns of a picture (H, W) that it may reach, and (h, w) how much it darkens them."""
-        rows, columns = reached(self.box, self.layers, shape)
-        x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
-        return rows, columns, shaded(self.box, self.layers, x, y)
+        window = reached(self.box, self.layers, shape)
+        y, x = (np.arange(side.start, side.stop) + 0.5 for side in window)
+        return window, shaded(self.box, self.layers, x, y)
 
 
 @record
@@ -52,8 +51,8 @@ class Shadow:
         light = np.ones(ground.shape)
         for cast in self.casts:
             if falls_on(cast.mask, ground):
-                rows, columns, share = cast.darkening(ground.shape)
-                light[rows, columns] *= 1.0 - share
+                window, share = cast.darkening(ground.shape)
+                light[window] *= 1.0 - share
         return 1.0 - light
 
 
@@ -72,25 +71,20 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
     scale = float(np.abs(grounds.colour - grounds.grounds[0].fill).max())
     if scale * float(seen.max()) < LEAST_RANGE:
         return None
-    best = tuple[Cast, ...]()
-    tried: set[tuple[Box, ...]] = set()
+    best, tried = tuple[Cast, ...](), list[list[Box]]()
     for casters in casters_of(grounds, seen, parts > 0):
-        boxes = tuple(caster.box for caster in casters)
+        boxes = [caster.box for caster in casters]
         if boxes in tried:
             continue
-        tried.add(boxes)
+        tried.append(boxes)
         layers = _ShadowSearch(grounds, seen, scale, casters).best()
         if layers is not None:
             casts = tuple(Cast(c.mask, c.box, some) for c, some in zip(casters, layers, strict=True) if some)
-            best = casts if not best or _rank(casts) < _rank(best) else best
+            # More shapes have shadows, or as many with fewer layers.
+            best = min(best, casts, key=lambda some: (-len(some), sum(len(cast.layers) for cast in some)))
             if all(len(cast.layers) == 1 for cast in best):
                 break
     return Shadow(grounds, best) if best else None
-
-
-def _rank(casts: tuple[Cast, ...]) -> tuple[int, int]:
-    """Return a rank, lower is better: more shapes have shadows, or as many with fewer layers."""
-    return -len(casts), sum(len(cast.layers) for cast in casts)
 
 
 Layers = tuple[BlurredBox, ...]
@@ -109,26 +103,23 @@ class _ShadowSearch:
         self.rows, self.columns = np.unravel_index(np.concatenate(at), seen.shape)
         self.seen = seen[self.rows, self.columns]
         self.dark = scale * self.seen > FAINT
-        x, y = self.columns + 0.5, self.rows + 0.5
-        self.open, gaps = [], []
-        for caster in casters:
-            open_ = np.zeros(len(self.seen), dtype=bool)
+        self.open = np.zeros((len(casters), len(self.seen)), dtype=bool)
+        for open_, caster in zip(self.open, casters, strict=True):
             for ground in grounds.grounds:
                 if falls_on(caster.mask, ground.mask):
                     open_ |= ground.mask[self.rows, self.columns]
-            self.open.append(open_)
-            gaps.append(np.where(open_, caster.box.distance(x, y), np.inf))
+        gaps = [caster.box.distance(self.columns + 0.5, self.rows + 0.5) for caster in casters]
         # Each pixel belongs to the nearest caster.
-        self.nearest = np.argmin(gaps, axis=0)
+        self.nearest = np.where(self.open, gaps, np.inf).argmin(axis=0)
 
     def best(self) -> list[Layers | None] | None:
         """Return the layers of each caster, None for one without a shadow; None if they leave much unexplained."""
-        everyone = list(range(len(self.casters)))
-        whole = self._samples(everyone, [None] * len(everyone))
-        shared = self._layers(whole, (), MOST_LAYERS if len(everyone) == 1 else 1, [])
-        if shared is not None and self._explained([shared] * len(everyone)).mean() >= EXPLAINED:
-            return [_more(whole, shared, MOST_LAYERS)] * len(everyone)
-        if len(everyone) == 1:
+        count = len(self.casters)
+        whole = self._samples(list(range(count)), [])
+        shared = self._layers(whole, (), MOST_LAYERS if count == 1 else 1, [])
+        if shared is not None and self._explained([shared] * count).mean() >= EXPLAINED:
+            return [_more(whole, shared, MOST_LAYERS)] * count
+        if count == 1:
             return None
         found = self._each()
         return found if any(found) and self._explained(found).mean() >= EXPLAINED else None
@@ -138,11 +129,11 @@ class _ShadowSearch:
         found: list[Layers | None] = [None] * len(self.casters)
         for sweep in range(SWEEPS):
             for k in range(len(self.casters)):
-                samples = self._samples([k], found)
                 if (self.dark & (self.nearest == k)).sum() < LEAST_AREA:
                     continue
                 known = list(dict.fromkeys(some for some in found if some is not None))
-                found[k] = self._layers(samples, found[k] or (), 1 if sweep == 0 else MOST_LAYERS, known)
+                most = 1 if sweep == 0 else MOST_LAYERS
+                found[k] = self._layers(self._samples([k], found), found[k] or (), most, known)
             if not sweep and not (any(found) and self._explained(found).mean() >= HALFWAY):
                 break
             if all(self._good(k, found) for k in range(len(self.casters))):
@@ -162,8 +153,7 @@ class _ShadowSearch:
 
     def _samples_at(self, casters: list[int], at: np.ndarray, through: np.ndarray) -> ShadowSamples:
         """Return the samples at some pixels (n,). through: (n,) light that other shadows leave."""
-        boxes = np.stack([self.casters[k].box.numbers() for k in casters])
-        open_ = np.stack([self.open[k][at] for k in casters])
+        boxes, open_ = np.array([self.casters[k].box for k in casters]), self.open[casters][:, at]
         return ShadowSamples(boxes, self.rows[at], self.columns[at], open_, self.seen[at], through, self.scale)
 
     def _light(self, found: Sequence[Layers | None], at: np.ndarray, without: Sequence[int] = ()) -> np.ndarray:
@@ -193,8 +183,8 @@ def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
         if _explained(samples, best) >= EXPLAINED:
             break
         last = best[-1]
-        weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]
-        more = _nearest(samples, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in BLURS])
+        weaker = [layer._replace(alpha=0.6 * layer.alpha) for layer in best]
+        more = _nearest(samples, [(*weaker, last._replace(sigma=s, alpha=0.4 * last.alpha)) for s in BLURS])
         if _rough(samples, more) >= _rough(samples, best):
             break
         best = more

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -24,14 +24,13 @@ from cubicsplat_cli.artwork.layers.extents import extents_of
 from cubicsplat_cli.artwork.regions.fills import CONTACT, EVEN, SEEN
 from cubicsplat_cli.artwork.regions.regions import ShadowSides
 from cubicsplat_cli.artwork.regions.sampling import share_positions
-from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, sides_of
 from cubicsplat_cli.artwork.shadows.shadow import FAINT, Cast
 from cubicsplat_cli.artwork.shadows.soft import SoftArea
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.record import record
-from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
+from cubicsplat_cli.scene.paint import mean_fill, painted
 
 NAME = "shadow"
 CORNER = 1.75  # sigmas from a side, besides the radius, at which its corner ends
@@ -51,69 +50,52 @@ class Cut:
     colour: np.ndarray
     window: tuple[slice, slice]
 
-    @property
-    def corner(self) -> tuple[int, int]:
-        """Coordinates x, y of the window in the picture."""
-        return self.window[1].start, self.window[0].start
+    def places(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return x and y (n,), px of the picture, of the middles of some pixels (h, w) bool."""
+        rows, columns = np.nonzero(pixels)
+        return columns + self.window[1].start + 0.5, rows + self.window[0].start + 0.5
 
 
 def sliced(cut: Cut) -> list[Shape] | None:
     """Return the shapes of a shadow, which do not overlap; None if they would differ too much from it."""
-    rows, columns = np.nonzero(255.0 * cut.share > 0.5 * FAINT)
-    if len(rows) == 0:
+    x, y = cut.places(255.0 * cut.share > 0.5 * FAINT)
+    if len(x) == 0:
         return []
-    x0, y0, x1, y1 = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
+    (x0, x1), (y0, y1) = ((float(at.min()) - 0.5, float(at.max()) + 0.5) for at in (x, y))
     layers = cut.cast.layers
-    strongest = max(layers, key=lambda layer: layer.alpha)
-    box = strongest.of(cut.cast.box).moved(-cut.corner[0], -cut.corner[1])
-    sigma = sum(layer.alpha * layer.sigma for layer in layers) / sum(layer.alpha for layer in layers)
+    box = max(layers, key=lambda layer: layer.alpha).of(cut.cast.box)
     if box.round:
-        x, y, rx, ry = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (x1 - x0) + 1.0, 0.5 * (y1 - y0) + 1.0
-        shapes = [_piece(cut, Ellipse(x + cut.corner[0], y + cut.corner[1], rx, ry))]
+        shapes = [_piece(cut, Ellipse(0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (x1 - x0) + 1.0, 0.5 * (y1 - y0) + 1.0))]
     else:
-        shapes = _nine(cut, (x0, y0, x1, y1), box, CORNER * sigma)
+        sigma = sum(layer.alpha * layer.sigma for layer in layers) / sum(layer.alpha for layer in layers)
+        rows = pairwise(_cuts(y0, y1, box.top, box.bottom, CORNER * sigma + box.ry))
+        columns = pairwise(_cuts(x0, x1, box.left, box.right, CORNER * sigma + box.rx))
+        pieces = (Rectangle(left, top, right - left, end - top) for (top, end), (left, right) in product(rows, columns))
+        shapes = [_piece(cut, piece) for piece in pieces if piece.width > 0.0 and piece.height > 0.0]
     return shapes if _worst(cut, shapes) <= SEEN else None
 
 
-def _nine(cut: Cut, frame: tuple[int, int, int, int], box: Box, reach: float) -> list[Shape]:
-    """Return nine pieces, or fewer where some have no room. reach: px beyond its radius that a corner takes."""
-    xs = _cuts(frame[0], frame[2], box.left, box.right, reach + box.rx)
-    ys = _cuts(frame[1], frame[3], box.top, box.bottom, reach + box.ry)
-    dx, dy = cut.corner
-    return [
-        _piece(cut, Rectangle(float(x0 + dx), float(y0 + dy), float(x1 - x0), float(y1 - y0)))
-        for y0, y1 in pairwise(ys)
-        for x0, x1 in pairwise(xs)
-        if x1 > x0 and y1 > y0
-    ]
-
-
-def _cuts(first: int, last: int, low: float, high: float, reach: float) -> list[int]:
+def _cuts(first: float, last: float, low: float, high: float, reach: float) -> list[float]:
     """Return the coordinates of the cuts of a shadow from `first` to `last` of a box from `low` to `high`: its ends,
-    and the ends of corners."""
+    and the ends of corners, in whole px."""
     middle = 0.5 * (low + high)
     one, other = round(min(low + reach, middle)), round(max(high - reach, middle))
-    inner = [int(np.clip(cut, first, last)) for cut in (one, max(other, one))]
-    return [first, *inner, last]
+    return [first, *np.clip([one, max(other, one)], first, last).tolist(), last]
 
 
 def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
     """Return one piece as a shape."""
     covered = _covered(outline, cut)
-    rows, columns = np.nonzero(covered & cut.shown)
-    if len(rows) < LEAST_AREA:
-        rows, columns = np.nonzero(covered)
-    alpha = cut.share[rows, columns]
-    values = np.column_stack([alpha[:, None] * cut.colour, 255.0 * alpha])
-    dx, dy = cut.corner
-    gradient: Gradient | None = None
+    seen = covered & cut.shown
+    if seen.sum() < LEAST_AREA:
+        seen = covered
+    alpha = cut.share[seen]
     if 255.0 * float(np.ptp(alpha)) > FAINT:
-        gradient = gradient_of(shade_of(Pixels(columns + dx + 0.5, rows + dy + 0.5, values)))
-        fill = mean_fill(gradient)
-    else:
-        red, green, blue = (round(float(v)) for v in cut.colour)
-        fill = (red, green, blue, round(255.0 * float(alpha.mean())))
-    return Shape(fill, (outline,), NAME, gradient)
+        values = np.column_stack([alpha[:, None] * cut.colour, 255.0 * alpha])
+        gradient = gradient_of(shade_of(Pixels(*cut.places(seen), values)))
+        return Shape(mean_fill(gradient), (outline,), NAME, gradient)
+    red, green, blue = (round(float(v)) for v in cut.colour)
+    return Shape((red, green, blue, round(255.0 * float(alpha.mean()))), (outline,), NAME)
 
 
 def _covered(outline: Outline, cut: Cut) -> np.ndarray:
@@ -129,15 +111,13 @@ def _covered(outline: Outline, cut: Cut) -> np.ndarray:
 
 def _worst(cut: Cut, shapes: list[Shape]) -> float:
     """Return the levels by which the worst hundredth of the visible pixels differs."""
-    dx, dy = cut.corner
     alpha = np.zeros(cut.share.shape)
     for shape in shapes:
         covered = _covered(shape.outlines[0], cut)
-        y, x = np.nonzero(covered)
         if shape.gradient is None:
             alpha[covered] = shape.fill[3] / 255.0
         else:
-            alpha[covered] = painted(shape.gradient, x + dx + 0.5, y + dy + 0.5)[:, 3]
+            alpha[covered] = painted(shape.gradient, *cut.places(covered))[:, 3]
     off = 255.0 * np.abs(alpha - cut.share)[cut.shown]
     return float(np.percentile(off[255.0 * cut.share[cut.shown] > 0.5 * FAINT], 99)) if len(off) else 0.0
 
@@ -145,32 +125,29 @@ def _worst(cut: Cut, shapes: list[Shape]) -> float:
 def _contoured(area: SoftArea) -> Iterator[Shape]:
     """Yield a soft area's even shapes, back to front: opaque on an opaque ground, so that rounding loses nothing."""
     share, shown, colour = area.share, area.mask, area.colour[:3]
-    ground = area.ground.fill[:3] if area.ground.fill[3] == 255.0 else None
+    ground = area.fill[:3] if area.fill[3] == 255.0 else None
     whole = 255.0 if ground is None else float(np.abs(colour - ground).max())  # levels of full shade
     levels = whole * share
     slope = np.maximum(np.hypot(*np.gradient(levels)), 1e-3)
     values, slopes = levels[shown], slope[shown]
-    most, error = float(values.max()), area.rough * 255.0 * EVEN / float(slopes.max())
-    dark = 0.0
-    while dark < most:
+    dark, error = 0.0, area.rough * 255.0 * EVEN / float(slopes.max())
+    while dark < values.max():
         near = np.abs(values - dark - STEPS[0]) < STEPS[0]
         step = int(np.clip(APART * np.median(slopes[near]), *STEPS)) if near.any() else STEPS[1]
-        alpha = 255 if ground is not None else round(255.0 * min(step / (whole - dark), 1.0))
-        darker = dark + (step if ground is not None else (whole - dark) * alpha / 255.0)
-        fill = colour if ground is None else ground + min(darker / whole, 1.0) * (colour - ground)
+        if ground is None:
+            alpha, fill = round(255.0 * min(step / (whole - dark), 1.0)), colour
+            darker = dark + (whole - dark) * alpha / 255.0
+        else:
+            alpha, darker = 255, dark + step
+            fill = ground + min(darker / whole, 1.0) * (colour - ground)
         red, green, blue = (round(float(v)) for v in fill)
-        for outlines in _outlines(0.5 + (levels - 0.5 * (dark + darker)) / slope, error):
-            yield Shape((red, green, blue, alpha), outlines, NAME)
+        part = 0.5 + (levels - 0.5 * (dark + darker)) / slope
+        cover = part >= 0.5
+        if cover.any():
+            found = share_positions(np.clip(part, 0.0, 1.0), cover, error)
+            for extent in extents_of(cover, np.zeros_like(cover), found):
+                yield Shape((red, green, blue, alpha), outlines_of(extent, cover.shape, 1.0), NAME)
         dark = darker
-
-
-def _outlines(part: np.ndarray, error: float) -> Iterator[tuple[Outline, ...]]:
-    """Yield the outlines of a shape that covers these parts of the pixels (H, W), to an error in levels."""
-    cover = part >= 0.5
-    found = share_positions(np.clip(part, 0.0, 1.0), cover, error)
-    if cover.any():
-        for extent in extents_of(cover, np.zeros_like(cover), found):
-            yield outlines_of(extent, cover.shape, 1.0)
 
 
 class Shadows:
@@ -187,10 +164,9 @@ class Shadows:
         if shadow is None or shaded is None:
             return found
         for cast in shadow.casts:
-            shown = shaded & ~cast.mask
-            rows, columns, share = cast.darkening(shown.shape)
+            shown, dark = shaded & ~cast.mask, np.zeros(shaded.shape, dtype=bool)
+            window, share = cast.darkening(shown.shape)
             if share.size:
-                window, dark = (rows, columns), np.zeros(shown.shape, dtype=bool)
                 dark[window] = share > FAINT / 255.0
                 cut = Cut(cast, share, shown[window], shadow.shaded.colour[:3], window)
                 found.append((sides_of(dark & ~cast.mask, shown), cut))

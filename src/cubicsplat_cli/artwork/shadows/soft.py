@@ -6,7 +6,6 @@ pixel follows from the pixel's place on the line. Beneath the shapes that cover 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -30,29 +29,23 @@ ROUNDS = 60  # of smoothing within the error of rounding
 
 
 @record
-class SoftArea:
-    """ground: the ground with the pixels that show the area; colour: the opaque colour (4,) in levels towards which it
+class SoftArea(Ground):
+    """A ground, with the pixels of it that show a soft area. colour: the opaque colour (4,) in levels towards which it
     tends; share: (H, W) share of this colour, also in pixels that do not show the area; rough: times as much as in a
     clean picture by which pixels may differ from it."""
 
-    ground: Ground
     colour: np.ndarray
     share: np.ndarray
     rough: float = 1.0
 
-    @property
-    def mask(self) -> np.ndarray:
-        """(H, W) bool, the pixels that show the area."""
-        return self.ground.mask
-
     def colours(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return (n, 4) levels of the area on its ground in columns x and rows y (n,)."""
-        return np.asarray(self.ground.fill + self.share[y, x][:, None] * (self.colour - self.ground.fill))
+        return np.asarray(self.fill + self.share[y, x][:, None] * (self.colour - self.fill))
 
     @property
     def scale(self) -> float:
         """Levels of a share of 1."""
-        return float(np.abs(self.colour - self.ground.fill).max())
+        return float(np.abs(self.colour - self.fill).max())
 
 
 @record
@@ -107,14 +100,13 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
             same = [Ground(fill, np.zeros(parts.shape, dtype=bool))]
             found.append((same[0], colour))
         same[0].mask[part.rows, part.columns] = True
-    areas = [_area(levels, parts, ground, colour) for ground, colour in found]
-    return [area for area in areas if area.mask.any()]
+    areas = (_area(levels, parts, ground, colour) for ground, colour in found)
+    return [area for area in areas if area is not None]
 
 
 def _is_cut(clear: np.ndarray, piece: Part) -> bool:
     """Return True if a piece is cut off by clear pixels, (H, W) bool, so that it cannot go on there."""
-    near = piece.patch.grown(REACH, clear.shape)
-    return int((near.mask & clear[near.window]).sum()) >= CONTACT
+    return int(clear[piece.patch.grown(REACH, clear.shape).places()].sum()) >= CONTACT
 
 
 def _is_sharp(ground: Patch, fill: np.ndarray, piece: Part) -> bool:
@@ -129,18 +121,19 @@ def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
     if smooth[piece.rows, piece.columns].mean() < EXPLAINED:
         return False
     pixels = whole.around(piece).pixels
-    shade = common_shade(pixels, [])
+    shade = common_shade(pixels)
     return shade is not None and bool(shade.explains(pixels).mean() >= EXPLAINED)
 
 
-def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea:
-    """Return the soft area on a ground, with the pixels that show it there and between the shapes that cover it."""
+def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea | None:
+    """Return the soft area on a ground, with the pixels that show it there and between the shapes that cover it; None
+    if none do."""
     line = Line(levels - ground.fill, colour - ground.fill, ROUNDED)
     on_line, scale, nothing = line.near(line.shares), line.scale, levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * line.shares)
     shown = ground.mask & on_line
     if not (shown & (seen > ROUNDED)).any():
-        return SoftArea(replace(ground, mask=np.zeros_like(shown)), colour, np.zeros(shown.shape))
+        return None
     # Translucent pixels show the ground, and so do uneven ones that are no darker than the area elsewhere.
     through = levels[..., 3] < OPAQUE
     possible = on_line & (through | (seen <= float(seen[shown].max()) + SAME))
@@ -157,8 +150,7 @@ def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndar
     alike = uneven | (share_of(possible * gap) <= SAME)
     more = alike & (share_of(possible) >= ON_LINE) & (share_of(shaded) >= 0.5)
     shown |= possible & ((shaded & (gap <= SAME)) | more[parts])
-    field = _continued(seen, shown | nothing, scale)
-    return SoftArea(replace(ground, mask=shown), colour, field / scale)
+    return SoftArea(ground.fill, shown, colour, _continued(seen, shown | nothing, scale) / scale)
 
 
 def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray:
@@ -170,8 +162,7 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
     at = np.flatnonzero(~known)
     found, places = nearest_paints(np.where(known, 0, -1), at, REACH, 1)
     beside = found[:, 0] == 0
-    at, places = at[beside], places[beside, 0]
-    row, column = np.divmod(places, width)
+    at, (row, column) = at[beside], np.divmod(places[beside, 0], width)
     behind = np.clip(2 * row - at // width, 0, height - 1), np.clip(2 * column - at % width, 0, width - 1)
     smooth = _inwards(levels, known)
     values = np.where(known[behind], 2.0 * smooth[row, column] - smooth[behind], smooth[row, column])
@@ -188,7 +179,7 @@ def _continued(levels: np.ndarray, known: np.ndarray, most: float) -> np.ndarray
 def _inwards(levels: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return levels (H, W), with the mean of the known levels nearby in pixels that are not known."""
     out, left, sigma = levels.astype(float), ~known, 1.0
-    weights, values = known.astype(float), np.where(known, levels, 0.0).astype(float)
+    weights, values = known.astype(float), np.where(known, out, 0.0)
     while left.any() and sigma < max(levels.shape):
         weights = ndimage.gaussian_filter(weights, sigma, truncate=3.0, mode="nearest")
         values = ndimage.gaussian_filter(values, sigma, truncate=3.0, mode="nearest")
