@@ -60,8 +60,7 @@ def gradient_areas(
         _explain(part_of(levels, parts, number, boxes), search, 0)
     if search.left == 0 and tries == MOST_TRIES:
         log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
-    areas = _united(levels, parts, boxes, search.found) if search.found else []
-    return _with_small_parts(levels, parts, boxes, spreads, areas)
+    return _with_small_parts(levels, parts, boxes, spreads, _united(levels, parts, boxes, search.found))
 
 
 @dataclass(eq=False)
@@ -101,9 +100,9 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
 def _with_rests(part: Part, off: np.ndarray) -> Patch:
     """Return the pixels that a gradient explains, and groups of few pixels that it nearly explains. off: (n,) levels by
     which the pixels differ from it."""
-    explained, nearly = part.within(off <= CLOSE), part.within((off > CLOSE) & (off <= SEEN)).mask
-    rests = nearly & (ndimage.large_parts(nearly, LEAST_AREA)[0] == 0)
-    return replace(explained, mask=explained.mask | rests)
+    nearly = part.within((off > CLOSE) & (off <= SEEN)).mask
+    large, _ = ndimage.large_parts(nearly, LEAST_AREA)
+    return replace(part.patch, mask=part.within(off <= SEEN).mask & (large == 0))
 
 
 def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: int) -> None:
@@ -174,8 +173,7 @@ def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: lis
 
     parts: as of `smooth_parts`; boxes: as of `part_spreads`.
     """
-    groups: list[_Group] = []
-    claimed = covered(found, levels.shape)
+    groups, claimed = list[_Group](), covered(found, levels.shape)
     for area in found:
         if area.ground is None:
             work().at()
@@ -276,8 +274,8 @@ def _with_small_parts(
     small = np.append(False, spreads > 0.0) & (sizes > 0) & (sizes < LEAST_AREA)
     if not small.any():
         return areas
-    y, x = np.nonzero(small[free])
-    pixels, numbers = Pixels(x + 0.5, y + 0.5, levels[y, x].astype(float)), free[y, x]
+    patch = Patch(0, 0, small[free])
+    pixels, numbers = patch.pixels(levels), free[patch.mask]
     explained = [np.bincount(numbers, shade.extended().explains(pixels), count) for shade in shades]
     most, which = np.max(explained, axis=0), np.argmax(explained, axis=0)
     follow = np.flatnonzero(small & (most >= EXPLAINED * sizes)).tolist()
@@ -290,17 +288,16 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
     numbers, sizes = np.unique(parts[near.window][near.mask & ~claimed[near.window]], return_counts=True)
     for number in numbers[(sizes >= CONTACT) & (numbers > 0)]:
         part = part_of(levels, parts, number, boxes, claimed)
-        touching = group.near.at(part.rows, part.columns)
-        if len(part) < LEAST_AREA:
-            continue
+        touching = part.pixels.some(group.near.at(part.rows, part.columns))
         # The part begins about as the group ends. A stop where the ramp bends sharply looks like an edge.
-        if np.median(group.shade.extended().off(part.pixels.some(touching))) <= APART:
-            members = [*group.members, part]
-            shade = _common(members, [group.shade])
-            if shade is not None:
-                group.shade, group.members = shade, members
-                group.near = joined([group.near, part.patch.grown(RING, levels.shape)])
-                claimed[part.patch.window] |= part.patch.mask
+        if len(part) < LEAST_AREA or np.median(group.shade.extended().off(touching)) > APART:
+            continue
+        members = [*group.members, part]
+        shade = _common(members, [group.shade])
+        if shade is not None:
+            group.shade, group.members = shade, members
+            group.near = joined([group.near, part.patch.grown(RING, levels.shape)])
+            claimed[part.patch.window] |= part.patch.mask
     between = near.mask & ~claimed[near.window] & (parts[near.window] == 0)
     if len(group.members) < 2 or not between.any():
         return

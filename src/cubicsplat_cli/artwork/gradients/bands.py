@@ -67,10 +67,8 @@ class _Bands:
 
 def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: Condition) -> tuple[Shade, list[_Bands]]:
     """Return the gradient of a seed, refitted to all those left that it explains as well as their bands do, and these.
-
     If it leaves too much of their error the seed alone is tried, and if that is no gradient either there are none.
-    joined: the pixels of all those left.
-    """
+    joined: the pixels of all those left."""
     alone = joined if seed is left else _joined(seed)
     first = shade_of(alone)
     members, pixels, shade = left, joined, first
@@ -95,8 +93,8 @@ def _shared(seed: list[_Bands], left: list[_Bands], joined: Pixels, condition: C
 
 def _errors(shade: Shade, bands: list[_Bands], pixels: Pixels, condition: Condition) -> np.ndarray:
     """Return the squared errors (n,) that a gradient leaves of bands. pixels: of all of them."""
-    shade, ends = shade.extended(), np.cumsum([each.patch.size for each in bands])
-    return misfits(shade.frame, shade.radial, shade.ramp.knots, shade.ramp.colours, pixels, ends, seen_as(condition))
+    ends = np.cumsum([each.patch.size for each in bands])
+    return misfits(*shade.extended().given, pixels, ends, seen_as(condition))
 
 
 def _joined(bands: list[_Bands]) -> Pixels:

@@ -26,6 +26,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import blends, nearest_paints
 from cubicsplat_cli.raster.unmix import REACH, SLOTS, spread
 from cubicsplat_cli.record import record
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, laid_over, painted
 
 # Levels by which a placeholder may differ from the mean of its gradient, the least first.
@@ -129,12 +130,12 @@ def with_placeholders(
     # Where three paints meet a blur blends them over many pixels.
     flat, left = blends(value, paints, there, flats, blur > 0.0)
     # A thin line over a gradient: its share in a pixel is the pixel's contrast over the highest contrast nearby.
-    alone = np.flatnonzero((left > line) & (paints[:, 0] >= 0))
-    if len(alone):
-        size = np.zeros(paint.shape)
-        size[y[alone], x[alone]] = largest(np.abs(value[alone] - there[alone, 0]))
-        most = ndimage.maximum_filter(size, 2 * REACH + 1)[y[alone], x[alone]]
-        share = (size[y[alone], x[alone]] / np.maximum(most, 1e-9))[:, None]
+    alone = (left > line) & (paints[:, 0] >= 0)
+    if alone.any():
+        size, at = np.zeros(paint.shape), (y[alone], x[alone])
+        size[at] = largest(np.abs(value[alone] - there[alone, 0]))
+        most = ndimage.maximum_filter(size, 2 * REACH + 1)[at]
+        share = (size[at] / np.maximum(most, 1e-9))[:, None]
         flat[alone] = value[alone] + (1.0 - share) * (flats[alone, 0] - there[alone, 0])
     out[y, x] = np.clip(flat, 0.0, 255.0)
     return out
@@ -158,11 +159,10 @@ def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarra
 
 def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[tuple[Gradient, ...]]) -> np.ndarray:
     """Return (G, 4) for the gradients of each area a fill near its mean that no other paint has."""
-    count = len(gradients)
+    fills, count = [], len(gradients)
     inside = (paint >= 0) & (paint < count)
     sums = [np.bincount(paint[inside], levels[inside][:, k], count) for k in range(4)]
     means = np.stack(sums, axis=1) / np.bincount(paint[inside], minlength=count)[:, None]
-    fills = []
     for mean, (lowest, *_) in zip(means, gradients, strict=True):
         translucent = any(stop.colour[3] < 255 for stop in lowest.stops)
         alpha = float(np.clip(mean[3], APART, 255.0 - APART)) if translucent else 255.0
@@ -178,9 +178,8 @@ def placeholders(fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray 
     """
     taken, near, out = _few_colours(levels), _few_colours(small), list[np.ndarray]()
     for fill in fills:
-        colours = fill[:3] + SHIFTS[:, None, None] * np.eye(3)
-        colours = np.rint(np.clip(colours.reshape(-1, 3), 0.0, fill[3]))
-        trials = np.column_stack([colours, np.full(len(colours), np.rint(fill[3]))])
+        colours = (fill[:3] + SHIFTS[:, None, None] * np.eye(3)).reshape(-1, 3)
+        trials = np.rint(with_channels(np.clip(colours, 0.0, fill[3]), 4, fill[3]))
         gaps = np.minimum(_gaps(trials, taken), 2.0 * _gaps(trials, near))
         out.append(trials[int(np.minimum(gaps, APART).argmax())])
         taken = np.vstack([taken, out[-1]])

@@ -80,12 +80,9 @@ def with_layers(
             found.append(_extended(levels, parts, part, area))
         if failed == MOST_FAILED:
             break
-    if not found:
-        return areas
-    claimed = covered(found, parts.shape)
+    left = ~covered(found, parts.shape)
     # Of an area in which the part was, a rim may be left.
-    left = [replace(a, patch=replace(a.patch, mask=a.patch.mask & ~claimed[a.patch.window])) for a in areas]
-    return [new for old, new in zip(areas, left, strict=True) if 2 * new.patch.size > old.patch.size] + found
+    return [new for old in areas if 2 * (new := old.kept(left)).patch.size > old.patch.size] + found
 
 
 def _extended(levels: np.ndarray, parts: np.ndarray, part: Part, area: ShadedArea) -> ShadedArea:
@@ -94,9 +91,8 @@ def _extended(levels: np.ndarray, parts: np.ndarray, part: Part, area: ShadedAre
     mask, numbers = part.within(area.off(part.pixels) <= SEEN).mask, parts[part.patch.window]
     outside = Part(levels, replace(part.patch, mask=~part.patch.mask))
     explained = outside.within(area.off(outside.pixels) <= ROUNDINGS * CLOSE).mask
-    sizes, most = (
-        np.bincount(numbers[where], minlength=numbers.max() + 1) for where in (outside.patch.mask, explained)
-    )
+    count = numbers.max() + 1
+    sizes, most = (np.bincount(numbers[where], minlength=count) for where in (outside.patch.mask, explained))
     whole = most >= EXPLAINED * sizes
     reached = ndimage.binary_propagation(mask, None, mask | (explained & ((numbers == 0) | whole[numbers])))
     added = reached & ((numbers > 0) | ndimage.holes_of(mask))
@@ -181,7 +177,9 @@ class Between:
         ways = self.change[both] / np.linalg.norm(self.change[both], axis=2, keepdims=True)
         across = np.eye(3) - ways[..., :, None] * ways[..., None, :]
         # Lines that are one line meet anywhere: there the colour as far as there are colours is as good as any.
-        end = _ends(self.below[both[0]], ways[0])
+        starts, way = self.below[both[0]], ways[0]
+        room = np.where(way > 0.0, 255.0 - starts, starts)
+        end = starts + (room / np.maximum(np.abs(way), 1e-6)).min(axis=1, keepdims=True) * way
         weight = ALONG * np.eye(3)
         sums = (across @ self.below[both][..., None]).sum(axis=0) + (weight @ end[..., None])
         colours = np.linalg.solve(across.sum(axis=0) + weight, sums)[..., 0]
@@ -227,12 +225,6 @@ def _within(knots: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     inside = [t[(t > knots[steep]) & (t < knots[steep + 1])] for t in crossings]
     every = np.unique(np.concatenate([knots, *inside]))
     return every, np.interp(every, knots, values).clip(0.0, 1.0)
-
-
-def _ends(starts: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Return the last colours (n, 3) in levels on lines from colours (n, 3) along unit vectors (n, 3)."""
-    room = np.where(ways > 0.0, 255.0 - starts, starts)
-    return np.asarray(starts + (room / np.maximum(np.abs(ways), 1e-6)).min(axis=1, keepdims=True) * ways)
 
 
 def _between(below: Layers, above: Layers, pixels: Pixels) -> Between:
@@ -302,10 +294,16 @@ def _numbers(shade: Shade) -> np.ndarray:
     """Return the numbers (m,) of a gradient that may vary: of its geometry, inner stops, colours and opacities, or the
     colours of an opaque one, all of about the size of one px or level."""
     knots, colours = shade.ramp.knots, shade.ramp.colours
-    turn = np.zeros(0) if shade.parameters == 0 else SLOPE * shade.frame[:, :2]
-    geometry = [turn[:1].ravel(), shade.frame[0, 2:3]] if not shade.radial else [turn.ravel(), shade.frame[:, 2]]
+    frame = shade.frame[: _rows(shade)]
     paint = [colours[:, :3].ravel()] if colours[:, 3].min() >= 255.0 else [_colour(shade), colours[:, 3]]
-    return np.concatenate([*(geometry if shade.parameters else []), knots[1:-1], *paint])
+    return np.concatenate([SLOPE * frame[:, :2].ravel(), frame[:, 2], knots[1:-1], *paint])
+
+
+def _rows(shade: Shade) -> int:
+    """Return how many rows of the frame of a gradient may vary."""
+    if shade.parameters == 0:
+        return 0
+    return 2 if shade.radial else 1
 
 
 def _colour(shade: Shade) -> np.ndarray:
@@ -316,12 +314,9 @@ def _colour(shade: Shade) -> np.ndarray:
 
 def _of_numbers(shade: Shade, numbers: np.ndarray) -> Shade:
     """Return a gradient with other numbers, as of `_numbers`."""
-    frame, count, knots = shade.frame.copy(), len(shade.ramp.knots), shade.ramp.knots.copy()
-    if shade.parameters:
-        rows = 2 if shade.radial else 1
-        turn, middle, numbers = np.split(numbers, [2 * rows, 3 * rows])
-        frame[:rows, :2], frame[:rows, 2] = turn.reshape(rows, 2) / SLOPE, middle
-    inner, paint = np.split(numbers, [count - 2])
+    frame, count, knots, rows = shade.frame.copy(), len(shade.ramp.knots), shade.ramp.knots.copy(), _rows(shade)
+    turn, middle, inner, paint = np.split(numbers, [2 * rows, 3 * rows, 3 * rows + count - 2])
+    frame[:rows, :2], frame[:rows, 2] = turn.reshape(rows, 2) / SLOPE, middle
     knots[1:-1] = np.maximum.accumulate(np.clip(inner, knots[0], knots[-1]))
     if shade.ramp.colours[:, 3].min() >= 255.0:
         colours = np.column_stack([paint.reshape(count, 3), np.full(count, 255.0)])

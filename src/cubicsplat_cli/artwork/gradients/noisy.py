@@ -15,7 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, LONGEST_TIP, gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, joined, patches_of, smooth_parts
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, joined, patches_of, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, MOST_CHI, Ramp, Shade, ShadedArea, alike, by_gradient, covered
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
@@ -47,16 +47,15 @@ def without_noisy_gradients(
     new: areas of gradients, by default those that windows show. old: the areas of an earlier result; those of which new
     ones cover half are left out.
     """
-    calm, _ = calm_pixels(levels, condition.noise)
-    even, new = ndimage.large_parts(calm, LEAST_AREA)[0], plane_areas(levels, condition) if new is None else new
+    even, _ = ndimage.large_parts(calm_pixels(levels, condition.noise)[0], LEAST_AREA)
+    new = plane_areas(levels, condition) if new is None else new
     taken = covered(new, levels.shape)
     areas = [area for area in old if 2 * taken[area.patch.window][area.patch.mask].sum() < area.patch.size]
-    kinds = np.zeros(even.shape, dtype=np.uint8)
+    kind_of = np.zeros(int(even.max()) + 1, dtype=np.uint8)
     if condition.jpeg:
-        kind_of = np.where(np.bincount(even.ravel()) >= LARGE_AREA, IN_LARGE, 0).astype(np.uint8)
+        kind_of[np.bincount(even.ravel()) >= LARGE_AREA] = IN_LARGE
         kind_of[0] = ON_EDGE
-        kinds = kind_of[even]
-    areas += _united(levels, [_grown(levels, area, condition, kinds) for area in new], condition, kinds)
+    areas += _united(levels, new, condition, kind_of[even])
     flat = without_areas(levels, even, _to_the_nearest(levels, areas, condition), STRANGE)
     return replace(flat, areas=tuple(areas))
 
@@ -66,11 +65,9 @@ def with_exact_gradients(levels: np.ndarray, noise: float) -> np.ndarray:
     have its colours; the same array if it has no gradients.
     """
     condition, kinds = Condition(noise), np.zeros(levels.shape[:2], np.uint8)
-    areas = [_grown(levels, area, condition, kinds) for area in plane_areas(levels, condition)]
-    if not areas:
-        return levels
-    out = levels.copy()
-    for area in _to_the_nearest(levels, _united(levels, areas, condition, kinds), condition):
+    areas = _united(levels, plane_areas(levels, condition), condition, kinds)
+    out = levels.copy() if areas else levels
+    for area in _to_the_nearest(levels, areas, condition):
         shade, (y, x) = area.shade.extended(), area.patch.places()
         colours = np.clip(np.rint(shade.at(x + 0.5, y + 0.5)), 0.0, 255.0)
         near = largest(np.abs(colours - levels[y, x])) <= OUTLIER * noise
@@ -84,7 +81,7 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     parts = ndimage.large_parts(ndimage.binary_opening(smooth, ndimage.SQUARE), LARGE_AREA)
     rough = roughness(condition)
     found = gradient_areas(means / np.float32(rough), *parts)
-    shades = {area.shade: area.shade.times(rough) for area in found}
+    shades = {s: replace(s, ramp=Ramp(s.ramp.knots, s.ramp.colours * rough)) for s in {area.shade for area in found}}
     # Noise hides the end of a ramp that fades into its ground, so an area ends with its windows.
     areas = [replace(area, shade=shades[area.shade], ground=None) for area in found]
     strong = [area for area in areas if np.ptp(area.shade.ramp.colours, axis=0).max() >= BLEND]
@@ -98,12 +95,10 @@ def roughness(condition: Condition) -> float:
 
 def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.ndarray]:
     """Return (H, W, 4) float32 the means of windows, and (H, W) bool: True for windows that are planes with noise."""
-    size = (WINDOW, WINDOW, 1)
+    size, at = (WINDOW, WINDOW, 1), np.arange(WINDOW) - WINDOW // 2
     means = ndimage.uniform_filter(levels, size, mode="nearest")
     left = ndimage.uniform_filter(levels * levels, size, mode="nearest") - means * means
-    at = np.arange(WINDOW) - WINDOW // 2
-    spread = float((at * at).mean())
-    slope = np.zeros_like(left)
+    spread, slope = float((at * at).mean()), np.zeros_like(left)
     for axis, across in enumerate(((1, WINDOW, 1), (WINDOW, 1, 1))):
         along = ndimage.correlate1d(levels, at / (WINDOW * spread), axis=axis, mode="nearest")
         square = ndimage.uniform_filter(along, across, mode="nearest") ** 2
@@ -135,8 +130,7 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np
     mask[area.patch.window] = area.patch.mask
     off = NEAR * condition.noise + CLOSE
     edges = RESTORED * (JPEG_TIMES * condition.noise + MISFIT), UNLIKE, seen_as(condition), LUMA_CHROMA
-    gradient = shade.frame, shade.radial, shade.ramp.knots, shade.ramp.colours
-    wide = patches_of(grown(levels, kinds, gradient, mask, off, edges, on=condition.jpeg).view(np.uint8))[0]
+    (wide,) = patches_of(grown(levels, kinds, shade.given, mask, off, edges, on=condition.jpeg).view(np.uint8))
     holes = replace(wide, mask=ndimage.holes_of(wide.mask))
     labels, count = ndimage.label(holes.mask)
     worst = np.zeros(count + 1)
@@ -146,11 +140,12 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np
     return replace(area, patch=replace(wide, mask=wide.mask | filled[labels]))
 
 
-def _united(levels: np.ndarray, areas: list[ShadedArea], condition: Condition, kinds: np.ndarray) -> list[ShadedArea]:
-    """Return the areas, with one gradient for two that are side by side, or alike, if its description is shorter: noise
-    may show a gradient in pieces. kinds: as of `grown`.
-    """
-    groups = by_gradient(areas)
+def _united(
+    levels: np.ndarray, areas: Sequence[ShadedArea], condition: Condition, kinds: np.ndarray
+) -> list[ShadedArea]:
+    """Return the areas, `_grown`, with one gradient for two that are side by side, or alike, if its description is
+    shorter: noise may show a gradient in pieces. kinds: as of `grown`."""
+    groups = by_gradient(_grown(levels, area, condition, kinds) for area in areas)
     pairs = list(combinations(groups, 2))
     while pairs:
         first, second = pairs.pop()
@@ -189,8 +184,7 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
         off = _squares(area.shade, area.patch.pixels(levels), condition)
         nearer = off < least[y, x]
         least[y[nearer], x[nearer]], owner[y[nearer], x[nearer]] = off[nearer], k
-    masks = [area.patch.mask & (owner[area.patch.window] == k) for k, area in enumerate(areas)]
-    return [replace(area, patch=replace(area.patch, mask=mask)) for area, mask in zip(areas, masks, strict=True)]
+    return [area.kept(owner == k) for k, area in enumerate(areas)]
 
 
 def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
@@ -210,12 +204,11 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
 
 def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
     """Return the area with the connected pixels that its gradient explains too: those within `rim` px, and tips."""
-    wide, near = area.patch.padded(LONGEST_TIP, levels.shape), area.patch.ring(LONGEST_TIP, levels.shape)
-    explained = np.zeros_like(wide.mask)
-    explained[near.mask] = area.shade.extended().off(near.pixels(levels)) <= CLOSE
+    wide, near = area.patch.padded(LONGEST_TIP, levels.shape), Part(levels, area.patch.ring(LONGEST_TIP, levels.shape))
+    explained = near.within(area.shade.extended().explains(near.pixels)).mask
     # Neither a neighbour of about the last colour of the ramp belongs to it, nor a part that goes on farther.
     rests, count = ndimage.label((parts[wide.window] > 0) & ~wide.mask)
-    sizes = np.maximum(np.bincount(rests.ravel(), minlength=count + 1), 1)
+    sizes = np.bincount(rests.ravel(), minlength=count + 1)
     belongs = np.bincount(rests.ravel(), explained.ravel(), count + 1) >= EXPLAINED * sizes
     belongs[0] = False
     rimmed = ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=rim)

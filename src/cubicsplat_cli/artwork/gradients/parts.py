@@ -7,6 +7,7 @@ of a radial gradient; across an edge they are larger.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -94,12 +95,12 @@ class Patch:
     def grown(self, by: int, shape: tuple[int, ...]) -> Patch:
         """Return the pixels of a picture (H, W) within so many px of these."""
         wide = self.padded(by, shape)
-        return Patch(wide.top, wide.left, ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=by))
+        return replace(wide, mask=ndimage.binary_dilation(wide.mask, ndimage.SQUARE, iterations=by))
 
     def ring(self, by: int, shape: tuple[int, ...]) -> Patch:
         """Return the pixels within so many px around these, without these, in the box of `padded`."""
         wide = self.grown(by, shape)
-        return Patch(wide.top, wide.left, wide.mask & ~self.padded(by, shape).mask)
+        return replace(wide, mask=wide.mask & ~self.padded(by, shape).mask)
 
 
 def joined_pixels(parts: Sequence[Pixels]) -> Pixels:
@@ -142,7 +143,7 @@ class Part:
         """Return the pixels for which `chosen` (n,) is True."""
         mask = np.zeros_like(self.patch.mask)
         mask[self.patch.mask] = chosen
-        return Patch(self.patch.top, self.patch.left, mask)
+        return replace(self.patch, mask=mask)
 
     def pieces(self, chosen: np.ndarray) -> list[Part]:
         """Return the connected parts of the chosen pixels (n,) bool, largest first, without what is under 3 px."""
@@ -153,10 +154,8 @@ class Part:
 
     def around(self, piece: Part) -> Part:
         """Return a piece of this part with the pixels of the part within RING px."""
-        wide = piece.patch.grown(RING, self.levels.shape)
-        mask = wide.mask.copy()
-        mask[wide.mask] = self.patch.at(*wide.places())
-        return Part(self.levels, Patch(wide.top, wide.left, mask))
+        near = Part(self.levels, piece.patch.grown(RING, self.levels.shape))
+        return Part(self.levels, near.within(self.patch.at(near.rows, near.columns)))
 
     def range(self) -> float:
         """Return the range of the channel that varies most, in levels, without a few outliers."""

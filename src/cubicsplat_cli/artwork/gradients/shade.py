@@ -71,9 +71,14 @@ class Shade:
         u = self.frame[:, :3] @ np.stack([x, y, np.ones(len(x))])
         return turn.T @ (u / np.maximum(np.hypot(*u), 1e-9) + lean)
 
+    @property
+    def given(self) -> tuple[np.ndarray, bool, np.ndarray, np.ndarray]:
+        """Its frame, radial, knots and colours, as `raster.shades` takes them."""
+        return self.frame, self.radial, self.ramp.knots, self.ramp.colours
+
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return premultiplied levels (n, 4) at places in px."""
-        return colours_at(self.frame, self.radial, self.ramp.knots, self.ramp.colours, x, y)
+        return colours_at(*self.given, x, y)
 
     def off(self, pixels: Pixels) -> np.ndarray:
         """Return levels (n,) by which the worst channel of each pixel differs."""
@@ -91,7 +96,7 @@ class Shade:
 
     def residuals(self, pixels: Pixels) -> np.ndarray:
         """Return the colours (n, 4) of the shade less those of pixels, in levels."""
-        return colours_off(self.frame, self.radial, self.ramp.knots, self.ramp.colours, pixels)
+        return colours_off(*self.given, pixels)
 
     def stopped(self, knots: np.ndarray, pixels: Pixels) -> Shade:
         """Return the shade with stops at these knots, in the colours nearest to pixels."""
@@ -106,10 +111,6 @@ class Shade:
                 colours[end] += step * (colours[end] - colours[beside]) / (knots[end] - knots[beside])
                 knots[end] += step
         return replace(self, ramp=Ramp(knots, colours))
-
-    def times(self, factor: float) -> Shade:
-        """Return the shade of the same pixels with their colours multiplied."""
-        return replace(self, ramp=Ramp(self.ramp.knots, self.ramp.colours * factor))
 
     @property
     def price(self) -> float:
@@ -142,6 +143,10 @@ class ShadedArea:
     def off(self, pixels: Pixels) -> np.ndarray:
         """Return levels (n,) by which the worst channel of each pixel differs from the gradients."""
         return largest(np.abs(shown(self.shades, pixels) - pixels.values))
+
+    def kept(self, where: np.ndarray) -> ShadedArea:
+        """Return the area with its pixels in a mask (H, W) bool."""
+        return replace(self, patch=replace(self.patch, mask=self.patch.mask & where[self.patch.window]))
 
 
 def shown(shades: Sequence[Shade], pixels: Pixels) -> np.ndarray:
@@ -185,5 +190,4 @@ def _fills(colours: np.ndarray) -> list[Rgba]:
     """Return 8-bit fills of premultiplied colours (K, 4) in levels. A clear stop gets the colour of the next one."""
     visible = np.flatnonzero(colours[:, 3] >= SEEN)
     sources = [visible[np.abs(visible - i).argmin()] if len(visible) else i for i in range(len(colours))]
-    shown = [eight_bit(colours[source]) for source in sources]
-    return [(r, g, b, eight_bit(colour)[3]) for (r, g, b, _), colour in zip(shown, colours, strict=True)]
+    return [(*eight_bit(colours[source])[:3], eight_bit(colours[k])[3]) for k, source in enumerate(sources)]

@@ -42,10 +42,8 @@ def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
 def common_shade(pixels: Pixels, hints: Sequence[Shade] = (), most: float = (2.0 * CLOSE) ** 2) -> Shade | None:
     """Return the same; None if in every geometry the pixels of one t differ by more than `most` levels^2 in the mean,
     as pixels twice as far off as explained ones do, so that no gradient comes near them all."""
-    # The pixels are sampled at random, in the same way each time.
-    count = len(pixels.x)
-    order = np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False)
-    few = pixels.some(order[:FEW_PIXELS])
+    count, sample = len(pixels.x), _sample(pixels)
+    few = sample.some(np.arange(min(count, FEW_PIXELS)))
     frames = _first_frames(pixels) + [(hint.frame, True, max(hint.parameters, 5)) for hint in hints if hint.radial]
     spread = np.array([scatter(frame, radial, few) for frame, radial, _ in frames])
     if spread.min() > most:
@@ -58,9 +56,14 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade] = (), most: float = (2.0
         shades = [_stopped(*frame, few, sigma) for frame in likely]
     best = _pruned(min(shades, key=lambda shade: _cost(shade, few, count, sigma)), few, count, sigma)
     if count > FEW_PIXELS:
-        few = pixels.some(order)
-        best = _fitted(best, few)
-    return reaching(_level(best, few, count, sigma), pixels)
+        best = _fitted(best, sample)
+    return reaching(_level(best, sample, count, sigma), pixels)
+
+
+def _sample(pixels: Pixels) -> Pixels:
+    """Return at most MOST_PIXELS of some pixels, in random order, but in the same one each time."""
+    count = len(pixels.x)
+    return pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
 
 
 def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels, sigma: float) -> Shade:
@@ -79,8 +82,7 @@ def _sigma(shade: Shade, pixels: Pixels) -> float:
 
 def refitted(shade: Shade, pixels: Pixels) -> Shade:
     """Return the gradient near another one that is best for pixels."""
-    count = len(pixels.x)
-    some = pixels.some(np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False))
+    count, some = len(pixels.x), _sample(pixels)
     shade = _fitted(shade.extended(), some)
     sigma = _sigma(shade, some)
     return reaching(_level(_pruned(shade, some, count, sigma), some, count, sigma), pixels)
@@ -102,10 +104,10 @@ def _pruned(shade: Shade, pixels: Pixels, count: int, sigma: float) -> Shade:
     cost = _cost(shade, pixels, count, sigma)
     while len(shade.ramp.knots) > 2:
         knots = shade.ramp.knots
-        trials = []
-        for i in range(len(knots) - 1):
-            one = knots[i] if i == 0 else knots[i + 1] if i == len(knots) - 2 else 0.5 * (knots[i] + knots[i + 1])
-            trials.append(shade.stopped(np.concatenate([knots[:i], [one], knots[i + 2 :]]), pixels))
+        # The end stops stay where they are.
+        joined = [knots[0], *(0.5 * (knots[1:-2] + knots[2:-1])), knots[-1]]
+        fewer = (np.concatenate([knots[:i], [one], knots[i + 2 :]]) for i, one in enumerate(joined))
+        trials = [shade.stopped(each, pixels) for each in fewer]
         trial = _fitted(min(trials, key=lambda trial: trial.misfit(pixels)), pixels)
         following = _cost(trial, pixels, count, sigma)
         if following >= cost:
@@ -132,7 +134,7 @@ def reaching(shade: Shade, pixels: Pixels) -> Shade:
     """Return the shade with its ramp carried on to where all pixels end, and a pixel farther, where edges blend, unless
     the pixels beyond a stop show that the ramp ends there."""
     knots, colours = shade.ramp.knots.copy(), shade.ramp.colours.copy()
-    (least, most), squares = reach(shade.frame, shade.radial, knots, colours, pixels)
+    (least, most), squares = reach(*shade.given, pixels)
     margin = float(np.hypot(*shade.frame[0, :2]))
     goes_on = [False, False]
     for end, beside in ((0, 1), (-1, -2)):
@@ -142,7 +144,8 @@ def reaching(shade: Shade, pixels: Pixels) -> Shade:
         if not tip and flat < carried_on:
             continue
         place = min(float(least) - margin, knots[0]) if end == 0 else max(float(most) + margin, knots[-1])
-        place = 0.0 if tip else max(place, 0.0) if shade.radial else place
+        if shade.radial:
+            place = 0.0 if tip else max(place, 0.0)
         colours[end] += slope * (place - knots[end])
         knots[end] = place
         goes_on[end] = True
