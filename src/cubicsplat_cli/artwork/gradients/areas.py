@@ -43,11 +43,9 @@ LOOKED_AT = 128  # pixels of an area that tell which gradients are likely
 def gradient_areas(
     levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES, most: int = MOST_TRIES
 ) -> list[ShadedArea]:
-    """Return the gradients of a picture (H, W, 4), premultiplied levels, the largest first.
-
-    A picture of more than `most` uneven parts is a photo or a texture, and has none. After `tries` searches the rest
-    stays as it is. Both are logged unless the caller chose the bound.
-    """
+    """Return the gradients of a picture (H, W, 4), premultiplied levels, the largest first. A picture of more than
+    `most` uneven parts is a photo or a texture, and has none. After `tries` searches the rest stays as it is. Both are
+    logged unless the caller chose the bound."""
     sizes, boxes, spreads = part_spreads(levels, parts, count)
     uneven = uneven_parts(sizes, spreads, LEAST_AREA, FLAT_RANGE)
     if len(uneven) > most:
@@ -83,23 +81,20 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     if depth > DEEPEST or part.range() <= FLAT_RANGE:
         return
     fill, even = plateau(part)
-    shade = search.shade(part.pixels)
-    if shade is None:
+    if (shade := search.shade(part.pixels)) is None:
         return
     off = shade.off(part.pixels)
     if (off <= CLOSE).mean() >= EXPLAINED:
         search.found.append(ShadedArea(shade, _with_rests(part, off)))
-        return
-    if even.mean() >= LEAST_PLATEAU:
+    elif even.mean() >= LEAST_PLATEAU:
         for piece in part.pieces(~even):
             _fading(part, piece, fill, search, depth)
-        return
-    _largest(part, search, depth)
+    else:
+        _largest(part, search, depth)
 
 
 def _with_rests(part: Part, off: np.ndarray) -> Patch:
-    """Return the pixels that a gradient explains, and groups of few pixels that it nearly explains. off: (n,) levels by
-    which the pixels differ from it."""
+    """Return the pixels that a gradient explains, and small groups that it nearly does. off: (n,) levels from it."""
     nearly = part.within((off > CLOSE) & (off <= SEEN)).mask
     large, _ = ndimage.large_parts(nearly, LEAST_AREA)
     return replace(part.patch, mask=part.within(off <= SEEN).mask & (large == 0))
@@ -110,8 +105,7 @@ def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: 
     if piece.range() <= FLAT_RANGE:
         return
     wider = whole.around(piece)
-    shade = search.shade(wider.pixels)
-    if shade is None:
+    if (shade := search.shade(wider.pixels)) is None:
         return
     explained = shade.explains(wider.pixels)
     if explained.mean() < EXPLAINED:
@@ -122,14 +116,13 @@ def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: 
     if min(gaps) > CLOSE:
         search.found.append(ShadedArea(shade, piece.patch))
         return
-    inwards = gaps[1] < gaps[0]
-    end = -1 if inwards else 0
-    colours, rim = shade.ramp.colours.copy(), float(shade.ramp.knots[end])
+    end = -1 if gaps[1] < gaps[0] else 0
+    colours, rim = shade.ramp.colours.copy(), shade.ramp.knots[end]
     colours[end] = fill
     shade = replace(shade, ramp=replace(shade.ramp, colours=colours), open=(False, False))
     t = shade.t(*wider.pixels[:2])
-    shown = explained & ((t < rim) if inwards else (t > rim))
-    search.found.append(ShadedArea(shade, wider.within(shown), fill, rim, inwards))
+    shown = explained & ((t < rim) if end else (t > rim))
+    search.found.append(ShadedArea(shade, wider.within(shown), fill, end))
 
 
 def beside(part: Part, width: float = 1.0) -> Iterator[np.ndarray]:
@@ -148,8 +141,7 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
     best: tuple[Shade, np.ndarray] | None = None
     most = LEAST_SHARE * len(part)
     for near in beside(part):
-        shade = search.shade(part.pixels.some(near))
-        if shade is None:
+        if (shade := search.shade(part.pixels.some(near))) is None:
             break
         off = shade.off(part.pixels)
         if (explained := (off <= CLOSE).sum()) > most:
@@ -157,8 +149,7 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
     if best is None:
         return
     shade, off = best
-    again = search.shade(part.pixels.some(off <= CLOSE))
-    if again is None:
+    if (again := search.shade(part.pixels.some(off <= CLOSE))) is None:
         return
     # The fit to all these pixels may have another geometry, which explains fewer.
     if ((other := again.off(part.pixels)) <= CLOSE).sum() >= most:
@@ -169,10 +160,7 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
 
 
 def _united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
-    """Return the areas, with one gradient for all that it explains, and with the parts in which they continue.
-
-    parts: as of `smooth_parts`; boxes: as of `part_spreads`.
-    """
+    """Return the areas, with one gradient for all that it explains, and with the parts in which they continue."""
     groups, claimed = list[_Group](), covered(found, levels.shape)
     for area in found:
         if area.ground is None:
@@ -204,8 +192,7 @@ def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
     alone = _Group(area.shade, [part], area.patch.grown(RING, levels.shape))
     for k in _promising(groups, alone):
         members = [*groups[k].members, part]
-        shade = _common(members, [groups[k].shade, area.shade])
-        if shade is not None:
+        if (shade := _common(members, [groups[k].shade, area.shade])) is not None:
             groups[k] = _Group(shade, members, joined([groups[k].near, alone.near]))
             return
     groups.append(alone)
@@ -234,8 +221,7 @@ def with_tips(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]) ->
     """Return the areas with the pixels beside them, on no even part, that go on in their gradients: tips of shapes, too
     thin to be seen as even. levels, parts: as of `gradient_areas`."""
     free, out = (parts == 0) & ~covered(areas, parts.shape), [area for area in areas if area.ground is not None]
-    layered = [area for area in areas if area.over]
-    for area in [*by_gradient(area for area in areas if area.plain), *layered]:
+    for area in [*by_gradient(area for area in areas if area.plain), *(area for area in areas if area.over)]:
         patch = area.patch.padded(LONGEST_TIP, levels.shape)
         if (outside := free[patch.window]).any():
             near = Part(levels, replace(patch, mask=outside))
@@ -264,8 +250,7 @@ def _with_small_parts(
     levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, spreads: np.ndarray, areas: list[ShadedArea]
 ) -> list[ShadedArea]:
     """Return the areas with the uneven parts that are too small to show a gradient and follow one of theirs, as pieces
-    of thin stripes do. boxes, spreads: as of `part_spreads`. Others as of `gradient_areas`.
-    """
+    of thin stripes do. boxes, spreads: as of `part_spreads`. Others as of `gradient_areas`."""
     shades = list(dict.fromkeys(area.shade for area in areas if area.ground is None))
     if not shades:
         return areas
@@ -293,8 +278,7 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
         if len(part) < LEAST_AREA or np.median(group.shade.extended().off(touching)) > APART:
             continue
         members = [*group.members, part]
-        shade = _common(members, [group.shade])
-        if shade is not None:
+        if (shade := _common(members, [group.shade])) is not None:
             group.shade, group.members = shade, members
             group.near = joined([group.near, part.patch.grown(RING, levels.shape)])
             claimed[part.patch.window] |= part.patch.mask

@@ -28,8 +28,7 @@ STEP = 0.5  # share of the step between fills that bands have at most, and of th
 
 def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, condition: Condition) -> list[ShadedArea]:
     """Return the gradients of a picture (H, W, 4), premultiplied levels, that were restored as fills. even: the
-    restored picture, with its palette and labels; flat: the picture from which it was restored.
-    """
+    restored picture, with its palette and labels; flat: the picture from which it was restored."""
     palette, labels = even.palette, even.labels
     assert palette is not None and labels is not None  # as every restored picture has
     drawn, areas = flat.painted(palette[labels], palette, labels.__eq__), list[ShadedArea]()
@@ -54,8 +53,7 @@ def banded_areas(levels: np.ndarray, even: FlatPicture, flat: Flattened, conditi
 class _Bands:
     """Connected pixels of fills that may be bands of a gradient. patch: these pixels, away from other fills. error: the
     squared error that the bands leave; even: the least of that and of what one fill of their own leaves, since a
-    palette may have one fill for two near ones.
-    """
+    palette may have one fill for two near ones."""
 
     def __init__(self, levels: np.ndarray, drawn: np.ndarray, patch: Patch, condition: Condition) -> None:
         self.patch, self.pixels = patch, patch.pixels(levels)
@@ -106,9 +104,7 @@ def _without_step(
     levels: np.ndarray, drawn: np.ndarray, labels: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs of `count` fills, (e,) each, between which a picture (H, W, 4) lacks the step that it is drawn with.
-
-    drawn: (H, W, 4) levels of the fills; labels: (H, W) the fill of each pixel.
-    """
+    drawn: (H, W, 4) levels of the fills; labels: (H, W) the fill of each pixel."""
     sums = np.zeros((3, count * count))
     for fills, *pictures in ((labels, drawn, levels), (labels.T, drawn.swapaxes(0, 1), levels.swapaxes(0, 1))):
         y, x = np.nonzero(fills[BESIDE - 1 : -BESIDE] != fills[BESIDE : 1 - BESIDE])

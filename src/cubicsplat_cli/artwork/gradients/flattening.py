@@ -38,8 +38,7 @@ Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]  # a paint's, (n, 4) in
 @record
 class Flattened:
     """levels: (H, W, 4) the picture in flat fills. fills: (G, 4) whole levels, the placeholders; gradients: those that
-    each stands for, back to front; areas: of a picture with noise, the pixels of the gradients, which may overlap.
-    """
+    each stands for, back to front; areas: of a picture with noise, the pixels of the gradients, which may overlap."""
 
     levels: np.ndarray
     fills: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
@@ -80,11 +79,9 @@ def flattened(levels: np.ndarray, *, layered: bool = False) -> Flattened:
 def without_areas(
     levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea], line: float = SEEN, blur: float = 0.0
 ) -> Flattened:
-    """Return a picture (H, W, 4), premultiplied levels, without the gradients of these areas.
-
-    parts: (H, W) int32 numbers from 1 on of the even parts, 0 for edges. line: levels by which the pixels of thin lines
-    differ from all blends of the paints beside them. blur: standard deviation of the blur of edges, px.
-    """
+    """Return a picture (H, W, 4), premultiplied levels, without the gradients of these areas. parts: (H, W) int32
+    numbers from 1 on of the even parts, 0 for edges. line: levels by which the pixels of thin lines differ from all
+    blends of the paints beside them. blur: standard deviation of the blur of edges, px."""
     if not areas:
         return Flattened(levels)
     number = {shades: k for k, shades in enumerate(dict.fromkeys(area.shades for area in areas))}
@@ -104,11 +101,9 @@ def without_areas(
 def with_placeholders(
     levels: np.ndarray, paint: np.ndarray, colours: Sequence[Colours], fills: np.ndarray, line: float, blur: float = 0.0
 ) -> np.ndarray:
-    """Return (H, W, 4) levels of a picture with its G varying paints replaced by placeholders.
-
-    paint: (H, W) int32 the paint of every pixel: a varying one below G, an even one from G on, -1 on edges. colours: of
-    each varying paint. fills: (G, 4) levels of the placeholders. line, blur: as of `without_areas`.
-    """
+    """Return (H, W, 4) levels of a picture with its G varying paints replaced by placeholders. paint: (H, W) int32 the
+    paint of every pixel: a varying one below G, an even one from G on, -1 on edges. colours: of each varying paint.
+    fills: (G, 4) levels of the placeholders. line, blur: as of `without_areas`."""
     inside = (paint >= 0) & (paint < len(colours))
     out = levels.copy()
     out[inside] = fills[paint[inside]]
@@ -144,9 +139,9 @@ def with_placeholders(
 def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarray) -> None:
     """Draw an edge along the line at which a gradient fades into its ground. fill: (4,) its placeholder."""
     y, x = area.patch.grown(2, levels.shape).places()
-    t = area.shade.t(x + 0.5, y + 0.5)
-    distance = (t - area.rim) / np.maximum(np.hypot(*area.shade.slope(x + 0.5, y + 0.5)), 1e-9)
-    share = np.clip(0.5 + (-distance if area.inwards else distance), 0.0, 1.0)
+    t = area.shade.t(x + 0.5, y + 0.5) - area.shade.ramp.knots[area.rim]
+    distance = t / np.maximum(np.hypot(*area.shade.slope(x + 0.5, y + 0.5)), 1e-9)
+    share = np.clip(0.5 + (-distance if area.rim else distance), 0.0, 1.0)
     # Pixels of the ground beside the rim, and of the area itself on it.
     ground = largest(np.abs(levels[y, x] - area.ground)) <= ROUNDED
     inside = area.patch.at(y, x)
@@ -174,8 +169,7 @@ def _placeholders_of(levels: np.ndarray, paint: np.ndarray, gradients: list[tupl
 
 def placeholders(fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray = NONE) -> list[np.ndarray]:
     """Return for each fill (4,) one near it, in whole levels, that differs from all pixels (n, 4) and from the others:
-    the first shifted one that is APART from them, and half as far from those of small parts (m, 4), or the farthest.
-    """
+    the first shifted one that is APART from them, and half as far from those of small parts (m, 4), or the farthest."""
     taken, near, out = _few_colours(levels), _few_colours(small), list[np.ndarray]()
     for fill in fills:
         colours = (fill[:3] + SHIFTS[:, None, None] * np.eye(3)).reshape(-1, 3)
@@ -188,7 +182,7 @@ def placeholders(fills: list[np.ndarray], levels: np.ndarray, small: np.ndarray 
 
 def _gaps(trials: np.ndarray, taken: np.ndarray) -> np.ndarray:
     """Return (n,) levels by which trials (n, 4) differ from the nearest of the colours taken (m, 4)."""
-    return np.asarray(largest(np.abs(taken[:, None] - trials)).min(axis=0, initial=255.0))
+    return largest(np.abs(taken[:, None] - trials)).min(axis=0, initial=255.0)
 
 
 def _few_colours(levels: np.ndarray) -> np.ndarray:

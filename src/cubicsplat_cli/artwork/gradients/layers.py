@@ -80,6 +80,8 @@ def with_layers(
             found.append(_extended(levels, parts, part, area))
         if failed == MOST_FAILED:
             break
+    if not found:
+        return areas
     left = ~covered(found, parts.shape)
     # Of an area in which the part was, a rim may be left.
     return [new for old in areas if 2 * (new := old.kept(left)).patch.size > old.patch.size] + found
@@ -168,8 +170,7 @@ class Between:
         return np.flatnonzero((self.room >= SHOWS) & (largest(np.abs(self.change)) * self.room > FAR))
 
     def likeliest(self, draw: np.random.Generator) -> np.ndarray | None:
-        """Return the colour (3,) at which most lines of the far pixels meet, of PAIRS of them; None if none do, or if
-        hardly any pixels are far."""
+        """Return the colour (3,) at which most lines of PAIRS of far pixels meet; None if none do, or few are far."""
         if len(self.far) < LEAST_AREA:
             return None
         some = draw.choice(self.far, min(len(self.far), VOTERS), replace=False)
@@ -186,13 +187,11 @@ class Between:
         colours = colours[(np.abs(colours - 127.5) <= 127.5 + FAR).all(axis=1)].clip(0.0, 255.0)
         if len(colours) == 0:
             return None
-        return np.asarray(colours[self.shares(colours, CLOSE, some)[1].sum(axis=1).argmax()])
+        return colours[self.shares(colours, CLOSE, some)[1].sum(axis=1).argmax()]
 
     def gradient(self, colour: np.ndarray, off: float) -> Shade | None:
         """Return the gradient of about a colour (3,) that the pixels within `off` levels show; None if hardly any do.
-
-        The colour is the one nearest to all lines, weighted by what pixels show of it, by Gauss' and Newton's method.
-        """
+        The colour is the one nearest to all lines, weighted by what pixels show of it, by Gauss and Newton's method."""
         for _ in range(4):
             share, on_line = self.shares(colour, off, self.far)
             if on_line.sum() < LEAST_AREA:
@@ -245,10 +244,10 @@ def _without(above: Layers, pixels: Pixels) -> tuple[np.ndarray, np.ndarray]:
 
 def _together(layers: Layers, pixels: Pixels) -> Layers:
     """Return gradients, all fitted to pixels at once by Levenberg's and Marquardt's method; outliers count little."""
-    numbers, damping = [_numbers(layer) for layer in layers], 1e-3
-    left = pixels.values - shown(layers, pixels)
+    left, damping = pixels.values - shown(layers, pixels), 1e-3
     errors = float(_robust(left).sum())
     for _ in range(STEPS):
+        numbers = [_numbers(layer) for layer in layers]
         change = np.concatenate(_changes(layers, numbers, pixels))
         weighted = (change / (1.0 + largest(np.abs(left)) ** 2 / FAR**2)[:, None] ** 2).reshape(len(change), -1)
         square, side = weighted @ change.reshape(len(change), -1).T, weighted @ left.ravel()
@@ -258,10 +257,9 @@ def _together(layers: Layers, pixels: Pixels) -> Layers:
         trial = tuple(map(_of_numbers, layers, moved))
         off = pixels.values - shown(trial, pixels)
         if (following := float(_robust(off).sum())) < errors:
-            done = following > FINISHED * errors
-            layers, numbers, left, errors, damping = trial, [_numbers(t) for t in trial], off, following, 0.2 * damping
-            if done:
-                break
+            if following > FINISHED * errors:
+                return trial
+            layers, left, errors, damping = trial, off, following, 0.2 * damping
         else:
             damping *= 10.0
     return layers
@@ -309,7 +307,7 @@ def _rows(shade: Shade) -> int:
 def _colour(shade: Shade) -> np.ndarray:
     """Return the colour (3,) in levels of a gradient of one colour and varying opacity."""
     strongest = shade.ramp.colours[shade.ramp.colours[:, 3].argmax()]
-    return np.asarray(255.0 * strongest[:3] / max(float(strongest[3]), 1.0))
+    return 255.0 * strongest[:3] / max(float(strongest[3]), 1.0)
 
 
 def _of_numbers(shade: Shade, numbers: np.ndarray) -> Shade:

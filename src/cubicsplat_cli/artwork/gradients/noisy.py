@@ -42,11 +42,9 @@ TOLD = 3.0 / 64.0  # numbers that a pixel of a JPEG tells of a channel's gradien
 def without_noisy_gradients(
     levels: np.ndarray, condition: Condition, new: Sequence[ShadedArea] | None = None, old: Sequence[ShadedArea] = ()
 ) -> Flattened:
-    """Return a picture (H, W, 4), premultiplied levels, of a condition, without its gradients.
-
-    new: areas of gradients, by default those that windows show. old: the areas of an earlier result; those of which new
-    ones cover half are left out.
-    """
+    """Return a picture (H, W, 4), premultiplied levels, of a condition, without its gradients. new: areas of gradients,
+    by default those that windows show. old: the areas of an earlier result; those of which new ones cover half are left
+    out."""
     even, _ = ndimage.large_parts(calm_pixels(levels, condition.noise)[0], LEAST_AREA)
     new = plane_areas(levels, condition) if new is None else new
     taken = covered(new, levels.shape)
@@ -62,8 +60,7 @@ def without_noisy_gradients(
 
 def with_exact_gradients(levels: np.ndarray, noise: float) -> np.ndarray:
     """Return a picture (H, W, 4), premultiplied levels, in which pixels that show a gradient through noise, in levels,
-    have its colours; the same array if it has no gradients.
-    """
+    have its colours; the same array if it has no gradients."""
     condition, kinds = Condition(noise), np.zeros(levels.shape[:2], np.uint8)
     areas = _united(levels, plane_areas(levels, condition), condition, kinds)
     out = levels.copy() if areas else levels
@@ -122,13 +119,8 @@ def steepest(ramp: Ramp, length: float) -> float:
 
 def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition, kinds: np.ndarray) -> ShadedArea:
     """Return the area with the pixels around it that its gradient explains too, and its small holes. In a JPEG it grows
-    as far as these go on, but into large parts of one colour only 5 px.
-
-    kinds: (H, W) as of `grown`; all 0 unless the picture is a JPEG.
-    """
-    shade, mask = area.shade.extended(), np.zeros(levels.shape[:2], dtype=bool)
-    mask[area.patch.window] = area.patch.mask
-    off = NEAR * condition.noise + CLOSE
+    as far as these go on, but into large parts of one colour only 5 px. kinds: (H, W) as of `grown`, 0 in others."""
+    shade, mask, off = area.shade.extended(), covered([area], levels.shape), NEAR * condition.noise + CLOSE
     edges = RESTORED * (JPEG_TIMES * condition.noise + MISFIT), UNLIKE, seen_as(condition), LUMA_CHROMA
     (wide,) = patches_of(grown(levels, kinds, shade.given, mask, off, edges, on=condition.jpeg).view(np.uint8))
     holes = replace(wide, mask=ndimage.holes_of(wide.mask))
@@ -173,7 +165,7 @@ def _united(
 def _squares(shade: Shade, pixels: Pixels, condition: Condition) -> np.ndarray:
     """Return the squared errors (n,) that a gradient leaves of pixels, as the condition lets colours be told."""
     off = shade.extended().residuals(pixels) @ seen_as(condition)
-    return np.asarray((off * off).sum(axis=1))
+    return (off * off).sum(axis=1)
 
 
 def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Condition) -> list[ShadedArea]:
@@ -189,9 +181,7 @@ def _to_the_nearest(levels: np.ndarray, areas: list[ShadedArea], condition: Cond
 
 def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     """Return a picture (H, W, 4), premultiplied levels, without its gradients. blur: standard deviation, px."""
-    parts, count = smooth_parts(levels)
-    if not count:
-        return Flattened(levels)
+    parts, _ = smooth_parts(levels)
     # The rims of even parts are the ends of blurred edges.
     rim = max(1, round(blur))
     inner = ndimage.binary_erosion(parts > 0, ndimage.SQUARE, iterations=rim, border_value=1)

@@ -28,13 +28,9 @@ RING = 4  # px around a part in which its surroundings are examined
 
 def smooth_parts(levels: np.ndarray, bend: float = BEND, tip: float = TIP) -> tuple[np.ndarray, int]:
     """Return (H, W) int32 numbers of the connected parts in which colours change evenly, 0 for edges; and the count.
-
     Parts are 3 px wide, or else 2 where they are large enough for a gradient: rims and strokes of 6 px, of which edges
-    bend two on either side.
-
-    bend: levels of a second difference that no edge has. A gradient may bend more by its slope over `tip`, the least
-    distance in px from the middle of its circles.
-    """
+    bend two on either side. bend: levels of a second difference that no edge has. A gradient may bend more by its slope
+    over `tip`, the least distance in px from the middle of its circles."""
     bends, steps = bends_and_steps(levels)
     smooth = bends <= bend + steps / (2.0 * tip)
     # The opening gets room around the canvas, so that the border takes nothing away.
@@ -84,7 +80,7 @@ class Patch:
         rows, columns = rows - self.top, columns - self.left
         inside = (rows >= 0) & (rows < self.mask.shape[0]) & (columns >= 0) & (columns < self.mask.shape[1])
         inside[inside] = self.mask[rows[inside], columns[inside]]
-        return np.asarray(inside)
+        return inside
 
     def padded(self, by: int, shape: tuple[int, ...]) -> Patch:
         """Return the same pixels in a box that is larger by so many px on all sides, cut at the border of a picture."""

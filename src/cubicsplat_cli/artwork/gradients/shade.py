@@ -121,13 +121,12 @@ class Shade:
 @record
 class ShadedArea:
     """A gradient and the pixels that show it. ground: the colour (4,) in levels into which it fades without an edge, or
-    None; rim: t where it does; inwards: True if the ramp lies below that t; over: gradients above it, back to front."""
+    None; rim: the stop at which it does, the first (0) or the last (-1); over: gradients above it, back to front."""
 
     shade: Shade
     patch: Patch
     ground: np.ndarray | None = None
-    rim: float = 0.0
-    inwards: bool = False
+    rim: int = 0
     over: tuple[Shade, ...] = ()
 
     @property

@@ -30,10 +30,8 @@ UNLIKELY = 4.0  # a geometry is tried if its scatter is at most so many times th
 
 
 def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
-    """Return the gradient with the shortest description of pixels.
-
-    hints: gradients that these pixels may show too, since a small part of an ellipse says little about its middle.
-    """
+    """Return the gradient with the shortest description of pixels. hints: gradients that these pixels may show too,
+    since a small part of an ellipse says little about its middle."""
     shade = common_shade(pixels, hints, np.inf)
     assert shade is not None
     return shade
@@ -182,8 +180,7 @@ def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
         centre = np.linalg.solve(solution[[[0, 1], [1, 2]]], solution[3:])
         if np.abs(centre).max() < FARTHEST:
             frames.append((_frame((axes * np.sqrt(values / values[1])).T, centre, middle, reach), True, 5))
-    focal = _focal_frame(at, changes * reach, means, weights)
-    if focal is not None:
+    if (focal := _focal_frame(at, changes * reach, means, weights)) is not None:
         frames.append((_frame(*focal[:2], middle, reach, focal[2]), True, 7))
     return frames
 
@@ -191,10 +188,8 @@ def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
 def _focal_frame(
     at: np.ndarray, changes: np.ndarray, values: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return the turn (2, 2), focus (2,) and lean (2,) of a gradient with a focus; None if the blocks show none.
-
-    at: (b, 2) middles of the blocks, in any unit; the others as of `slopes`, changes in levels per that unit.
-    """
+    """Return the turn (2, 2), focus (2,) and lean (2,) of a gradient with a focus; None if the blocks show none. at:
+    (b, 2) middles of the blocks, in any unit; the others as of `slopes`, changes in levels per that unit."""
     steep = np.sqrt(np.einsum("bki,bki->b", changes, changes)) / weights
     changing = steep >= STEADY * steep.max()
     if changing.sum() < 6:

@@ -45,10 +45,8 @@ class Box(NamedTuple):
 
 
 def box_of(mask: np.ndarray, hidden: np.ndarray | None = None) -> Box | None:
-    """Return the box with a silhouette (H, W) bool, or None. Sides at the border go on beyond it.
-
-    hidden: (H, W) bool, pixels in which the box may go on beneath other shapes.
-    """
+    """Return the box with a silhouette (H, W) bool, or None. Sides at the border go on beyond it. hidden: (H, W) bool,
+    pixels in which the box may go on beneath other shapes."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     top, bottom, left, right = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
     inside = mask[top:bottom, left:right]
@@ -84,7 +82,7 @@ def _pixels_off(
     reach = (across + down + np.sqrt(2.0 * across * down))[counts]
     inside = np.searchsorted(radii, reach, side="right")
     lacked, had = (np.bincount(inside[is_own], minlength=len(radii) + 1) for is_own in (own[counts], ~own[counts]))
-    return np.asarray(np.cumsum(lacked)[:-1] + had.sum() - np.cumsum(had)[:-1])
+    return np.cumsum(lacked)[:-1] + had.sum() - np.cumsum(had)[:-1]
 
 
 class BlurredBox(NamedTuple):
@@ -119,7 +117,7 @@ def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray)
 
 def too_dark(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> np.ndarray:
     """Return (n,) levels by which layers make each pixel of samples too dark."""
-    return np.asarray(samples.scale * (1.0 - samples.through * samples.light(numbers_of(layers)) - samples.seen))
+    return samples.scale * (1.0 - samples.through * samples.light(numbers_of(layers)) - samples.seen)
 
 
 def nearest_layers(samples: ShadowSamples, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:

@@ -64,7 +64,7 @@ class Shaded:
     @cached_property
     def mask(self) -> np.ndarray:
         """(H, W) bool, the pixels of the grounds."""
-        return np.asarray(np.logical_or.reduce([ground.mask for ground in self.grounds]))
+        return np.logical_or.reduce([ground.mask for ground in self.grounds])
 
     @cached_property
     def rest(self) -> np.ndarray:
@@ -72,13 +72,12 @@ class Shaded:
         if len(self.grounds) == 1:
             return ~self.mask
         inner = ndimage.binary_erosion(~self.mask, ndimage.SQUARE, iterations=RING - 1, border_value=1)
-        return np.asarray(ndimage.binary_dilation(inner, ndimage.SQUARE, iterations=RING - 1))
+        return ndimage.binary_dilation(inner, ndimage.SQUARE, iterations=RING - 1)
 
 
 def even_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[tuple[Part, np.ndarray, np.ndarray]]:
     """Yield uneven parts of a picture, of the largest MOST_GROUNDS, that have an even ground: its colour (4,) in whole
-    levels, and (n,) bool, the pixels of the part that show it. parts, count: as of `smooth_parts`.
-    """
+    levels, and (n,) bool, the pixels of the part that show it. parts, count: as of `smooth_parts`."""
     sizes, boxes, spreads = part_spreads(levels, parts, count)
     for number in uneven_parts(sizes, spreads, LARGE_AREA, LEAST_RANGE)[:MOST_GROUNDS]:
         part = part_of(levels, parts, number, boxes)
@@ -88,14 +87,11 @@ def even_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[
 
 
 def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded | None:
-    """Return the grounds of a picture (H, W, 4), premultiplied levels, that may show a shadow; None without any.
-
-    parts, count: as of `smooth_parts`.
-    """
+    """Return the grounds of a picture (H, W, 4), premultiplied levels, that may show a shadow; None without any. parts,
+    count: as of `smooth_parts`."""
     found: list[tuple[Ground, np.ndarray]] = []
     for part, fill, _ in even_grounds(levels, parts, count):
-        direction = direction_from(part.pixels.values, fill)
-        if direction is not None:
+        if (direction := direction_from(part.pixels.values, fill)) is not None:
             found.append((Ground(fill, parts == parts[part.rows[0], part.columns[0]]), direction))
     if not found:
         return None
@@ -104,8 +100,7 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
 
 def direction_from(values: np.ndarray, fill: np.ndarray) -> np.ndarray | None:
     """Return the direction (4,) in which colours (n, 4) leave a fill, all in levels; None if they lie on no line, or if
-    they become less opaque, as in no shadow.
-    """
+    they become less opaque, as in no shadow."""
     off = values - fill
     total = off.sum(axis=0)
     length = float(np.linalg.norm(total))
@@ -139,8 +134,7 @@ class Caster:
 
 def _silhouettes(shaded: Shaded, share: np.ndarray) -> list[Patch]:
     """Return the shapes on shaded grounds that are shaded around, and may cast the shadow, with their holes, up to 2 px
-    too large. share: (H, W) as of `Shaded.share`.
-    """
+    too large. share: (H, W) as of `Shaded.share`."""
     labels, _ = ndimage.label(shaded.rest, ndimage.SQUARE)
     least = CLOSE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
     found = []
@@ -148,31 +142,23 @@ def _silhouettes(shaded: Shaded, share: np.ndarray) -> list[Patch]:
         ring = patch.ring(RING, labels.shape)
         shade = np.abs(share[ring.window][ring.mask & shaded.mask[ring.window]])
         if patch.size >= LEAST_CASTER and len(shade) and shade.mean() >= least:
-            found.append(patch)
+            found.append(replace(patch, mask=ndimage.binary_fill_holes(patch.mask)))
     return found
 
 
 def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list[Caster]]:
     """Return the boxes that may cast the shadow, in a few readings of at most MOST_CASTERS each: the silhouettes; the
-    even part of each silhouette, since a steep shadow looks like a part of its caster; grounds on others too.
-
-    share: (H, W) as of `Shaded.share`. even: (H, W) bool, pixels in which colours change evenly.
-    """
+    even part of each silhouette, since a steep shadow looks like a part of its caster; grounds on others too. share:
+    (H, W) as of `Shaded.share`. even: (H, W) bool, pixels in which colours change evenly."""
     if len(silhouettes := _silhouettes(shaded, share)) > MOST_CASTERS:
         return []
-    rest, whole = shaded.rest, [_filled(patch) for patch in silhouettes]
-    first = _boxes(whole, rest.shape)
-    readings = [first, _boxes([_even(patch, even & ~shaded.mask) for patch in whole], rest.shape)]
+    first = _boxes(silhouettes, even.shape)
+    readings = [first, _boxes([_even(patch, even & ~shaded.mask) for patch in silhouettes], even.shape)]
     if len(shaded.grounds) > 1:
-        hidden = ndimage.binary_dilation(rest, ndimage.SQUARE, iterations=RING)
-        grounds = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
-        readings.append(first + _boxes(grounds, rest.shape, hidden))
+        hidden = ndimage.binary_dilation(shaded.rest, ndimage.SQUARE, iterations=RING)
+        grounds = [Patch(0, 0, ndimage.binary_fill_holes(ground.mask)) for ground in shaded.grounds]
+        readings.append(first + _boxes(grounds, even.shape, hidden))
     return [reading for reading in readings if reading]
-
-
-def _filled(patch: Patch) -> Patch:
-    """Return a silhouette with its holes filled."""
-    return replace(patch, mask=np.asarray(ndimage.binary_fill_holes(patch.mask)))
 
 
 def _even(silhouette: Patch, even: np.ndarray) -> Patch:
@@ -190,7 +176,6 @@ def _boxes(silhouettes: list[Patch], shape: tuple[int, ...], hidden: np.ndarray 
     for patch in silhouettes:
         mask = np.zeros(shape, dtype=bool)
         mask[patch.window] = patch.mask
-        box = box_of(mask, hidden)
-        if box is not None:
+        if (box := box_of(mask, hidden)) is not None:
             found.append(Caster(mask, box))
     return found

@@ -46,8 +46,7 @@ class Lifted:
     @cached_property
     def sides(self) -> list[ShadowSides]:
         """For each soft area, the pixels (H, W) bool that it shades and those that it would shade if they did not lie
-        above it, all of them inside shapes.
-        """
+        above it, all of them inside shapes."""
         return [sides_of(area.share > FAINT / 255.0, area.mask) for area in self.areas]
 
     def meant(self, drawing: Drawing) -> Drawing:
@@ -71,8 +70,7 @@ def sides_of(dark: np.ndarray, shaded: np.ndarray) -> ShadowSides:
 
 def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lifted:
     """Return a picture (H, W, 4), premultiplied levels, without its shadows; the same array if it has none. areas: the
-    soft areas to remove, if they are known.
-    """
+    soft areas to remove, if they are known."""
     parts, count = smooth_parts(levels, SHARP_BEND, np.inf)
     if areas is not None:
         return without_areas(levels, parts, areas)
@@ -88,11 +86,9 @@ def lifted(levels: np.ndarray, areas: tuple[SoftArea, ...] | None = None) -> Lif
 def without_areas(
     levels: np.ndarray, parts: np.ndarray, areas: tuple[SoftArea, ...], rough: float = 1.0, line: float = SEEN
 ) -> Lifted:
-    """Return a picture (H, W, 4) in levels without soft areas; the same array if there are none.
-
-    parts: (H, W) int32, connected parts of one colour, 0 for none. rough: how many times as much pixels differ from
-    their fill as in a clean picture. line: as of `with_placeholders`.
-    """
+    """Return a picture (H, W, 4) in levels without soft areas; the same array if there are none. parts: (H, W) int32,
+    connected parts of one colour, 0 for none. rough: how many times as much pixels differ from their fill as in a clean
+    picture. line: as of `with_placeholders`."""
     if not areas:
         return Lifted(levels)
     dark = np.logical_or.reduce([area.scale * area.share > FAINT for area in areas])
@@ -105,9 +101,7 @@ def _without_grounds(
     levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray, rough: float, line: float
 ) -> tuple[np.ndarray, tuple[tuple[Rgba, Rgba], ...]]:
     """Return a picture (H, W, 4) in levels whose shaded grounds are even; and placeholders in it, with their fills.
-
-    above: (H, W) bool, the pixels that cover the shadows. parts, rough, line: as of `without_areas`.
-    """
+    above: (H, W) bool, the pixels that cover the shadows. parts, rough, line: as of `without_areas`."""
     cards = _like_ground(levels, parts, grounds, above, rough)
     stands, paints = placeholders([card.fill for card in cards], levels.reshape(-1, 4)), [*grounds, *cards]
     paint = np.where(parts > 0, parts + len(paints) - 1, -1).astype(np.int32)
@@ -133,8 +127,8 @@ def _shaded_grounds(levels: np.ndarray, shadow: Shadow) -> list[SoftArea]:
 def _like_ground(
     levels: np.ndarray, parts: np.ndarray, grounds: Sequence[SoftArea], above: np.ndarray, rough: float
 ) -> list[SoftArea]:
-    """Return the shapes above a shadow that have the fill of a ground, one area for each fill and unlike those of
-    grounds in the same colour everywhere; see `_without_grounds`."""
+    """Return the shapes above a shadow in the fill of a ground: an area for each fill, which has this colour
+    everywhere, unlike a ground. Arguments as of `_without_grounds`."""
     out = dict[tuple[float, ...], np.ndarray]()
     numbers, sizes = np.unique(parts[above & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)
@@ -147,7 +141,8 @@ def _like_ground(
         if even and min(np.abs(ground.fill - fill).max() for ground in grounds) <= SAME * rough:
             out.setdefault(tuple(fill.tolist()), np.zeros(parts.shape, dtype=bool))[box] |= inside
     cards = []
-    for fill, mask in ((np.array(fill), mask) for fill, mask in out.items()):
+    for colour, mask in out.items():
+        fill = np.array(colour)
         # Ringing makes the rims of shapes uneven.
         rim = above & (largest(np.abs(levels - fill)) <= SAME * rough)
         shown = ndimage.binary_propagation(mask, None, rim)

@@ -8,7 +8,7 @@ blurred by a Gaussian of standard deviation sigma, leave shares s(p) = sum_k alp
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -45,8 +45,7 @@ MISFIT, SHOWN = 0.5, 0.75
 
 def noisy_lifted(levels: np.ndarray, condition: Condition, areas: tuple[SoftArea, ...] | None = None) -> Lifted:
     """Return a picture (H, W, 4), premultiplied levels, of a condition without its soft shadows; the same array if it
-    has none. areas: those to remove, if they are known.
-    """
+    has none. areas: those to remove, if they are known."""
     if areas is None:
         areas = tuple(_areas(levels, condition)) if levels[..., 3].min() == 255.0 else ()
     if not areas:
@@ -60,16 +59,13 @@ def _areas(levels: np.ndarray, condition: Condition) -> Iterator[SoftArea]:
     rough = roughness(condition)
     seen = ndimage.gaussian_filter(levels, (BLUR, BLUR, 0.0), mode="nearest")
     parts, count = smooth_parts(seen, SOFT_BEND, np.inf)
-    if not count:
-        return
     sizes, _, spreads = part_spreads(seen, parts, count)
     uneven = np.append(False, (sizes >= LEAST_AREA) & (spreads > LEAST_RANGE * rough))
     if not uneven.any():
         return
     for fill in _grounds(seen[calm_pixels(levels, condition.noise)[0]], int(LEAST_PLATEAU * parts.size), rough):
         work().at()
-        area = _area(seen - fill, fill, parts, uneven, CLOSE * rough, seen_as(condition))
-        if area is not None:
+        if (area := _area(seen - fill, fill, parts, uneven, CLOSE * rough, seen_as(condition))) is not None:
             yield area
 
 
@@ -88,10 +84,8 @@ def _area(
     off: np.ndarray, fill: np.ndarray, parts: np.ndarray, uneven: np.ndarray, error: float, told: np.ndarray
 ) -> SoftArea | None:
     """Return the soft area on a ground of a fill, to an error in levels; None if no blur of what stands there is one.
-
     off: (H, W, 4) levels from the fill. parts: (H, W) as of `smooth_parts`; uneven: (n,) bool, which of them are. told:
-    (4, 4) as of `seen_as`.
-    """
+    (4, 4) as of `seen_as`."""
     far = largest(np.abs(off))
     smooth = (uneven & (np.bincount(parts[far <= error], minlength=len(uneven)) > 0))[parts]
     even = smooth & (far <= error)
@@ -113,11 +107,8 @@ def _on_ground(
     off: np.ndarray, fill: np.ndarray, even: np.ndarray, smooth: np.ndarray, ground: np.ndarray, error: float
 ) -> tuple[Line, np.ndarray, np.ndarray] | None:
     """Return the line of colours from a ground to its shade, and (H, W) bool the pixels of the ground, and all, on it;
-    None without a shadow that ends on the ground.
-
-    off, fill, error: as of `_area`. even: (H, W) bool, pixels of the fill; smooth: what hangs together with them;
-    ground: those of them that may show the ground.
-    """
+    None without a shadow that ends on the ground. off, fill, error: as of `_area`. even: (H, W) bool, pixels of the
+    fill; smooth: what hangs together with them; ground: those of them that may show the ground."""
     for _ in range(ROUNDS):
         shaded = ground & ~even
         if min(shaded.sum(), even.sum()) < LEAST_AREA:
@@ -130,8 +121,7 @@ def _on_ground(
 
 def _best(line: Line, ground: np.ndarray, on_line: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
     """Return the best of what is `_tried` for pixels that may show a ground, (H, W) bool; None if none is good enough.
-    on_line: (H, W) bool, pixels that have colours of the line.
-    """
+    on_line: (H, W) bool, pixels that have colours of the line."""
     # Dark shadows end in edges of their own beside a shape, and glows have its colour.
     beside = on_line & ndimage.binary_dilation(ground, ndimage.SQUARE, iterations=RING)
     near, wide = (ndimage.binary_propagation(ground, None, others) for others in (beside, on_line))
@@ -154,9 +144,8 @@ def _tried(line: Line, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray, float
 
 
 def _fitted(line: Line, masks: np.ndarray, clear: np.ndarray) -> np.ndarray:
-    """Return (H, W) the shares, 0 to 1, of a shadow of silhouettes (H, W, K), fitted to those seen in clear pixels
-    (H, W) bool; zeros if there are no silhouettes, or too few pixels show it.
-    """
+    """Return (H, W) the shares, 0 to 1, of a shadow of silhouettes (H, W, K), fitted to those seen in pixels that are
+    clear, (H, W) bool; zeros if there are no silhouettes, or too few pixels show it."""
     from scipy.optimize import least_squares, nnls  # takes a while to import, and few pictures need it
 
     seen, scale, step = line.shares, line.scale, -(-max(clear.shape) // FITTED)
@@ -165,27 +154,28 @@ def _fitted(line: Line, masks: np.ndarray, clear: np.ndarray) -> np.ndarray:
     )
     wanted, order = scale * wanted.ravel(), np.random.default_rng(0)
     dark, usable = wanted > LEAST_RANGE, whole.ravel() == 1.0
-    at = np.concatenate([order.permutation(np.flatnonzero(usable & some))[:SAMPLES] for some in (dark, ~dark)])
     if not masks.shape[2] or not (usable & dark).any():
         return np.zeros(seen.shape)
+    at = np.concatenate([order.permutation(np.flatnonzero(usable & some))[:SAMPLES] for some in (dark, ~dark)])
+    wanted = wanted[at]
 
-    def parts(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def parts(place: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the opacities (K,) with which a shadow is nearest, and the levels (n, K) that these give it."""
         blurred = scale * _blurred(small, *place).reshape(-1, small.shape[2])[at].astype(float)
-        found, _ = nnls(blurred, wanted[at].astype(float))
+        found, _ = nnls(blurred, wanted.astype(float))
         return found, blurred * found
 
-    def off(place: np.ndarray) -> np.ndarray:
-        return parts(place)[1].sum(axis=1) - wanted[at]
+    def off(place: Sequence[float] | np.ndarray) -> np.ndarray:
+        return parts(place)[1].sum(axis=1) - wanted
 
     def unlike(place: tuple[float, float, float]) -> float:
-        return float(np.abs(off(np.array(place))).sum())
+        return float(np.abs(off(place)).sum())
 
     # The best blur right below the casters, then the best offset with it.
     moved = (-MOVED / step, 0.0, MOVED / step)
     log_blur = min((math.log(blur / step) for blur in BLURS), key=lambda blur: unlike((0.0, 0.0, blur)))
     begin = min(product(moved, moved, [log_blur]), key=unlike)
-    if unlike(begin) > MISFIT * float(np.abs(wanted[at]).sum()):
+    if unlike(begin) > MISFIT * float(np.abs(wanted).sum()):
         return np.zeros(seen.shape)
     ends = np.array([MOST_MOVED / step, MOST_MOVED / step, math.log(MOST_MOVED / step)])
     least = np.append(-ends[:2], -math.log(step))

@@ -24,13 +24,14 @@ BLURS = (3.0, 7.0, 16.0)  # px of the first blurs
 FEW = 6  # first fits use one pixel of so many
 SWEEPS = 3  # rounds over shadows that fall on each other
 MOST_MOVED, MOST_GROWN = 64.0, 12.0  # px
+Layers = tuple[BlurredBox, ...]
 
 
 @record
 class Cast(Caster):
     """The shadow of a box: its blurred copies."""
 
-    layers: tuple[BlurredBox, ...]
+    layers: Layers
 
     def darkening(self, shape: tuple[int, int]) -> tuple[tuple[slice, slice], np.ndarray]:
         """Return the rows and columns of a picture (H, W) that it may reach, and (h, w) how much it darkens them."""
@@ -64,8 +65,7 @@ def falls_on(caster: np.ndarray, ground: np.ndarray) -> bool:
 def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
     """Return the shadows of a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding; None
     without any. parts, count: as of `smooth_parts`."""
-    grounds = shaded_grounds(levels, parts, count)
-    if grounds is None:
+    if (grounds := shaded_grounds(levels, parts, count)) is None:
         return None
     seen = grounds.share(levels)
     scale = float(np.abs(grounds.colour - grounds.grounds[0].fill).max())
@@ -77,8 +77,7 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
         if boxes in tried:
             continue
         tried.append(boxes)
-        layers = _ShadowSearch(grounds, seen, scale, casters).best()
-        if layers is not None:
+        if (layers := _ShadowSearch(grounds, seen, scale, casters).best()) is not None:
             casts = tuple(Cast(c.mask, c.box, some) for c, some in zip(casters, layers, strict=True) if some)
             # More shapes have shadows, or as many with fewer layers.
             best = min(best, casts, key=lambda some: (-len(some), sum(len(cast.layers) for cast in some)))
@@ -87,20 +86,14 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
     return Shadow(grounds, best) if best else None
 
 
-Layers = tuple[BlurredBox, ...]
-
-
 class _ShadowSearch:
     """The search for the layers of casters. seen: (H, W) shade on the grounds, 0..1; scale: levels of full shade."""
 
     def __init__(self, grounds: Shaded, seen: np.ndarray, scale: float, casters: list[Caster]) -> None:
         self.casters, self.scale = casters, scale
-        on = grounds.mask
-        dark = scale * seen > FAINT
-        order = np.random.default_rng(0)
-        at = [order.permutation(np.flatnonzero(some)) for some in (on & dark, on & ~dark)]
-        at[1] = at[1][:EXAMINED]
-        self.rows, self.columns = np.unravel_index(np.concatenate(at), seen.shape)
+        dark, order = scale * seen > FAINT, np.random.default_rng(0)
+        shaded, clear = (order.permutation(np.flatnonzero(grounds.mask & some)) for some in (dark, ~dark))
+        self.rows, self.columns = np.unravel_index(np.concatenate([shaded, clear[:EXAMINED]]), seen.shape)
         self.seen = seen[self.rows, self.columns]
         self.dark = scale * self.seen > FAINT
         self.open = np.zeros((len(casters), len(self.seen)), dtype=bool)
@@ -174,14 +167,12 @@ class _ShadowSearch:
     def _explained(self, found: Sequence[Layers | None]) -> np.ndarray:
         """Return (n,) bool: True for shaded pixels that the shadows explain."""
         at = np.flatnonzero(self.dark)[:EXAMINED]
-        return np.asarray(self.scale * np.abs(1.0 - self._light(found, at) - self.seen[at]) <= CLOSE)
+        return self.scale * np.abs(1.0 - self._light(found, at) - self.seen[at]) <= CLOSE
 
 
 def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
     """Return the layers with further ones, `most` in all, as long as these bring them nearer to the samples."""
-    while len(best) < most and _explained(samples, best) >= HALFWAY:
-        if _explained(samples, best) >= EXPLAINED:
-            break
+    while len(best) < most and HALFWAY <= _explained(samples, best) < EXPLAINED:
         last = best[-1]
         weaker = [layer._replace(alpha=0.6 * layer.alpha) for layer in best]
         more = _nearest(samples, [(*weaker, last._replace(sigma=s, alpha=0.4 * last.alpha)) for s in BLURS])

@@ -126,7 +126,7 @@ def _contoured(area: SoftArea) -> Iterator[Shape]:
     """Yield a soft area's even shapes, back to front: opaque on an opaque ground, so that rounding loses nothing."""
     share, shown, colour = area.share, area.mask, area.colour[:3]
     ground = area.fill[:3] if area.fill[3] == 255.0 else None
-    whole = 255.0 if ground is None else float(np.abs(colour - ground).max())  # levels of full shade
+    whole = 255.0 if ground is None else area.scale  # levels of full shade
     levels = whole * share
     slope = np.maximum(np.hypot(*np.gradient(levels)), 1e-3)
     values, slopes = levels[shown], slope[shown]
@@ -189,8 +189,7 @@ class Shadows:
 
     def over(self, drawing: Drawing) -> Drawing | None:
         """Return the drawing of a picture without its shadows with these; None if gradients cannot draw them, or if
-        they would shade other shapes than in the picture.
-        """
+        they would shade other shapes than in the picture."""
         places = self._places(drawing)
         if None in places or None in self._shapes:
             return None
@@ -202,10 +201,8 @@ class Shadows:
 
 
 def _place(owner: np.ndarray, count: int, inner: np.ndarray, outer: np.ndarray) -> int | None:
-    """Return the number of shapes below a shadow; None if one of these is not shaded.
-
-    owner: (H, W) as of `_owners`. inner, outer: as of `sides_of`.
-    """
+    """Return the number of shapes below a shadow; None if one of these is not shaded. owner: (H, W) as of `_owners`.
+    inner, outer: as of `sides_of`."""
     below, above = (np.bincount(owner[side & (owner >= 0)], minlength=count) for side in (inner, outer))
     lies_below = (below >= CONTACT) & (below > above)
     place = int(np.flatnonzero(lies_below).max()) + 1 if lies_below.any() else 0

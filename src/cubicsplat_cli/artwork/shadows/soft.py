@@ -40,7 +40,7 @@ class SoftArea(Ground):
 
     def colours(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return (n, 4) levels of the area on its ground in columns x and rows y (n,)."""
-        return np.asarray(self.fill + self.share[y, x][:, None] * (self.colour - self.fill))
+        return self.fill + self.share[y, x][:, None] * (self.colour - self.fill)
 
     @property
     def scale(self) -> float:
@@ -60,7 +60,7 @@ class Line:
     @cached_property
     def shares(self) -> np.ndarray:
         """(H, W) how far pixels are on the way, 0 to 1."""
-        return np.asarray(self.off @ self.way / max(float(self.way @ self.way), 1e-9))
+        return self.off @ self.way / max(float(self.way @ self.way), 1e-9)
 
     @property
     def scale(self) -> float:
@@ -69,11 +69,11 @@ class Line:
 
     def apart(self, shares: np.ndarray) -> np.ndarray:
         """Return (H, W, 4) levels by which pixels differ from shares (H, W)."""
-        return np.asarray(self.off - shares[..., None] * self.way)
+        return self.off - shares[..., None] * self.way
 
     def near(self, shares: np.ndarray) -> np.ndarray:
         """Return (H, W) bool, true for pixels that have these shares."""
-        return np.asarray(largest(np.abs(self.apart(shares))) <= self.error)
+        return largest(np.abs(self.apart(shares))) <= self.error
 
 
 def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftArea]:
@@ -89,8 +89,10 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
     )
     for part, clean, fill, piece in pieces:
         work().at()
+        # What clear pixels cut off cannot go on there.
+        cut_off = clear[piece.patch.grown(REACH, clear.shape).places()].sum() >= CONTACT
         direction = direction_from(piece.pixels.values, fill)
-        if direction is None or (fill[3] > CLEAR and _is_cut(clear, piece)):
+        if direction is None or (fill[3] > CLEAR and cut_off):
             continue
         if _is_sharp(clean, fill, piece) or _is_gradient(part, piece, smooth()):
             continue
@@ -102,11 +104,6 @@ def soft_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[SoftAr
         same[0].mask[part.rows, part.columns] = True
     areas = (_area(levels, parts, ground, colour) for ground, colour in found)
     return [area for area in areas if area is not None]
-
-
-def _is_cut(clear: np.ndarray, piece: Part) -> bool:
-    """Return True if a piece is cut off by clear pixels, (H, W) bool, so that it cannot go on there."""
-    return int(clear[piece.patch.grown(REACH, clear.shape).places()].sum()) >= CONTACT
 
 
 def _is_sharp(ground: Patch, fill: np.ndarray, piece: Part) -> bool:
@@ -126,8 +123,8 @@ def _is_gradient(whole: Part, piece: Part, smooth: np.ndarray) -> bool:
 
 
 def _area(levels: np.ndarray, parts: np.ndarray, ground: Ground, colour: np.ndarray) -> SoftArea | None:
-    """Return the soft area on a ground, with the pixels that show it there and between the shapes that cover it; None
-    if none do."""
+    """Return the soft area on a ground, with the pixels that show it there and between what covers it; None if none
+    do."""
     line = Line(levels - ground.fill, colour - ground.fill, ROUNDED)
     on_line, scale, nothing = line.near(line.shares), line.scale, levels[..., 3] <= CLEAR
     seen = np.where(nothing, 0.0, scale * line.shares)
