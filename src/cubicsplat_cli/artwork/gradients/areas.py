@@ -13,14 +13,12 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.parts import (
     LEAST_AREA,
-    LEAST_PLATEAU,
     RING,
     Part,
     Patch,
     joined,
     joined_pixels,
     part_of,
-    plateau,
     uneven_parts,
 )
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike, by_gradient, covered
@@ -80,13 +78,13 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     """Add the gradients of a part to those found."""
     if depth > DEEPEST or part.range() <= FLAT_RANGE:
         return
-    fill, even = plateau(part)
+    fill, even = part.plateau()
     if (shade := search.shade(part.pixels)) is None:
         return
     off = shade.off(part.pixels)
     if (off <= CLOSE).mean() >= EXPLAINED:
         search.found.append(ShadedArea(shade, _with_rests(part, off)))
-    elif even.mean() >= LEAST_PLATEAU:
+    elif even.any():
         for piece in part.pieces(~even):
             _fading(part, piece, fill, search, depth)
     else:

@@ -15,15 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import EXPLAINED, MOST_TRIES, beside
-from cubicsplat_cli.artwork.gradients.parts import (
-    LARGE_AREA,
-    LEAST_AREA,
-    LEAST_PLATEAU,
-    Part,
-    part_of,
-    plateau,
-    uneven_parts,
-)
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, LEAST_AREA, Part, part_of, uneven_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, Ramp, Shade, ShadedArea, covered, shown
 from cubicsplat_cli.artwork.gradients.shades import MOST_PIXELS, refitted, shade_of
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, OPAQUE, SEEN
@@ -63,8 +55,7 @@ def with_layers(
         part = part_of(levels, parts, number, boxes)
         if part.pixels.values[:, 3].min() < OPAQUE:
             continue
-        fill, even = plateau(part)
-        even &= even.mean() >= LEAST_PLATEAU
+        fill, even = part.plateau()
         few = len({area.shade for area in areas if area.patch.at(part.rows, part.columns).any()}) + bool(even.any())
         explained = (taken[part.rows, part.columns] | even).mean() >= EXPLAINED
         if explained and few <= 2:

@@ -157,6 +157,23 @@ class Part:
         """Return the range of the channel that varies most, in levels, without a few outliers."""
         return trimmed_range(self.pixels.values, OUTER)
 
+    def plateau(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the commonest colour (4,), and (n,) bool: the pixels that have it and belong to no gradient, if they
+        are LEAST_PLATEAU of the part at least."""
+        values = self.pixels.values
+        clear = values[:, 3] <= CLEAR
+        if clear.mean() >= LEAST_PLATEAU:
+            return np.zeros(4), clear
+        code = packed(np.rint(values))
+        _, first, index, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
+        best = int(counts.argmax())
+        fill = values[index.reshape(-1) == best].mean(axis=0)
+        near = largest(np.abs(values - np.rint(values[first[best]]))) <= EVEN
+        # A gradient passes through each of its colours in a narrow band, which the erosion removes.
+        wide = ndimage.binary_erosion(self.within(near).mask, ndimage.SQUARE, iterations=RING)
+        even = near & ndimage.binary_dilation(wide, ndimage.SQUARE, iterations=RING)[self.patch.mask]
+        return fill, even & (even.mean() >= LEAST_PLATEAU)
+
 
 def uneven_parts(sizes: np.ndarray, spreads: np.ndarray, area: int, span: float) -> list[int]:
     """Return the numbers of the parts of at least `area` px that span more than so many levels, the largest first.
@@ -173,20 +190,3 @@ def part_of(
     window = slice(top, bottom + 1), slice(left, right + 1)
     mask = parts[window] == number
     return Part(levels, Patch(top, left, mask if claimed is None else mask & ~claimed[window]))
-
-
-def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the commonest colour (4,), and (n,) bool: the pixels that have it and belong to no gradient."""
-    values = part.pixels.values
-    clear = values[:, 3] <= CLEAR
-    if clear.mean() >= LEAST_PLATEAU:
-        return np.zeros(4), clear
-    code = packed(np.rint(values))
-    _, first, index, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
-    best = int(counts.argmax())
-    fill = values[index.reshape(-1) == best].mean(axis=0)
-    near = largest(np.abs(values - np.rint(values[first[best]]))) <= EVEN
-    # A gradient passes through each of its colours in a narrow band, which the erosion removes.
-    wide = ndimage.binary_erosion(part.within(near).mask, ndimage.SQUARE, iterations=RING)
-    wide = ndimage.binary_dilation(wide, ndimage.SQUARE, iterations=RING)
-    return fill, near & wide[part.patch.mask]

@@ -14,17 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.gradients.parts import (
-    LARGE_AREA,
-    LEAST_PLATEAU,
-    RING,
-    Part,
-    Patch,
-    part_of,
-    patches_of,
-    plateau,
-    uneven_parts,
-)
+from cubicsplat_cli.artwork.gradients.parts import LARGE_AREA, RING, Part, Patch, part_of, patches_of, uneven_parts
 from cubicsplat_cli.artwork.gradients.shade import CLOSE
 from cubicsplat_cli.artwork.regions.fills import OPAQUE, ROUNDED
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
@@ -81,8 +71,8 @@ def even_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Iterator[
     sizes, boxes, spreads = part_spreads(levels, parts, count)
     for number in uneven_parts(sizes, spreads, LARGE_AREA, LEAST_RANGE)[:MOST_GROUNDS]:
         part = part_of(levels, parts, number, boxes)
-        fill, even = plateau(part)
-        if even.mean() >= LEAST_PLATEAU:
+        fill, even = part.plateau()
+        if even.any():
             yield part, np.rint(fill), even
 
 
