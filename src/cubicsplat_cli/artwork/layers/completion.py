@@ -86,14 +86,13 @@ def _outline(
     contour: Contour, extent: Extent, window: Callable[[], Window], whole: bool, sought: bool, astray: int
 ) -> _Search:
     """The outline of a contour of an extent; window: of that, and astray: see `_completed`."""
-    # Of very few px, all of which show.
-    few = len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
-    if few and np.isfinite(contour.sigma).all():
-        return dot_of(contour.points, extent.shown, (extent.left, extent.top))
-    if len(contour.points) < 2 * DOT:
-        return few_lines(contour.points)
-    if not sought or np.isfinite(contour.sigma).all():
-        return (yield contour.points, contour.sigma if sought else _known(contour.sigma), None)
+    points, seen = contour.points, np.isfinite(contour.sigma).all()
+    if seen and len(points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT:
+        return dot_of(points, extent.shown, (extent.left, extent.top))
+    if len(points) < 2 * DOT:
+        return few_lines(points)
+    if seen or not sought:
+        return (yield points, _known(contour.sigma), None)
     return (yield from _completed(contour, window(), whole, astray))
 
 
@@ -142,8 +141,9 @@ def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _S
         for outline in (certain, few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
-    best = (level_box(best, EXACT) or best) if isinstance(best, Ring) else best
-    if whole and least <= ALLOWED:
+    if isinstance(best, Ring):
+        best = level_box(best, EXACT) or best
+    if isinstance(best, Ring) and whole and least <= ALLOWED:
         return (yield from _with_corners(best, contour, runs, ways, loop, window))
     return best
 
@@ -194,11 +194,9 @@ def _known(sigma: np.ndarray) -> np.ndarray:
 
 
 def _with_corners(
-    found: Outline, contour: Contour, runs: list[np.ndarray], ways: list[Completion], loop: HiddenLoop, window: Window
+    found: Ring, contour: Contour, runs: list[np.ndarray], ways: list[Completion], loop: HiddenLoop, window: Window
 ) -> _Search:
     """The outline with hidden corners where straight sides meet, if that is shorter and hidden as well."""
-    if not isinstance(found, Ring):
-        return found
     meeting = [None if len(way.corners) else sides_meeting(loop, run) for run, way in zip(runs, ways, strict=True)]
     if not any(meeting):
         return found
@@ -220,15 +218,12 @@ def _every_side_shows(contour: Contour, outline: Outline) -> bool:
 
 def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
     """The indices of every run of hidden points of a closed contour, each in order."""
-    hidden = ~np.isfinite(sigma)
-    n = len(sigma)
+    hidden, index = ~np.isfinite(sigma), np.arange(len(sigma))
     if hidden.all():
-        return [np.arange(n)]
-    starts = np.nonzero(hidden & ~np.roll(hidden, 1))[0]
-    stops = np.nonzero(hidden & ~np.roll(hidden, -1))[0]
-    # The first run to stop may be the last one to start.
-    stops = np.roll(stops, -1) if len(stops) and stops[0] < starts[0] else stops
-    return [np.arange(a, a + (b - a) % n + 1) % n for a, b in zip(starts, stops, strict=True)]
+        return [index]
+    index = np.roll(index, -int(hidden.argmin()))  # from a point that shows
+    runs = np.split(index, np.flatnonzero(np.diff(hidden[index])) + 1)[1::2]
+    return sorted(runs, key=lambda run: int(run[0]))
 
 
 def _guided(contour: Contour, runs: list[np.ndarray], ways: list[Completion]) -> _Points:

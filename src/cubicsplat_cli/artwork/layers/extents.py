@@ -164,16 +164,12 @@ class Window:
         points = dense(flattened(ring, 1.0), 1.0)
         reached, own = enclosed(ring, self.extent)
         may = self.may[reached] if self.outer is None else self.may[reached] & ~self.outer[reached]
+        off = np.zeros(self.may.shape, dtype=bool)
+        off[self.box] = self.must
+        off[reached] = np.where(own, ~may, off[reached])
         both = zip(self.box, reached, strict=True)
-        rows, columns = box = [slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both]
-        off = np.zeros([side.stop - side.start for side in box], dtype=bool)
-        needed, part = (
-            tuple(slice(b.start - a.start, b.stop - a.start) for a, b in zip(box, each, strict=True))
-            for each in (self.box, reached)
-        )
-        off[needed] = self.must
-        off[part] = np.where(own, ~may, off[part])
-        y, x = np.nonzero(off)
+        rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in both)
+        y, x = np.nonzero(off[rows, columns])
         within = np.stack([x + columns.start + self.extent.left, y + rows.start + self.extent.top], axis=1) + 0.5
         # Points beyond the window, though on the canvas.
         low = np.array([self.extent.left, self.extent.top])

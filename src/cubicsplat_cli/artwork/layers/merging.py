@@ -39,15 +39,12 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     """The regions with some joined to what lies beneath them (region that is covered: region beneath it), and which of
     them are fixed.
     """
-    fill = regions.fill_of.copy()
-    for covered, ground in grounds.items():
-        fill[covered] = regions.fill_of[ground]
-    first, second = regions.borders.first, regions.borders.second
+    under = np.arange(regions.count)
+    under[list(grounds)] = list(grounds.values())
+    fill, first, second = regions.fill_of[under], regions.borders.first, regions.borders.second
     joined = (fill[first] == fill[second]) & np.isin(first, list(grounds))
     count, name = linked_groups(regions.count, first[joined], second[joined])
     fills, fill_of, stays = np.zeros((count, 4)), np.zeros(count, dtype=fill.dtype), np.zeros(count, dtype=bool)
-    under = np.arange(regions.count)
-    under[list(grounds)] = list(grounds.values())
     fills[name], fill_of[name], stays[name] = regions.fills[under], fill, fixed
     return Regions(name[regions.labels].astype(np.int32), fills, fill_of), stays
 
@@ -102,14 +99,11 @@ def _over(
     return ()
 
 
-# Choices of overlays, some or all and in each order: the numbers of each, uppermost first; and what they make of a
-# ground: they leave a share (n,) of it, and add (n, 4) levels.
-Orders = tuple[list[tuple[int, ...]], np.ndarray, np.ndarray]
-
-
 @lru_cache(maxsize=256)  # of the same paints it is asked often
-def _orders(paints: tuple[Rgba, ...]) -> Orders:
-    """The orders of overlays that were seen to overlap nowhere, so that they may lie over each other in any."""
+def _orders(paints: tuple[Rgba, ...]) -> tuple[list[tuple[int, ...]], np.ndarray, np.ndarray]:
+    """Choices of overlays, some or all and in each order, since they were seen to overlap nowhere: the numbers of each,
+    uppermost first; the share (n,) of a ground that they leave, and the levels (n, 4) that they add.
+    """
     of = [some for count in range(1, len(paints) + 1) for some in permutations(range(len(paints)), count)]
     left = np.array([math.prod(1.0 - paints[i][3] / FULL for i in some) for some in of])
     return of, left, np.array([_through([paints[i] for i in some], np.zeros(4)) for some in of])
@@ -118,7 +112,7 @@ def _orders(paints: tuple[Rgba, ...]) -> Orders:
 def _through(some: Sequence[Rgba], fill: np.ndarray) -> np.ndarray:
     """(4,) levels of what paints, uppermost first, make of a fill."""
     for paint in reversed(some):
-        fill = laid_over(paint, fill[None])[0]
+        fill = laid_over(paint, fill)
     return fill
 
 
@@ -142,7 +136,7 @@ def _ordered(overlays: list[Overlay], some: tuple[Overlay, ...]) -> list[Overlay
 
 
 def laid_over(paint: Rgba, grounds: np.ndarray) -> np.ndarray:
-    """(n, 4) premultiplied levels of what a paint makes of grounds (n, 4)."""
+    """Premultiplied levels of what a paint makes of grounds, both (..., 4)."""
     return paint_levels(paint) + (1.0 - paint[3] / FULL) * grounds
 
 
@@ -157,10 +151,10 @@ def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Rgba | None:
     """
     if np.ptp(grounds, axis=0).max() < APART or np.ptp(seen, axis=0).max() < SEEN:
         return None
-    opacity = _OPACITIES / FULL
-    rest = seen[None] - (1.0 - opacity)[:, None, None] * grounds
-    colours = np.clip(np.rint((rest.mean(axis=1) / opacity[:, None])[:, :3]), 0.0, FULL)
-    made = np.concatenate([colours * opacity[:, None], FULL * opacity[:, None]], axis=1)
+    opacity = _OPACITIES[:, None] / FULL
+    rest = seen - (1.0 - opacity)[:, None] * grounds
+    colours = np.clip(np.rint((rest.mean(axis=1) / opacity)[:, :3]), 0.0, FULL)
+    made = np.concatenate([colours * opacity, FULL * opacity], axis=1)
     off = np.abs(rest - made[:, None])
     k = int((off**2).sum(axis=(1, 2)).argmin())
     if off[k].max() > ROUNDED:

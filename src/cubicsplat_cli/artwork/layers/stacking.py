@@ -56,13 +56,11 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True, shaded: S
     MOST_COMPLETED regions only those that enclose others are known to lie beneath these, and all others lie in the
     order of their sizes."""
     facts = _Facts(regions, found, shaded)
-    group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
-    order = _ordered(facts, group)
+    layers = _ordered(facts, _merged(facts, MOST_HULL_PIXELS if joined else 0))
     rank = np.full(regions.count, -1)
-    of = _members(group)
-    for place, name in enumerate(order):
-        rank[of[name]] = place
-    return Stack(tuple(tuple(of[name].tolist()) for name in order), rank)
+    for place, members in enumerate(layers):
+        rank[members] = place
+    return Stack(tuple(tuple(members.tolist()) for members in layers), rank)
 
 
 class _Facts:
@@ -72,7 +70,6 @@ class _Facts:
         self.regions, self.clear = regions, regions.fills[:, 3] <= CLEAR
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
-        self.labels = np.ascontiguousarray(regions.labels, np.int32)
         self.around = regions.borders.around.tolist()
         self.ground = regions.ground()
         self.votes: dict[tuple[int, int], float] = {}
@@ -144,8 +141,8 @@ def _shading(regions: Regions, shaded: Sequence[ShadowSides]) -> Iterator[tuple[
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
-    """(R,) the group of each region, named by its smallest member; -1 for clear regions. budget: px of the boxes around
-    the hulls that are tried."""
+    """(R,) the group of each region, in the order of their smallest members; -1 for clear regions. budget: px of the
+    boxes around the hulls that are tried."""
     regions = facts.regions
     group = np.where(facts.clear, -1, np.arange(regions.count))
     group[facts.ground] = min(facts.ground, default=-1)
@@ -170,7 +167,7 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
         if joined:
             group[members] = members[0]
             of[members[0]] = members
-    return group
+    return np.unique(np.append(group, -1), return_inverse=True)[1][:-1] - 1
 
 
 def _members(group: np.ndarray) -> dict[int, np.ndarray]:
@@ -222,7 +219,7 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
     own = np.zeros(facts.regions.count, dtype=bool)
     own[members] = True
-    held, inner = held_by_hull(facts.labels, window, own)
+    held, inner = held_by_hull(facts.regions.borders.labels, window, own)
     names = np.flatnonzero(held)
     sizes = held[names]
     sure, likely = np.zeros((2, facts.regions.count), dtype=bool)
@@ -237,28 +234,27 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     return names[~(shut | doubtful) & (sizes > rim)] if exposed <= rim else None
 
 
-def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
-    """The groups back to front: of those that lie above none that is left, the largest first."""
-    names = [int(n) for n in np.unique(group) if n >= 0]
-    index = {n: i for i, n in enumerate(names)}
-    size = np.bincount(group[group >= 0], facts.areas[group >= 0].astype(float), minlength=len(group))[names]
+def _ordered(facts: _Facts, group: np.ndarray) -> list[np.ndarray]:
+    """The members of each group, back to front: of those that lie above none that is left, the largest first."""
+    groups = [members for name, members in _members(group).items() if name >= 0]
+    size = np.bincount(group + 1, facts.areas)[1:]
     # The px^2 of the box around each: what it would cover.
-    of = _members(group)
-    span = np.array([float(_area(_box_around(facts, of[name]))) for name in names])
-    above, below = _without_cycles(len(names), *_net(facts, group, index))
+    span = np.array([float(_area(_box_around(facts, members))) for members in groups])
+    above, below = _without_cycles(len(groups), *_net(facts, group))
     # What a large one waits for comes as early as the large one would, lest all small ones come between.
     waiting = np.zeros_like(span)
     while (waiting != span).any():
         waiting = span.copy()
         np.maximum.at(span, below, waiting[above])
-    load = np.bincount(above, minlength=len(names))
-    lying = np.split(above[np.argsort(below, kind="stable")], np.cumsum(np.bincount(below, minlength=len(names)))[:-1])
+    load = np.bincount(above, minlength=len(groups))
+    ends = np.cumsum(np.bincount(below, minlength=len(groups)))
+    lying = np.split(above[np.argsort(below, kind="stable")], ends[:-1])
     ready = [(-span[i], -size[i], i) for i in np.flatnonzero(load == 0).tolist()]
     heapify(ready)
     order = []
     while ready:
         best = heappop(ready)[2]
-        order.append(names[best])
+        order.append(groups[best])
         for i in lying[best].tolist():
             load[i] -= 1
             if load[i] == 0:
@@ -266,19 +262,19 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
     return order
 
 
-def _net(facts: _Facts, group: np.ndarray, index: dict[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of groups, by their indices, of which the one lies above the other, (e,) each, and the evidence (e,) that
-    it does less that for the contrary."""
+def _net(facts: _Facts, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of groups of which the one lies above the other, (e,) each, and the evidence (e,) that it does less that
+    for the contrary."""
     weight: dict[tuple[int, int], float] = {}
     for (above, below), votes in facts.votes.items():
         p, q = int(group[above]), int(group[below])
         if p >= 0 and q >= 0 and p != q:
             weight[p, q] = weight.get((p, q), 0.0) + votes
     _settle_enclosures(facts, group, weight)
-    net = [(index[p], index[q], votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
+    net = [(p, q, votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
     net = sorted(each for each in net if each[2] > 0.0)
-    upper, lower = (np.array([each[k] for each in net], dtype=int) for k in (0, 1))
-    return upper, lower, np.array([each[2] for each in net])
+    upper, lower, evidence = np.array(net).reshape(-1, 3).T
+    return upper.astype(int), lower.astype(int), evidence
 
 
 def _without_cycles(

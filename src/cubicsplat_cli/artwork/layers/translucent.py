@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -70,10 +71,8 @@ def _with_overlays(
             TranslucentPart(paint_levels(overlay.paint), each) for each in extents_of(overlay.cover, above, found)
         )
     out = behind.get(-1, [])
-    for k, part in enumerate(parts):
-        out.append(part)
-        if k + 1 == len(parts) or parts[k + 1].extent.layer != part.extent.layer:
-            out.extend(behind.get(part.extent.layer, []))
+    for layer, own in groupby(parts, key=lambda part: part.extent.layer):
+        out += [*own, *behind.get(layer, [])]
     return out
 
 
@@ -112,7 +111,7 @@ def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> lis
     """
     out = []
     for at, around in meetings(regions.labels):
-        if fixed[list(around)].any():
+        if fixed[around].any():
             continue
         for k in range(4):
             c1, c2, g2, g1 = around[k:] + around[:k]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import chain
 
 import numpy as np
 
@@ -56,11 +57,10 @@ def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End
     n, ends = len(points), list[End]()
     for start, step in ((run[0], -1), (run[-1], 1)):
         index = (start + step * np.arange(1, n)) % n
-        known = np.isfinite(sigma[index])
-        index = index[: int(np.argmin(known)) if not known.all() else n]
+        index = index[: np.append(np.isfinite(sigma[index]), False).argmin()]
         found = heading(points[index], sigma[index], REACH)
         if found is None:
-            ends.append(End(points[index[:1] if len(index) else [start]][0], None, False))
+            ends.append(End(points[index[0] if len(index) else start], None, False))
         else:
             ends.append(End(found.at, found.tangent, found.bend * REACH <= STRAIGHT))
     return ends[0], ends[1]
@@ -89,33 +89,27 @@ class HiddenLoop:
 
 def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     """Yield the ways to go on along a hidden run (m,), indices in order, the simplest first. The last is hidden."""
-    points, sigma = loop.points, loop.sigma
-    first, last = ends_of(points, sigma, run)
-    meet = _meeting(first, last)
-    straight = first.straight and last.straight
-    yield Completion(points[run], np.inf, np.zeros(0, dtype=int))
-    if meet is not None and straight:
-        yield from _by_lines(loop, run, (first, last), meet)
-    yield from by_cubic(loop, run, (first, last))
-    if meet is not None and not straight:
-        yield from _by_lines(loop, run, (first, last), meet)
-    yield from simply(loop, run, (first, last))
+    ends = ends_of(loop.points, loop.sigma, run)
+    meet = _meeting(*ends)
+    yield Completion(loop.points[run], np.inf, np.zeros(0, dtype=int))
+    sides = () if meet is None else _by_lines(run, ends, meet)
+    cubic = by_cubic(loop, run, ends)
+    yield from chain(sides, cubic) if ends[0].straight and ends[1].straight else chain(cubic, sides)
+    yield from simply(loop, run, ends)
 
 
 def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
     """Return the way by straight sides that go on until they meet; None if they do not."""
     ends = ends_of(loop.points, loop.sigma, run)
     meet = _meeting(*ends) if ends[0].straight and ends[1].straight else None
-    return None if meet is None else next(_by_lines(loop, run, ends, meet), None)
+    return None if meet is None else next(_by_lines(run, ends, meet), None)
 
 
 def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = None) -> Iterator[Completion]:
     """Yield the ways by the fewest and shortest straight lines."""
-    points = loop.points[run]
-    first, last = ends or ends_of(loop.points, loop.sigma, run)
-    for corners in min_link_path(points, first, last, loop.room):
-        yield from _by_lines(loop, run, (first, last), corners)
-    yield from _by_lines(loop, run, (first, last), fewer_points(points, SLACK))
+    points, ends = loop.points[run], ends or ends_of(loop.points, loop.sigma, run)
+    for corners in chain(min_link_path(points, *ends, loop.room), [fewer_points(points, SLACK)]):
+        yield from _by_lines(run, ends, corners)
 
 
 def by_cubic(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End]) -> Iterator[Completion]:
@@ -147,9 +141,9 @@ def _bending(cubics: np.ndarray) -> np.ndarray:
     return (cross**2 / speed**5).mean(axis=1) * np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
 
 
-def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
+def _by_lines(run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
     """Yield straight lines from one end through corners (k, 2) to the other; none if the run has too few points."""
-    count = len(run)
+    count, corner = len(run), np.arange(len(corners))
     if count < len(corners):
         return
     knots = np.concatenate([ends[0].at[None], corners, ends[1].at[None]])
@@ -157,8 +151,7 @@ def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners:
     points = polyline_places(knots, np.arange(1, count + 1) / (count + 1.0) * length[-1])
     index = np.rint(length[1:-1] / max(length[-1], 1e-9) * (count + 1.0)).astype(int) - 1
     # Each corner gets a point of its own.
-    index = np.maximum.accumulate(index - np.arange(len(index))) + np.arange(len(index))
-    index = np.clip(index, np.arange(len(index)), count - len(index) + np.arange(len(index)))
+    index = np.clip(np.maximum.accumulate(index - corner), 0, count - len(corners)) + corner
     points[index] = corners
     yield Completion(points, np.inf, index)
 

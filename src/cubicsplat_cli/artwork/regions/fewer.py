@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.channels import light_of_srgb
+from cubicsplat_cli.artwork.channels import light_of_srgb, packed
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.scene.paint import Rgba
 
@@ -86,9 +86,7 @@ def to_lab(colours: np.ndarray) -> np.ndarray:
 def _binned(colours: np.ndarray) -> np.ndarray:
     """(K,) int the bin of each colour, at most MOST_COMPARED of them, of as few levels as that takes."""
     for bits in range(1, 9):
-        shifted = np.rint(colours).astype(np.int64) >> bits
-        keys = shifted @ (512 ** np.arange(4))
-        _, bins = np.unique(keys, return_inverse=True)
+        _, bins = np.unique(packed(np.rint(colours).astype(np.int64) >> bits), return_inverse=True)
         if bins.max() < MOST_COMPARED:
             break
     return bins

@@ -90,10 +90,9 @@ def line_blends(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, flat:
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
     counts = np.bincount(pure[pure >= 0], minlength=len(palette))
     out = np.zeros(len(palette), dtype=bool)
-    beside, areas = (
-        [ndimage.maximum_filter((pure == k) & where, NEAR) for k in fills] if doubtful.any() else []
-        for where in (True, flat)
-    )
+    if not doubtful.any():
+        return out
+    beside, areas = ([ndimage.maximum_filter((pure == k) & where, NEAR) for k in fills] for where in (True, flat))
     for k in fills[doubtful & (counts > 0)]:
         shown = pure == k
         for line, ground in permutations(fills[fills != k], 2):

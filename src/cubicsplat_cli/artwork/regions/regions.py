@@ -109,7 +109,7 @@ class PixelFills:
         """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
         labels = _without_specks(self.parts, self.sure, min_area)
         numbers = np.cumsum(np.bincount(labels.ravel()) > 0, dtype=np.int32) - 1  # without gaps between them
-        labels = np.asarray(numbers[labels], dtype=np.int32)
+        labels = numbers[labels]
         fill_of = _majority(labels, self.fills)
         return Regions(labels, self.palette[fill_of], fill_of)
 
@@ -169,26 +169,18 @@ def _pure_fills(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
     """(H, W) int32 the fill of pixels that are one, -1 for blends; a blend that looks like a third fill is a blend."""
     nearest, gap = nearest_fills(levels, palette)
     pure = np.where(gap <= PURE, nearest, -1).astype(np.int32)
-    flat = flat_pixels(levels, SAME)
-    solid = has_square(pure)
     # Whole components count that somewhere are flat or two pixels thick; thin ones are often edges between others.
     parts, count = components(pure)
     good = np.zeros(count, dtype=bool)
-    good[parts[flat | solid]] = True
-    return np.where(good[parts] & (pure >= 0), pure, _thin_but_real(levels, palette, pure, good[parts]))
-
-
-def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, good: np.ndarray) -> np.ndarray:
-    """Thin components whose colour is no blend of two fills beside it keep it."""
-    doubtful = (pure >= 0) & ~good
-    settled = np.where(good, pure, -1)
-    y, x = np.nonzero(doubtful)
-    out = np.full(pure.shape, -1, dtype=np.int32)
+    good[parts[flat_pixels(levels, SAME) | has_square(pure)]] = True
+    settled = np.where(good[parts], pure, -1)
+    # A thin one whose colour is no blend of two fills beside it is real.
+    y, x = np.nonzero(settled != pure)
     near = near_fills(settled, y, x, REACH)
-    kept = best_blend(levels[y, x], palette, near)[1] > BLEND
-    kept[kept] = ~_on_a_slope(levels, palette, y[kept], x[kept], near[kept])
-    out[y[kept], x[kept]] = pure[y[kept], x[kept]]
-    return out
+    real = best_blend(levels[y, x], palette, near)[1] > BLEND
+    real[real] = ~_on_a_slope(levels, palette, y[real], x[real], near[real])
+    settled[y[real], x[real]] = pure[y[real], x[real]]
+    return settled
 
 
 def _on_a_slope(levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray) -> np.ndarray:
