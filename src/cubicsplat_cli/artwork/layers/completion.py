@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import cache, partial
-from itertools import islice
+from itertools import groupby, islice
+from operator import itemgetter
 
 import numpy as np
 
@@ -54,7 +55,9 @@ def outlines_of_all(
     what shows suggests, rather than end as shortly as they may. sought: they do either, rather than run along their
     contour, a few px beneath what hides them. steps: px a pixel of the picture each way.
     """
-    for some in _batches(extents):
+    ends = np.cumsum([sum(len(contour.points) for contour in extent.contours) for extent in extents])
+    for _, batch in groupby(zip((ends // BATCH).tolist(), extents, strict=True), key=itemgetter(0)):
+        some = [extent for _, extent in batch]
         searches: list[_Search] = []
         for extent in some:
             window = cache(partial(Window.of, extent, canvas))  # which only hidden contours need to know
@@ -94,16 +97,6 @@ def _outline(
     if seen or not sought:
         return (yield points, _known(contour.sigma), None)
     return (yield from _completed(contour, window(), whole, astray))
-
-
-def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
-    """The extents in runs of BATCH points and more, whose outlines are fitted together."""
-    first, points = 0, 0
-    for number, extent in enumerate(extents, start=1):
-        points += sum(len(contour.points) for contour in extent.contours)
-        if points >= BATCH or number == len(extents):
-            yield extents[first:number]
-            first, points = number, 0
 
 
 def _completed(contour: Contour, window: Window, whole: bool, astray: int) -> _Search:

@@ -63,9 +63,8 @@ def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Ex
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:
     """The parts of a translucent overlay, of no layer. cover, above: (H, W) bool, where it shows, and what hides it."""
-    rows, columns = _with_room(ndimage.find_objects(cover)[0], cover.shape)
-    view = cover[rows, columns]
-    yield from _parts(OVERLAY, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
+    own = rows, columns = _with_room(ndimage.find_objects(cover)[0], cover.shape)
+    yield from _parts(OVERLAY, (rows.start, columns.start), cover[own], above[own], found, joined=False)
 
 
 def _parts(

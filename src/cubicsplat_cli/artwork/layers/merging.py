@@ -8,9 +8,9 @@ is a channel like the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache
 from itertools import permutations
 
 import numpy as np
@@ -57,36 +57,34 @@ def with_covered(
 
     What lies beneath one overlay only where another one lies too meets it in no X of its own.
     """
-    while overlays:
-        boxes = ndimage.find_objects(regions.labels + 1)
-        beside = cache(partial(_beside, regions, overlays, boxes))
-        for above, below in zip(regions.borders.first.tolist(), regions.borders.second.tolist(), strict=True):
-            over = () if fixed[[above, below]].any() else _over(regions, overlays, beside(above), above, below)
-            if over:
-                mask = regions.labels == above
-                overlays = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(overlays, over)]
-                regions, fixed = merged(regions, {above: below}, fixed)
-                break
-        else:
-            break
+    while found := next(_covered(regions, fixed, overlays), None):
+        region, ground, over = found
+        mask = regions.labels == region
+        overlays = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(overlays, over)]
+        regions, fixed = merged(regions, {region: ground}, fixed)
     return regions, fixed, overlays
 
 
-def _beside(regions: Regions, overlays: list[Overlay], boxes: list[tuple[slice, slice]], region: int) -> list[Overlay]:
-    """The overlays that touch a region, of these boxes, and cover nothing of it."""
-    window = widened(boxes[region], 1, regions.labels.shape)
-    mask = regions.labels[window] == region
-    rim = ndimage.binary_dilation(mask) & ~mask
-    return [s for s in overlays if s.cover[window][rim].any() and not s.cover[window][mask].any()]
+def _covered(
+    regions: Regions, fixed: np.ndarray, overlays: list[Overlay]
+) -> Iterator[tuple[int, int, tuple[Overlay, ...]]]:
+    """Yield each region that overlays make of a neighbour, that neighbour, and these overlays, uppermost first. They
+    touch the region and cover nothing of it.
+    """
+    boxes = ndimage.find_objects(regions.labels + 1)
+    for region in np.flatnonzero(~fixed).tolist():
+        window = widened(boxes[region], 1, regions.labels.shape)
+        mask = regions.labels[window] == region
+        rim = ndimage.binary_dilation(mask) & ~mask
+        beside = [s for s in overlays if s.cover[window][rim].any() and not s.cover[window][mask].any()]
+        if 0 < len(beside) <= MOST_BESIDE:
+            for ground in (k for k in regions.borders.beside[region] if not fixed[k]):
+                if over := _over(overlays, beside, regions.fills[region], regions.fills[ground]):
+                    yield region, ground, over
 
 
-def _over(
-    regions: Regions, overlays: list[Overlay], beside: list[Overlay], region: int, ground: int
-) -> tuple[Overlay, ...]:
-    """Those of the overlays beside a region that make its colour of another one's, uppermost first; () without such."""
-    if not 0 < len(beside) <= MOST_BESIDE:
-        return ()
-    fill, under = regions.fills[region], regions.fills[ground]
+def _over(overlays: list[Overlay], beside: list[Overlay], fill: np.ndarray, under: np.ndarray) -> tuple[Overlay, ...]:
+    """Those of some overlays beside each other that make a fill of one beneath, uppermost first; () without such."""
     of, left, added = _orders(tuple(each.paint for each in beside))
     off = np.abs(added + left[:, None] * under - fill).max(axis=1)
     for k in np.flatnonzero(off <= ROUNDED).tolist():

@@ -154,8 +154,6 @@ def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
     several[several] = (np.diff(corners, axis=0) != 0).sum(axis=0) >= 2
     near, count = ndimage.label(ndimage.binary_dilation(np.pad(several, MEETING), np.ones((MEETING, MEETING), bool)))
     near = near[MEETING:-MEETING, MEETING:-MEETING]
-    if count == 0:
-        return []
     middles = ndimage.center_of_mass(several, near, np.arange(1, count + 1))
     places = [np.array([x + 1.0, y + 1.0]) for y, x in middles]
     return [(at, around) for at in places if (around := _around(labels, at))]

@@ -119,8 +119,7 @@ def with_lines(
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
-    search = standing, max(CLOSE, off), less, 3 * CONTACT, SEEN
-    fill, own = nearest_line_fills(levels, (y, x), palette, near, *search)
+    fill, own = nearest_line_fills(levels, (y, x), palette, near, standing, max(CLOSE, off), less, 3 * CONTACT, SEEN)
     # Pixels beside an area of the line's colour are its edge.
     own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)
     out = labels.copy()
