@@ -64,7 +64,7 @@ def half_hidden(bend: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def window_in(shown: np.ndarray, hidden: np.ndarray) -> Window:
     """The window, all of a canvas, of an outline that may enclose what is hidden, and nothing around it."""
-    extent = Extent(0, 0, 0, shown, hidden | shown, np.zeros_like(shown), ())
+    extent = Extent(0, 0, shown, hidden | shown, np.zeros_like(shown), ())
     return replace(Window.of(extent, shown.shape), must=~hidden)
 
 
@@ -204,7 +204,7 @@ def test_what_shows_one_side_is_no_box():
     side = np.column_stack([np.full(12, 20.1) + 0.1 * np.sin(np.arange(12)), np.arange(12) + 14.5])
     points = np.concatenate([side, np.add(side[::-1], [0.6, 0.0])])
     contour = Contour(points, np.repeat([0.1, np.inf], 12), True)
-    (found,) = outlines_of(Extent(0, 0, 0, hidden, ~hidden, ~hidden, (contour,)), (40, 40), 1.0)
+    (found,) = outlines_of(Extent(0, 0, hidden, ~hidden, ~hidden, (contour,)), (40, 40), 1.0)
     assert np.ptp(found.ring().anchors, axis=0).max() < 14.0
 
 
@@ -226,7 +226,7 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
     shown = np.ones((8, 20), dtype=bool)
     square = np.array([[10.0, 20.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]])
     contour = Contour(square, np.full(4, 0.1), False)
-    extent = Extent(0, 20, 10, shown, shown, np.zeros_like(shown), (contour,))
+    extent = Extent(20, 10, shown, shown, np.zeros_like(shown), (contour,))
     window = Window.of(extent, (40, 40))
     assert len(window.wrong(polygon(square))) == 0
     # Two sides go on until they meet, beyond the canvas.
@@ -237,7 +237,7 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
 def test_only_what_an_outline_reaches_of_a_window_is_looked_at(top, left):
     wedge = polygon(np.array([(50.0, 50.5), (60.2, 50.0), (55.0, 70.0)]))
     whole = np.zeros((40, 20), dtype=bool)
-    reached, own = enclosed(wedge, Extent(0, top, left, whole, whole, whole, ()))
+    reached, own = enclosed(wedge, Extent(top, left, whole, whole, whole, ()))
     whole[reached] = own
     assert (whole == (coverage(wedge.cubics, wedge.lines, top, left, 40, 20) > 0.5)).all()
     assert own.size <= 11 * 20  # px
@@ -251,7 +251,7 @@ def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():
         Contour(np.array([[a, a], [b, a], [b, b], [a, b]], dtype=float), np.full(4, 0.1), hole)
         for a, b, hole in ((10, 30, False), (12, 28, True))
     ]
-    extent = Extent(0, 0, 0, shown, shown, holes_of(shown), tuple(contours))
+    extent = Extent(0, 0, shown, shown, holes_of(shown), tuple(contours))
     window = Window.of(extent, (40, 40)).hole(contours[1])
     assert len(window.wrong(polygon(contours[1].points))) == 0
     # Nothing of the thin shape itself is so far from its edges that a hole surely must not have it.
@@ -263,11 +263,11 @@ def test_a_gap_of_few_px_is_not_closed_from_its_two_sides(width):
     shown = np.zeros((30, 30), dtype=bool)
     shown[10:20, 2:28] = True
     shown[10:20, 14 : 14 + width] = False
-    window = Window.of(Extent(0, 0, 0, shown, shown, np.zeros_like(shown), ()), (30, 30))
+    window = Window.of(Extent(0, 0, shown, shown, np.zeros_like(shown), ()), (30, 30))
     across = Rectangle(2.0, 10.0, 26.0, 10.0)
     assert len(window.wrong(across)) >= 8 * width
     whole = np.zeros_like(shown)
     whole[10:20, 2:28] = True
     # Around a part there is a px of tolerance.
-    wide = Window.of(Extent(0, 0, 0, whole, whole, np.zeros_like(whole), ()), (30, 30))
+    wide = Window.of(Extent(0, 0, whole, whole, np.zeros_like(whole), ()), (30, 30))
     assert len(wide.wrong(Rectangle(1.0, 9.0, 28.0, 12.0))) == 0

@@ -66,7 +66,7 @@ def test_the_lid_of_a_tin_is_a_whole_ellipse_on_its_side():
     regions, found = drawn(tin)
     layers = stack(regions, found)
     assert layers.layers == ((0,), (1,), (2,))
-    lid = [part for part in extents(regions, layers, found) if part.layer == 2]
+    _, _, lid = extents(regions, layers, found)
     (outline,) = outlines_of(lid[0], (SIZE, SIZE), 1.0)
     assert isinstance(outline, Ellipse)
     assert (outline.cx, outline.cy, outline.rx, outline.ry) == pytest.approx((50.0, 35.0, 30.0, 10.0), abs=0.1)
@@ -96,7 +96,7 @@ def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
     regions = Regions(labels, fills, np.arange(5))
     stack = Stack(tuple((k,) for k in range(5)), np.arange(5))
     found = edge_positions(fills[labels], regions)
-    (coat,) = (part for part in extents(regions, stack, found) if part.layer == 2)
+    (coat,) = [*extents(regions, stack, found)][2]
     covered = np.zeros(labels.shape)
     for contour, outline in zip(coat.contours, outlines_of(coat, labels.shape, 1.0), strict=True):
         ring = outline.ring()

@@ -22,7 +22,6 @@ from cubicsplat_cli.record import record
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
-OVERLAY = -1  # in place of the layer of what is of none
 
 
 @record
@@ -40,7 +39,6 @@ class Extent:
     show it; allowed: those that it may cover; holes: those within the contours of its holes. contours: the outer one
     first."""
 
-    layer: int
     top: int
     left: int
     shown: np.ndarray
@@ -49,38 +47,37 @@ class Extent:
     contours: tuple[Contour, ...]
 
 
-def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Extent]:
-    """The parts of all layers, back to front."""
+def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[list[Extent]]:
+    """The parts of each layer, back to front."""
     depth = stack.rank[regions.labels]
     opaque = regions.fills[:, 3] >= OPAQUE
     boxes = ndimage.find_objects(depth + 1)
-    for place in range(len(stack.layers)):
-        rows, columns = _with_room(boxes[place], depth.shape)
-        view = depth[rows, columns]
-        shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
-        yield from _parts(place, (rows.start, columns.start), shown, above, found, len(stack.layers[place]) > 1)
+    for place, (box, own) in enumerate(zip(boxes, stack.layers, strict=True)):
+        window = _with_room(box, depth.shape)
+        shown, above = depth[window] == place, (depth[window] > place) & opaque[regions.labels[window]]
+        yield [*_parts(window, shown, above, found, joined=len(own) > 1)]
 
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:
     """The parts of a translucent overlay, of no layer. cover, above: (H, W) bool, where it shows, and what hides it."""
-    own = rows, columns = _with_room(ndimage.find_objects(cover)[0], cover.shape)
-    yield from _parts(OVERLAY, (rows.start, columns.start), cover[own], above[own], found, joined=False)
+    window = _with_room(ndimage.find_objects(cover)[0], cover.shape)
+    return _parts(window, cover[window], above[window], found, joined=False)
 
 
 def _parts(
-    place: int, corner: tuple[int, int], shown: np.ndarray, above: np.ndarray, found: EdgePositions, joined: bool
+    window: tuple[slice, slice], shown: np.ndarray, above: np.ndarray, found: EdgePositions, joined: bool
 ) -> Iterator[Extent]:
-    """corner: the top and left of the windows `shown` and `above`; joined: the hull of what shows counts too."""
+    """window: the rows and columns of `shown` and `above`; joined: the hull of what shows counts too."""
     parts, count = ndimage.label(ndimage.reached(shown, above, hull_mask(shown) if joined else None, UNDERLAP))
     boxes = ndimage.find_objects(parts)
     # What a hull adds apart from all that shows is of no use.
     for k in np.flatnonzero(np.bincount(parts[shown], minlength=count + 1)).tolist():
-        own = rows, columns = _with_room(boxes[k - 1], shown.shape)
-        top, left = corner[0] + rows.start, corner[1] + columns.start
+        own = _with_room(boxes[k - 1], shown.shape)
+        top, left = (outer.start + inner.start for outer, inner in zip(window, own, strict=True))
         part, seen = parts[own] == k, shown[own]
         loops = contours_of(part, seen, (top, left), found)
         contours = tuple(Contour(points, sigma, area < 0.0) for points, sigma, area in loops)
-        yield Extent(place, top, left, seen & part, seen | above[own], ndimage.holes_of(part), contours)
+        yield Extent(top, left, seen & part, seen | above[own], ndimage.holes_of(part), contours)
 
 
 def _with_room(box: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[slice, slice]:

@@ -77,7 +77,8 @@ class _Facts:
             self.votes = junction_votes(regions, found)
             for pair in _shading(regions, shaded):
                 self.votes[pair] = self.votes.get(pair, 0.0) + VOTE
-        for pair in self.held():
+        self.held = [(inner, outer) for inner in range(regions.count) for outer in self.enclosing(inner)]
+        for pair in self.held:
             self.votes[pair] = self.votes.get(pair, 0.0) + ENCLOSED
         # The regions that each one lies above, and those that it is taken to lie above.
         self.beneath: dict[int, set[int]] = {}
@@ -92,10 +93,6 @@ class _Facts:
             while (region := self.around[region]) >= 0 and region not in self.ground:
                 yield region
             yield from self.ground
-
-    def held(self) -> Iterator[tuple[int, int]]:
-        """Every region with each that encloses it."""
-        return ((inner, outer) for inner in range(self.regions.count) for outer in self.enclosing(inner))
 
     def assume(self, above: np.ndarray, below: np.ndarray) -> None:
         """Takes regions to lie above others, where nothing is known of the two."""
@@ -270,7 +267,12 @@ def _net(facts: _Facts, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
         p, q = int(group[above]), int(group[below])
         if p >= 0 and q >= 0 and p != q:
             weight[p, q] = weight.get((p, q), 0.0) + votes
-    _settle_enclosures(facts, group, weight)
+    # Groups with pieces around and within another one lie beneath it: what is within shows through its holes.
+    broken = {outer for inner, outer in facts.held if group[inner] == group[outer] >= 0}
+    for inner, outer in facts.held:
+        p, q = int(group[inner]), int(group[outer])
+        if outer in broken and p >= 0 and p != q and facts.areas[outer] > facts.areas[inner]:
+            weight[q, p] = 0.0
     net = [(p, q, votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
     net = sorted(each for each in net if each[2] > 0.0)
     upper, lower, evidence = np.array(net).reshape(-1, 3).T
@@ -290,13 +292,3 @@ def _without_cycles(
         inside = inside[np.lexsort((inside, weight[inside]))]
         weakest = inside[np.unique(knot[above[inside]], return_index=True)[1]]
         above, below, weight = (np.delete(each, weakest) for each in (above, below, weight))
-
-
-def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: dict[tuple[int, int], float]) -> None:
-    """Groups with pieces around and within another one lie beneath it: what is within shows through its holes."""
-    held = [*facts.held()]
-    broken = {outer for inner, outer in held if group[inner] == group[outer] >= 0}
-    for inner, outer in held:
-        above, below = int(group[inner]), int(group[outer])
-        if outer in broken and above >= 0 and above != below and facts.areas[outer] > facts.areas[inner]:
-            weight[below, above] = 0.0

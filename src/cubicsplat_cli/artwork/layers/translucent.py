@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import groupby
 
 import numpy as np
 
@@ -50,30 +49,30 @@ def parts_of(
     if fixed is not None:
         regions, overlays = without_overlays(regions, found, fixed)
     layers = stack(regions, found, joined, shaded)
-    parts = [TranslucentPart(regions.fills[layers.layers[e.layer][0]], e) for e in extents(regions, layers, found)]
-    return _with_overlays(parts, overlays, layers, regions, found) if overlays else parts
+    over = _parts_over(layers, overlays, regions, found) if overlays else {}
+    parts = over.get(-1, [])
+    for place, own in enumerate(extents(regions, layers, found)):
+        fill = regions.fills[layers.layers[place][0]]
+        parts += [*(TranslucentPart(fill, extent) for extent in own), *over.get(place, [])]
+    return parts
 
 
-def _with_overlays(
-    parts: list[TranslucentPart], overlays: tuple[Overlay, ...], layers: Stack, regions: Regions, found: EdgePositions
-) -> list[TranslucentPart]:
-    """The parts of layers with those of overlays, each behind the layers that are in front of all that it covers."""
+def _parts_over(
+    layers: Stack, overlays: tuple[Overlay, ...], regions: Regions, found: EdgePositions
+) -> dict[int, list[TranslucentPart]]:
+    """The parts of overlays by the layer that each comes above, the uppermost of all that it covers; -1 for none."""
     depth = layers.rank[regions.labels]
     opaque = regions.fills[regions.labels, 3] >= OPAQUE
     reached = depth.copy()
-    behind: dict[int, list[TranslucentPart]] = {}
+    parts: dict[int, list[TranslucentPart]] = {}
     # An overlay was found without those above it: the lowest come first, and the others go above them.
     for overlay in reversed(overlays):
         place = int(reached[overlay.cover].max())
         reached[overlay.cover] = place
         above = (depth > place) & opaque
-        behind.setdefault(place, []).extend(
-            TranslucentPart(paint_levels(overlay.paint), each) for each in extents_of(overlay.cover, above, found)
-        )
-    out = behind.get(-1, [])
-    for layer, own in groupby(parts, key=lambda part: part.extent.layer):
-        out += [*own, *behind.get(layer, [])]
-    return out
+        paint, own = paint_levels(overlay.paint), extents_of(overlay.cover, above, found)
+        parts.setdefault(place, []).extend(TranslucentPart(paint, extent) for extent in own)
+    return parts
 
 
 def without_overlays(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> tuple[Regions, tuple[Overlay, ...]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -38,22 +39,21 @@ def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing,
     """
     # True areas show an edge to half of what an outline is off in the mean.
     edge, size = 0.5 * (cell + MEAN_ERROR), (float(drawing.width), float(drawing.height))
-    marks = _seen_edges(state, edge)
-    marks = [(axis, v, error) for axis, v, error in marks if min(abs(v), abs(v - size[axis])) > error]
-    for outline in (outline for shape in drawing.shapes for outline in shape.outlines):
+    marks = [(axis, v, edge) for axis, v in _seen_edges(state) if min(abs(v), abs(v - size[axis])) > edge]
+    for outline in chain.from_iterable(shape.outlines for shape in drawing.shapes):
         marks += [(axis, value, MEAN_ERROR) for axis, value in _middle_and_radii(outline)]
     snap = _Snap(_grids(marks, size), edge, size)
     shapes = tuple(replace(s, outlines=tuple(map(snap.outline, s.outlines))) for s in drawing.shapes)
     return replace(drawing, shapes=shapes), Pins(*(tuple(sorted(pins)) for pins in snap.pins))
 
 
-def _seen_edges(state: State, error: float) -> list[Mark]:
-    """Return the x of the upright lines and the y of the level ones that show in the picture."""
+def _seen_edges(state: State) -> list[tuple[int, float]]:
+    """Return axes and values: the x of the upright lines and the y of the level ones that show in the picture."""
     crossings, cubics = state.stack.crossings, state.drawn.cubics
     shown = np.bincount(crossings.piece, np.abs(crossings.slope).max(axis=1) > SHOWN, len(cubics))
     good = state.drawn.lines & (shown >= FEWEST_SEEN)
     level = np.ptp(cubics, axis=1) < EXACT
-    return [(axis, value, error) for axis in (0, 1) for value in cubics[good & level[:, axis], 0, axis].tolist()]
+    return [(axis, value) for axis in (0, 1) for value in cubics[good & level[:, axis], 0, axis].tolist()]
 
 
 def _middle_and_radii(outline: Outline) -> list[tuple[int, float]]:

@@ -140,11 +140,10 @@ def _ended(half: Ring, axis: Axis) -> Ring:
 def _whole(half: Ring, axis: Axis) -> MirroredRing:
     """Return the ring of a side, of which the first and the last anchor lie on the axis, and its mirror image."""
     m = half.pieces - 1
-    other = half.chosen(np.arange(m, -1, -1))
-    anchors = np.concatenate([half.anchors, axis.mirrored(other.anchors[1:m])])
+    anchors = np.concatenate([half.anchors, axis.mirrored(half.anchors[-2:0:-1])])
     controls = np.concatenate([half.controls[:m], axis.mirrored(half.controls[:m][::-1, ::-1])])
     lines = np.concatenate([half.lines[:m], half.lines[:m][::-1]])
-    smooth = np.concatenate([half.smooth, other.smooth[1:m]])
+    smooth = np.concatenate([half.smooth, half.smooth[-2:0:-1]])
     partner = (2 * m - np.arange(2 * m)) % (2 * m)
     return _joined(MirroredRing(with_thirds(Ring(anchors, controls, lines, smooth)), axis, partner))
 
@@ -166,7 +165,10 @@ def _joined(found: MirroredRing) -> MirroredRing:
             if first is None:
                 continue
             handles = np.stack([first, found.axis.mirrored(first)])
-        found = _without(found, i, handles)
+        controls, rest = ring.controls.copy(), np.arange(ring.pieces) != i
+        controls[before] = handles
+        number = np.cumsum(rest) - 1
+        found = MirroredRing(replace(ring, controls=controls).chosen(rest), found.axis, number[found.partner[rest]])
     return found
 
 
@@ -184,15 +186,6 @@ def _across(cubic: np.ndarray, axis: Axis) -> np.ndarray | None:
     fine = points_at(cubic, np.linspace(0.0, 1.0, SAMPLES + 1))
     off = points_at(whole, np.linspace(0.0, 0.5, SAMPLES // 8 + 1))[:, None] - fine
     return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < MEAN_ERROR else None
-
-
-def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
-    """Return the ring without an anchor on the axis; handles: (2, 2) of the piece that stands for both beside it."""
-    controls = found.ring.controls.copy()
-    controls[i - 1] = handles
-    rest = np.arange(found.ring.pieces) != i
-    number = np.cumsum(rest) - 1
-    return MirroredRing(replace(found.ring, controls=controls).chosen(rest), found.axis, number[found.partner[rest]])
 
 
 def as_mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> RingParameters | None:
