@@ -96,8 +96,6 @@ def _merged(colours: np.ndarray, areas: np.ndarray, most: int | None, apart: flo
     """(K,) int the group of each colour (K, 4), numbered from 0."""
     count = len(colours)
     owner = np.arange(count)
-    if not count:
-        return owner
     seen, areas, left = to_lab(colours), areas.copy(), count
     squared = ((seen[:, None] - seen[None]) ** 2).sum(axis=2)
     squared[np.diag_indices(count)] = np.inf

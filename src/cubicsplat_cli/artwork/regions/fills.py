@@ -40,16 +40,14 @@ def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
 
 def in_squares(squares: np.ndarray) -> np.ndarray:
     """(H, W) bool: the pixels of squares of 2 x 2 px, (H - 1, W - 1) bool by their first pixels."""
-    padded = np.pad(squares, 1)
-    return padded[:-1, :-1] | padded[1:, :-1] | padded[:-1, 1:] | padded[1:, 1:]
+    return ndimage.maximum_filter(np.pad(squares, (0, 1)), 2)
 
 
 def in_even_squares(levels: np.ndarray) -> np.ndarray:
     """(H, W) bool: in a square of 2 x 2 px of one colour, of a picture (H, W, C)."""
     even = np.ones((len(levels) - 1, levels.shape[1] - 1), dtype=bool)
-    for channel in np.moveaxis(levels, -1, 0):  # in turn, since the four copies of a large picture are large
-        corners = [channel[y : len(channel) - 1 + y, x : channel.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
-        even &= np.maximum.reduce(corners) - np.minimum.reduce(corners) <= EVEN
+    for channel in np.moveaxis(levels, -1, 0):  # in turn, since copies of a large picture are large
+        even &= ndimage.ranges(channel, 2)[1:, 1:] <= EVEN
     return in_squares(even)
 
 
@@ -63,8 +61,7 @@ def near_colours(levels: np.ndarray, shown: np.ndarray, pixels: np.ndarray) -> t
 
 def has_square(pure: np.ndarray) -> np.ndarray:
     """(H, W) bool: belongs to a 2x2 square of one fill."""
-    same = (pure[:-1, :-1] == pure[1:, :-1]) & (pure[:-1, :-1] == pure[:-1, 1:]) & (pure[:-1, :-1] == pure[1:, 1:])
-    return in_squares(same) & (pure >= 0)
+    return in_squares(ndimage.alike(pure, 2)[1:, 1:]) & (pure >= 0)
 
 
 def picture_fills(levels: np.ndarray) -> np.ndarray:
@@ -77,7 +74,7 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
         return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, APART))
     fills, weights = part_fills(levels, ndimage.label(flat)[0], BLEND, APART)
-    colours, sizes = _small_fills(levels, ndimage.binary_dilation(flat, ndimage.SQUARE))
+    colours, sizes = _small_fills(levels, flat)
     fills, weights = np.concatenate([fills, colours]), np.concatenate([weights, sizes])
     clear = np.count_nonzero(levels[..., 3] <= CLEAR)
     if clear and not (fills[:, 3] <= CLEAR).any():
@@ -86,11 +83,11 @@ def picture_fills(levels: np.ndarray) -> np.ndarray:
     return _limited(fills, weights)
 
 
-def _small_fills(levels: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fills (k, 4) of shapes too small for a flat pixel, and their px (k,): blends on edges hardly ever fill a square
-    of 2 x 2 px with one colour. near: (H, W) bool, flat pixels and those around them.
+def _small_fills(levels: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fills (k, 4) of shapes too small for a flat pixel (H, W) bool, and their px (k,): blends on edges hardly ever
+    fill a square of 2 x 2 px with one colour.
     """
-    y, x = np.nonzero(~(near[:-1, :-1] | near[1:, :-1] | near[:-1, 1:] | near[1:, 1:]))
+    y, x = np.nonzero(~ndimage.maximum_filter(flat, 4)[1:, 1:])  # squares with no flat pixel in or beside them
     corners = np.stack([levels[y + dy, x + dx] for dy in (0, 1) for dx in (0, 1)])
     even = largest(np.ptp(corners, axis=0)) <= EVEN
     colours, counts = np.unique(np.rint(corners[0][even]), axis=0, return_counts=True)

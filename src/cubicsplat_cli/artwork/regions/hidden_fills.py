@@ -44,14 +44,11 @@ def hidden_fills(levels: np.ndarray, palette: np.ndarray, least: float, reach: f
         farthest = int(gap.argmax())
         same = np.abs(levels - levels[farthest]).max(axis=1) <= reach
         fill = np.median(levels[same], axis=0)
-        if same.sum() < fewest or _blend_of_three(fill, palette, ONE_OF_THREE * least):
-            gap[farthest] = 0.0
-            continue
-        # A fill that only shows translucent is taken for opaque: its pixels are blends with nothing.
-        fill = fill * (255.0 / fill[3])
-        found.append(fill)
-        palette = np.vstack([palette, fill])
-        gap = np.minimum(gap, distance_to_blends(levels, palette, len(palette) - 1))
+        if same.sum() >= fewest and not _blend_of_three(fill, palette, ONE_OF_THREE * least):
+            # A fill that only shows translucent is taken for opaque: its pixels are blends with nothing.
+            found.append(fill * (255.0 / fill[3]))
+            palette = np.vstack([palette, found[-1]])
+            gap = np.minimum(gap, distance_to_blends(levels, palette, len(palette) - 1))
         gap[farthest] = 0.0
     return np.array(found, dtype=float).reshape(-1, 4)
 

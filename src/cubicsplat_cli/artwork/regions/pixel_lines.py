@@ -186,7 +186,7 @@ def _touching(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     a, b, c, d = fills[:-1, :-1], fills[:-1, 1:], fills[1:, :-1], fills[1:, 1:]
     falling = np.argwhere((a == d) & (a != b) & (a != c))
     rising = np.argwhere((b == c) & (b != a) & (b != d))
-    y = np.concatenate([falling[:, :1] + [0, 1], rising[:, :1] + [0, 1]])
+    y = np.concatenate([falling, rising])[:, :1] + [0, 1]
     x = np.concatenate([falling[:, 1:] + [1, 0], rising[:, 1:] + [0, 1]])
     return y, x, np.concatenate([a[tuple(falling.T)], b[tuple(rising.T)]])
 

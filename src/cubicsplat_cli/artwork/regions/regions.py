@@ -231,24 +231,21 @@ def _sure(
     """(H, W) bool: pixels that are their fill, or for the most part their fill rather than that of the region which
     their own touches most. dots: whether regions of a px or two may be real, and blurred ones.
     """
-    sure = pure >= 0
-    count = int(labels.max()) + 1
-    sizes = np.bincount(labels.ravel(), None, count)
+    sure, sizes = pure >= 0, np.bincount(labels.ravel())
     crumbs = sizes < CRUMB
-    lacking = ((np.bincount(labels.ravel(), sure.ravel(), count) == 0) & (sizes < SPECK)) | crumbs
+    lacking = ((np.bincount(labels.ravel(), sure.ravel()) == 0) & (sizes < SPECK)) | crumbs
     if not lacking.any():
         return sure
-    beside, neighbours = _most_touched(labels, count, lacking)
+    beside, neighbours = _most_touched(labels, lacking)
     fill_of = _majority(labels, fills)
     y, x = np.nonzero(lacking[labels])
     own = labels[y, x]
     ground, fill = palette[fill_of[beside[own]]], palette[fills[y, x]]
     share, _ = blend_of(levels[y, x], ground, fill, most=None)
-    amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) & dots
+    amid = (neighbours == 1) & (np.bincount(own, share, len(sizes)) >= MOSTLY) & dots
     if amid.sum() <= MANY_DOTS:
         plain = sure[y, x] & (largest(np.abs(fill - ground)) > APART)
-        amid &= np.bincount(own, plain, count) == sizes
-    sure = sure.copy()
+        amid &= np.bincount(own, plain, len(sizes)) == sizes
     sure[y, x] = ((share >= MOSTLY) & ~crumbs[own]) | amid[own]
     return sure
 
@@ -256,25 +253,21 @@ def _sure(
 def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
     """Components below `area` px, and small ones without a pixel surely theirs, go to the neighbour they touch most."""
     for _ in range(8):
-        count = labels.max() + 1
-        sizes = np.bincount(labels.ravel(), minlength=count)
-        has_sure = np.bincount(labels.ravel(), sure.ravel(), count) > 0
-        doomed = (sizes < area) | (~has_sure & (sizes < SPECK))
-        doomed[sizes == 0] = False
+        sizes, found = np.bincount(labels.ravel()), np.bincount(labels.ravel(), sure.ravel())
+        doomed = ((sizes < area) | ((found == 0) & (sizes < SPECK))) & (sizes > 0)
         if not doomed.any() or doomed.all():
             break
-        labels = _most_touched(labels, count, doomed)[0][labels]
+        labels = _most_touched(labels, doomed)[0][labels]
     return labels
 
 
-def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(count,) label to take over: itself where not doomed; and how many other labels each doomed one may take."""
-    borders = border_map(labels)
+def _most_touched(labels: np.ndarray, doomed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(R,) label to take over: itself where not doomed; and how many other labels each doomed one may take."""
+    borders, target = border_map(labels), np.arange(len(doomed))
     taking = np.flatnonzero(doomed[borders.first] & ~doomed[borders.second])
-    target = np.arange(count)
     order = taking[np.argsort(borders.cracks[taking], kind="stable")]
     target[borders.first[order]] = borders.second[order]
-    return target, np.bincount(borders.first[taking], minlength=count)
+    return target, np.bincount(borders.first[taking], minlength=len(doomed))
 
 
 def _majority(labels: np.ndarray, fills: np.ndarray) -> np.ndarray:
