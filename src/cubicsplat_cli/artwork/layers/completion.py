@@ -171,9 +171,7 @@ def _box(contour: Contour, window: Window) -> Rectangle | None:
 
 
 def _shows_beyond(box: Rectangle, ends: np.ndarray, extent: Extent) -> bool:
-    """True if a box would show in a pixel beyond the ends (2, 2), low and high, of what shows: beneath a thin line it
-    would come out on the other side.
-    """
+    """True if a box would show beyond the ends (2, 2), low and high, of what shows, as beyond a thin line."""
     (rows, columns), own = enclosed(box.ring(), extent)
     places = (np.arange(columns.start, columns.stop) + extent.left, np.arange(rows.start, rows.stop) + extent.top)
     right, down = ((each + 0.5 < low) | (each + 0.5 > high) for each, low, high in zip(places, *ends, strict=True))

@@ -36,9 +36,7 @@ class Overlay:
 
 
 def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tuple[Regions, np.ndarray]:
-    """The regions with some joined to what lies beneath them (region that is covered: region beneath it), and which of
-    them are fixed.
-    """
+    """The regions with some joined to those that lie beneath them (covered: beneath), and which of them are fixed."""
     under = np.arange(regions.count)
     under[list(grounds)] = list(grounds.values())
     fill, first, second = regions.fill_of[under], regions.borders.first, regions.borders.second

@@ -66,9 +66,7 @@ def _closed_junctions(levels: np.ndarray, regions: Regions) -> np.ndarray:
 
 
 def _along_runs(shares: np.ndarray) -> np.ndarray:
-    """The shares (H, W) that are the same along a level or upright run of RUN px: another fill than those two explains
-    single pixels in many ways.
-    """
+    """The shares (H, W) that are the same along RUN px of a row or column: many explain single pixels."""
     known = np.nan_to_num(shares, nan=-9.0)
     even = np.zeros(shares.shape, dtype=bool)
     for run in ((RUN, 1), (1, RUN)):

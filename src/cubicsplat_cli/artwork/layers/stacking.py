@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from heapq import heapify, heappop, heappush
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
 
 import numpy as np
 
@@ -138,8 +138,7 @@ def _shading(regions: Regions, shaded: Sequence[ShadowSides]) -> Iterator[tuple[
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
-    """(R,) the group of each region, in the order of their smallest members; -1 for clear regions. budget: px of the
-    boxes around the hulls that are tried."""
+    """(R,) the group of each region, by their smallest members; -1 if clear. budget: px of the boxes of hulls tried."""
     regions = facts.regions
     group = np.where(facts.clear, -1, np.arange(regions.count))
     group[facts.ground] = min(facts.ground, default=-1)
@@ -176,20 +175,13 @@ def _members(group: np.ndarray) -> dict[int, np.ndarray]:
 
 def _candidates(facts: _Facts) -> list[tuple[int, int]]:
     """Pairs of regions of one fill with a common neighbour that is drawn, the largest first."""
-    pairs = set()
+    fills, areas, pairs = facts.regions.fill_of.tolist(), facts.areas.tolist(), set[tuple[int, int]]()
     for between, beside in enumerate(facts.regions.borders.beside):
-        if facts.clear[between]:
-            continue
-        by_fill: dict[int, list[int]] = {}
-        for i in beside:
-            if not facts.clear[i]:
-                by_fill.setdefault(int(facts.regions.fill_of[i]), []).append(i)
-        for same in by_fill.values():
-            same.sort(key=lambda i: (-facts.areas[i], i))
-            hub = same[0]
-            pairs |= {(hub, i) for i in same[1:]}
-            pairs |= set(pairwise(same[1:]))
-    return sorted(pairs, key=lambda p: (-min(facts.areas[p[0]], facts.areas[p[1]]), p))
+        drawn = [] if facts.clear[between] else [i for i in beside if not facts.clear[i]]
+        drawn.sort(key=lambda i: (fills[i], -areas[i], i))
+        for _, (hub, *others) in groupby(drawn, key=fills.__getitem__):
+            pairs |= {(hub, i) for i in others} | set(pairwise(others))
+    return sorted(pairs, key=lambda p: (-min(areas[p[0]], areas[p[1]]), p))
 
 
 def _shows_through(facts: _Facts, a: int, b: int) -> bool:
@@ -260,8 +252,7 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[np.ndarray]:
 
 
 def _net(facts: _Facts, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of groups of which the one lies above the other, (e,) each, and the evidence (e,) that it does less that
-    for the contrary."""
+    """Pairs of groups (e,) of which one lies above the other, and the evidence (e,), less that for the contrary."""
     weight: dict[tuple[int, int], float] = {}
     for (above, below), votes in facts.votes.items():
         p, q = int(group[above]), int(group[below])
@@ -289,6 +280,6 @@ def _without_cycles(
         if not len(inside):
             return above, below
         # The weakest of each knot, which may be of several cycles.
-        inside = inside[np.lexsort((inside, weight[inside]))]
+        inside = inside[np.argsort(weight[inside], kind="stable")]
         weakest = inside[np.unique(knot[above[inside]], return_index=True)[1]]
         above, below, weight = (np.delete(each, weakest) for each in (above, below, weight))

@@ -147,10 +147,10 @@ def _overlays(regions: Regions, crossings: list[tuple[dict[int, int], int]]) -> 
 
 def meetings(labels: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
     """The places (2,), x and y in px, where exactly four different regions of a map (H, W) meet, and these in order."""
-    first, *others = labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]
-    several = np.any([first != other for other in others], axis=0)
-    corners = np.sort([each[several] for each in (first, *others)], axis=0)
-    several[several] = (np.diff(corners, axis=0) != 0).sum(axis=0) >= 2
+    several = ~ndimage.alike(labels, 2)[1:, 1:]
+    y, x = np.nonzero(several)
+    corners = np.sort([labels[y + down, x + right] for down, right in np.ndindex(2, 2)], axis=0)
+    several[y, x] = (np.diff(corners, axis=0) != 0).sum(axis=0) >= 2
     near, count = ndimage.label(ndimage.binary_dilation(np.pad(several, MEETING), np.ones((MEETING, MEETING), bool)))
     near = near[MEETING:-MEETING, MEETING:-MEETING]
     middles = ndimage.center_of_mass(several, near, np.arange(1, count + 1))

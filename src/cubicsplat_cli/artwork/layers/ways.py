@@ -50,9 +50,8 @@ class End:
 
 
 def ends_of(points: np.ndarray, sigma: np.ndarray, run: np.ndarray) -> tuple[End, End]:
-    """Return the ends of the visible parts of a closed outline before and after a hidden run, indices in order.
-
-    points: (n, 2) px; sigma: (n,) inf where hidden.
+    """Return the ends of the visible parts of a closed outline, points (n, 2) px and sigma (n,), inf where hidden,
+    before and after a hidden run (m,), indices in order.
     """
     n, ends = len(points), list[End]()
     for start, step in ((run[0], -1), (run[-1], 1)):

@@ -38,7 +38,7 @@ def fewer_colours(
     groups = _merged(means, total, most, apart, free)[bins]
     owner[visible] = groups
     owner[~visible] = groups.max(initial=-1) + 1
-    largest = np.lexsort((np.arange(len(colours)), -areas, owner))
+    largest = np.lexsort((-areas, owner))
     first = largest[np.unique(owner[largest], return_index=True)[1]]
     return colours[first], owner
 

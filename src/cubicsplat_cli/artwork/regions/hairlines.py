@@ -80,9 +80,7 @@ def nearest_line_fills(
 
 
 def _ridge(shares: np.ndarray, place: Place) -> np.ndarray:
-    """Return (n,) bool: True for pixels of shares (H, W) if no neighbour on either side has more, and one within two px
-    has less than half.
-    """
+    """(n,) bool: pixels of shares (H, W) with no more on either side, and less than half within two px of one."""
     padded, share, out = np.pad(shares, 2), shares[place], np.zeros(len(place[0]), dtype=bool)
     for dy, dx in ((0, 1), (1, 0)):
         beside = [padded[place[0] + 2 + k * dy, place[1] + 2 + k * dx] for k in (-2, -1, 1, 2)]

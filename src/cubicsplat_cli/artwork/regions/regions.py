@@ -143,26 +143,24 @@ def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | No
     """The palette with the fills that only thin lines have, less those that lines of other fills make, and (H, W) int32
     the fill of pixels that are one.
     """
-    palette, pure = _with_missing_fills(levels, palette, most)
-    if len(palette) > MOST_SEEN:
-        return palette, pure
-    false = line_blends(levels, palette, pure, flat_pixels(levels, SAME))
-    return (palette[~false], _pure_fills(levels, palette[~false])) if false.any() else (palette, pure)
-
-
-def _with_missing_fills(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
-    pure = _pure_fills(levels, palette)
+    pure, known = _pure_fills(levels, palette), len(palette)
     y, x = np.nonzero(pure < 0)
-    if len(y) == 0 or len(palette) >= min(most or MOST_PALETTE, MOST_PALETTE):
-        return palette, pure
-    near = near_fills(pure, y, x, REACH)
-    strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
-    y, x = y[strange], x[strange]
-    more = np.vstack([palette, missing_fills(levels, (y, x), palette[near[strange, 0]])])[:most]
-    if len(more) <= MOST_SEEN:
-        fewest = max(FEWEST, LEAST_STRANGE * len(y))
-        more = np.vstack([more, hidden_fills(levels[y, x], more, MOST_RESIDUAL, APART, fewest)])[:most]
-    return more, pure if len(more) == len(palette) else _pure_fills(levels, more)
+    if len(y) and known < min(most or MOST_PALETTE, MOST_PALETTE):
+        near = near_fills(pure, y, x, REACH)
+        strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
+        y, x = y[strange], x[strange]
+        palette = np.vstack([palette, missing_fills(levels, (y, x), palette[near[strange, 0]])])[:most]
+        if len(palette) <= MOST_SEEN:
+            fewest = max(FEWEST, LEAST_STRANGE * len(y))
+            palette = np.vstack([palette, hidden_fills(levels[y, x], palette, MOST_RESIDUAL, APART, fewest)])[:most]
+    if len(palette) > known:
+        pure = _pure_fills(levels, palette)
+    if len(palette) <= MOST_SEEN:
+        false = line_blends(levels, palette, pure, flat_pixels(levels, SAME))
+        if false.any():
+            palette = palette[~false]
+            pure = _pure_fills(levels, palette)
+    return palette, pure
 
 
 def _pure_fills(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:

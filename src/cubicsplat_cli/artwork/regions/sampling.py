@@ -98,9 +98,8 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
 def edge_positions(
     levels: np.ndarray, regions: Regions, error: float = ROUNDING, share_error: float = FEW_SAMPLES
 ) -> EdgePositions:
-    """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error.
-
-    share_error: of the shares of pixels that shapes cover.
+    """Positions for all cracks between different regions of a picture (H, W, 4), levels; errors: of these, and of the
+    shares of pixels that shapes cover.
     """
     found = border_positions(levels, regions.labels, regions.fills, error, ROUNDING, share_error)
     return EdgePositions(*found, RIM if error > ROUNDING else 0.0)

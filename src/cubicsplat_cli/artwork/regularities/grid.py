@@ -31,11 +31,9 @@ Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y
 
 
 def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing, Pins]:
-    """Return the drawing with the coordinates on the artist's grid, and which these are; the same and none without a
-    grid.
+    """Return the drawing with the coordinates on the artist's grid, and which these are; without one the same and none.
 
-    state: the drawing against its picture. cell: px between the places of level edges that the picture can tell apart,
-    0 if it tells them exactly.
+    state: the drawing against its picture. cell: px between places of level edges that this tells apart, 0 for exactly.
     """
     # True areas show an edge to half of what an outline is off in the mean.
     edge, size = 0.5 * (cell + MEAN_ERROR), (float(drawing.width), float(drawing.height))

@@ -150,7 +150,7 @@ def _whole(half: Ring, axis: Axis) -> MirroredRing:
 
 def _joined(found: MirroredRing) -> MirroredRing:
     """Return the ring without the anchors on its axis that one level line or one cubic across it does without."""
-    for i in sorted(np.flatnonzero(found.partner == np.arange(found.ring.pieces)).tolist(), reverse=True):
+    for i in np.flatnonzero(found.partner == np.arange(found.ring.pieces))[::-1].tolist():
         ring, along = found.ring, 1 - found.axis.across
         before = (i - 1) % ring.pieces
         start, end = ring.anchors[before], ring.anchors[(i + 1) % ring.pieces]
