@@ -143,7 +143,8 @@ def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | No
     """The palette with the fills that only thin lines have, less those that lines of other fills make, and (H, W) int32
     the fill of pixels that are one.
     """
-    pure, known = _pure_fills(levels, palette), len(palette)
+    flat, known = flat_pixels(levels, SAME), len(palette)
+    pure = _pure_fills(levels, palette, flat)
     y, x = np.nonzero(pure < 0)
     if len(y) and known < min(most or MOST_PALETTE, MOST_PALETTE):
         near = near_fills(pure, y, x, REACH)
@@ -154,23 +155,25 @@ def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | No
             fewest = max(FEWEST, LEAST_STRANGE * len(y))
             palette = np.vstack([palette, hidden_fills(levels[y, x], palette, MOST_RESIDUAL, APART, fewest)])[:most]
     if len(palette) > known:
-        pure = _pure_fills(levels, palette)
+        pure = _pure_fills(levels, palette, flat)
     if len(palette) <= MOST_SEEN:
-        false = line_blends(levels, palette, pure, flat_pixels(levels, SAME))
+        false = line_blends(levels, palette, pure, flat)
         if false.any():
             palette = palette[~false]
-            pure = _pure_fills(levels, palette)
+            pure = _pure_fills(levels, palette, flat)
     return palette, pure
 
 
-def _pure_fills(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
-    """(H, W) int32 the fill of pixels that are one, -1 for blends; a blend that looks like a third fill is a blend."""
+def _pure_fills(levels: np.ndarray, palette: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """(H, W) int32 the fill of pixels that are one, -1 for blends; a blend that looks like a third fill is a blend.
+    flat: (H, W) bool, pixels amid a square of one colour.
+    """
     nearest, gap = nearest_fills(levels, palette)
     pure = np.where(gap <= PURE, nearest, -1).astype(np.int32)
     # Whole components count that somewhere are flat or two pixels thick; thin ones are often edges between others.
     parts, count = components(pure)
     good = np.zeros(count, dtype=bool)
-    good[parts[flat_pixels(levels, SAME) | has_square(pure)]] = True
+    good[parts[flat | has_square(pure)]] = True
     settled = np.where(good[parts], pure, -1)
     # A thin one whose colour is no blend of two fills beside it is real.
     y, x = np.nonzero(settled != pure)

@@ -20,7 +20,6 @@ STEP = 0.5  # px between the points of an outline
 TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
 FARTHEST = 0.2  # px that what is alike may be off at its farthest point
-CLEAR = 3.0  # nats by which a regularity must explain more than chance
 FIRST_LOOK = 16  # points of an outline that are compared before all of them are
 LIMITS = LARGEST, LARGEST, FARTHEST, MEAN_ERROR  # px off at most: at first; next; at last; in the mean
 # As it is, mirrored either way, turned by half a circle.

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.finish.parameters import MEAN_ERROR, Pins
 from cubicsplat_cli.artwork.finish.polish import SHOWN
 from cubicsplat_cli.artwork.finish.state import State
 from cubicsplat_cli.artwork.geometry.outlines import EXACT, Circle, Ellipse, Outline, Rectangle, Ring, with_thirds
-from cubicsplat_cli.artwork.regularities.alike import CLEAR, FARTHEST
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST
 from cubicsplat_cli.artwork.shapes import Drawing
 
 # Cells that a canvas is commonly divided into: once or thrice by 3, 5 or 7, and often by 2.
@@ -25,6 +25,7 @@ MOST_CELLS, DIVISIONS = 512, (225, 7)
 CELLS = [n for n in range(2, MOST_CELLS + 1) if any(MOST_CELLS * odd % n == 0 for odd in DIVISIONS)]
 ON_GRID = 0.8  # share of an artist's coordinates that lie on the grid
 SURE = 20.0  # times the error of a coordinate that lines halfway between those of the grid must be apart
+CLEAR = 3.0  # nats by which a grid must explain more than chance
 FEWEST_SEEN = 3  # pixels that SHOWN of a change with their coverage, from which an edge is seen
 
 Mark = tuple[int, float, float]  # a number of a drawing: axis, 0 for x, 1 for y, 2 for a length; value; error, px
