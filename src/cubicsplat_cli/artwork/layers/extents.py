@@ -20,8 +20,7 @@ from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import EdgePositions, contours_of, coverage, hull_mask
 from cubicsplat_cli.record import record
 
-# px that a layer reaches under its upper neighbours, so that no hairline shows.
-UNDERLAP = 3
+UNDERLAP = 3  # px that a layer reaches under its upper neighbours, so that no hairline shows
 
 
 @record

@@ -18,8 +18,7 @@ from cubicsplat_cli.artwork.regions.sampling import EXAMINED
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import SEAM_STEPS, seam_shares
 
-# Levels: a pixel is a seam if a blend of its two fills leaves more than ODD, and a seam of them at most SAME.
-ODD = 6.0
+ODD = 6.0  # levels; a pixel is a seam if a blend of its two fills leaves more, and a seam of them at most SAME
 RUN = 9  # px of a level or upright seam
 NEAR = 2  # px from a pixel to the regions of a junction
 

@@ -12,6 +12,7 @@ that the other two turn more.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from heapq import heapify, heappop, heappush
 from itertools import chain, groupby, pairwise
@@ -27,8 +28,7 @@ from cubicsplat_cli.raster.outlines import EdgePositions, held_by_hull
 from cubicsplat_cli.raster.sparse import linked_groups
 from cubicsplat_cli.record import record
 
-# Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
-EXPOSED = 0.004
+EXPOSED = 0.004  # share of the hull of two pieces that may show anything but its own pieces and what lies above
 # Votes: being enclosed outweighs everything, a junction counts at most 1, lying between pieces that are joined less,
 # hiding a shadow more than the two places where the outlines of two regions usually meet a third.
 ENCLOSED, JOINED, VOTE = 1000.0, 0.5, 3.0
@@ -72,20 +72,20 @@ class _Facts:
         self.areas = regions.areas()
         self.around = regions.borders.around.tolist()
         self.ground = regions.ground()
-        self.votes: dict[tuple[int, int], float] = {}
+        self.votes: dict[tuple[int, int], float] = defaultdict(float)
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
             for pair in _shading(regions, shaded):
-                self.votes[pair] = self.votes.get(pair, 0.0) + VOTE
+                self.votes[pair] += VOTE
         self.held = [(inner, outer) for inner in range(regions.count) for outer in self.enclosing(inner)]
         for pair in self.held:
-            self.votes[pair] = self.votes.get(pair, 0.0) + ENCLOSED
+            self.votes[pair] += ENCLOSED
         # The regions that each one lies above, and those that it is taken to lie above.
-        self.beneath: dict[int, set[int]] = {}
-        self.assumed: dict[int, set[int]] = {}
+        self.beneath: dict[int, set[int]] = defaultdict(set)
+        self.assumed: dict[int, set[int]] = defaultdict(set)
         for above, below in self.votes:
             if self.vote(above, below) > 0.0:
-                self.beneath.setdefault(above, set()).add(below)
+                self.beneath[above].add(below)
 
     def enclosing(self, region: int) -> Iterator[int]:
         """The regions that enclose one, the innermost first, and of the ground each piece."""
@@ -99,8 +99,8 @@ class _Facts:
         for i in above.tolist():
             for j in below.tolist():
                 if self.vote(i, j) == 0.0:
-                    self.votes[i, j] = self.votes.get((i, j), 0.0) + JOINED
-                    self.assumed.setdefault(i, set()).add(j)
+                    self.votes[i, j] += JOINED
+                    self.assumed[i].add(j)
 
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
@@ -110,21 +110,21 @@ class _Facts:
 def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:
     """Votes for (above, below): the sum over the meetings of two regions with a third, each from 0.3 to 1."""
     # Of the outlines that pass between three regions: own region, the others, the vertex, and the likelihood.
-    places: dict[tuple[int, ...], list[tuple[int, tuple[int, int], int, int, float]]] = {}
+    places: dict[tuple[int, ...], list[tuple[int, tuple[int, int], int, int, float]]] = defaultdict(list)
     known = passings(regions.borders.loops, found, REACHES, SMOOTH, LEAST_TURN)
     for (region, before, after, x, y), (turn, error) in zip(*(each.tolist() for each in known), strict=True):
         names = tuple(sorted((region, before, after)))
         # Of a turn, radians, where the outline goes straight on, over that of any turn up to a right angle.
         likelihood = math.exp(-0.5 * (turn / error) ** 2) * math.sqrt(0.5 * math.pi) / error
-        places.setdefault(names, []).append((region, (before, after), x, y, likelihood))
-    votes: dict[tuple[int, int], float] = {}
+        places[names].append((region, (before, after), x, y, likelihood))
+    votes: dict[tuple[int, int], float] = defaultdict(float)
     for same in places.values():
         for region, others, x, y, own in same:
             rivals = [p for r, _, u, v, p in same if r != region and max(abs(u - x), abs(v - y)) <= MEETING]
             sure = own / (1.0 + own + sum(rivals))
             if len(rivals) == 2 and sure >= 0.3:
                 for other in others:
-                    votes[region, other] = votes.get((region, other), 0.0) + sure
+                    votes[region, other] += sure
     return votes
 
 
@@ -253,11 +253,11 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[np.ndarray]:
 
 def _net(facts: _Facts, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pairs of groups (e,) of which one lies above the other, and the evidence (e,), less that for the contrary."""
-    weight: dict[tuple[int, int], float] = {}
+    weight: dict[tuple[int, int], float] = defaultdict(float)
     for (above, below), votes in facts.votes.items():
         p, q = int(group[above]), int(group[below])
         if p >= 0 and q >= 0 and p != q:
-            weight[p, q] = weight.get((p, q), 0.0) + votes
+            weight[p, q] += votes
     # Groups with pieces around and within another one lie beneath it: what is within shows through its holes.
     broken = {outer for inner, outer in facts.held if group[inner] == group[outer] >= 0}
     for inner, outer in facts.held:

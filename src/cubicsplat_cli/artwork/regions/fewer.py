@@ -12,8 +12,7 @@ from cubicsplat_cli.artwork.channels import light_of_srgb, packed
 from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.scene.paint import Rgba
 
-# More colours are gathered in bins before they are compared in pairs.
-MOST_COMPARED = 512
+MOST_COMPARED = 512  # colours; more are gathered in bins before they are compared in pairs
 _TO_XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
 )

@@ -42,8 +42,6 @@ def aliased(levels: np.ndarray) -> bool:
 
     Edges that are level or upright, and those of pixels that were made larger, have no steps of a pixel.
     """
-    if min(levels.shape[:2]) < 3:
-        return False
     found = [_steps_and_blends(each) for each in (levels, levels.swapaxes(0, 1))]
     steps, blends = (sum(numbers) for numbers in zip(*found, strict=True))
     return steps >= FEWEST and steps > MORE_STEPS * blends

@@ -128,6 +128,7 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
     outlines = state.outlines
     families, saved = np.arange(len(outlines)), np.zeros(len(outlines))
     for k, parameters in tied.items():
+        saved[k] = PRICE * (_variables(outlines[k]) - _variables(parameters))
         if isinstance(parameters, CopyParameters):
             families[k] = parameters.source
     wanted = np.zeros(len(outlines), dtype=bool)
@@ -137,9 +138,7 @@ def _saved(state: State, trial: State, tied: Mapping[int, Parameters], detail: f
         crossed = int(state.marks[k + 1] - state.marks[k])
         known = 1.0 - state.goal.error**2 / state.floor(k)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / state.goal.share_error) ** 2
-        saved[k] = (gained[k] + allowed) * detail
-    for k, parameters in tied.items():
-        saved[k] += PRICE * (_variables(outlines[k]) - _variables(parameters))
+        saved[k] += (gained[k] + allowed) * detail
     return families, saved
 
 
