@@ -169,12 +169,12 @@ def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
     found, colours = list[tuple[tuple[float, bool, bool, float], Rgba]](), np.arange(int(FULL) + 1)
     for opacity in _OPACITIES.tolist():
         through = grounds * (FULL - opacity)
-        over = np.rint(np.outer(colours, [opacity] * 3) / FULL)
+        over = np.rint(colours * opacity / FULL)[:, None, None]
         for left in (np.rint(through / FULL), np.floor((through + FULL) / (FULL + 1.0))):
-            off = np.abs(seen[None, :, :3] - left[None, :, :3] - over[:, None]).sum(axis=1)
+            off = np.abs(seen[:, :3] - left[:, :3] - over).sum(axis=1)
             clear = np.abs(seen[:, 3] - left[:, 3] - opacity).sum()
             least = off.min(axis=0)
-            plain = [int(v) for v in (0, FULL) if (off[int(v)] == least).all()]
+            plain = [v for v in (0, int(FULL)) if (off[v] == least).all()]
             mean = (seen - grounds * (1.0 - opacity / FULL)).mean(axis=0)[:3] * FULL / opacity
             tied = np.where(off == least, np.abs(colours[:, None] - mean), np.inf)
             chosen = [plain[0]] * 3 if plain else tied.argmin(axis=0).tolist()

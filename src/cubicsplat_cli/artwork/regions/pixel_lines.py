@@ -41,7 +41,7 @@ class _LineRuns:
     behind: np.ndarray
 
     def where(self, keep: np.ndarray) -> _LineRuns:
-        return _LineRuns(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+        return _LineRuns(*(each[keep] for each in vars(self).values()))
 
 
 def with_pixel_lines(
@@ -141,12 +141,9 @@ def _rows(solid: np.ndarray, down: np.ndarray, along: np.ndarray) -> tuple[np.nd
 
     solid: (H, W) bool, opaque pixels. down, along: its `steps`.
     """
-    differs, on = np.zeros(solid.shape, dtype=bool), np.zeros(solid.shape, dtype=bool)
-    step = down >= SEEN
-    differs[1:-1] = step[1:] & step[:-1] & solid[1:-1] & solid[2:] & solid[:-2]
-    alike = along <= ALIKE
-    on[1:-1, 1:] = alike[1:-1] & alike[:-2] & alike[2:]
-    on[:, 1:] &= differs[:, 1:] & differs[:, :-1]
+    step, alike, on = down >= SEEN, along <= ALIKE, np.zeros(solid.shape, dtype=bool)
+    differs = step[1:] & step[:-1] & solid[1:-1] & solid[2:] & solid[:-2]
+    on[1:-1, 1:] = alike[1:-1] & alike[:-2] & alike[2:] & differs[:, 1:] & differs[:, :-1]
     first = np.flatnonzero(~on.ravel())
     length = np.diff(np.append(first, solid.size))
     keep = length >= SHORT
