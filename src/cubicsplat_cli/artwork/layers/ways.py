@@ -157,9 +157,9 @@ def _by_lines(run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> It
 
 def _meeting(first: End, last: End) -> np.ndarray | None:
     """Return (1, 2) the place where both ends, going straight on, meet; None if there is no likely one."""
-    if first.tangent is None or last.tangent is None:
-        return None
     u, v = first.tangent, last.tangent
+    if u is None or v is None:
+        return None
     cross = float(u[0] * v[1] - u[1] * v[0])
     turn = math.pi - math.acos(float(np.clip(u @ v, -1.0, 1.0)))
     if not BLUNTEST <= turn <= SHARPEST:
