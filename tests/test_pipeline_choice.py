@@ -37,9 +37,9 @@ from cubicsplat_cli.pipeline.choose import (
     candidates,
     photo_is_nearer,
 )
-from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
-from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, photo_settings, whole_photo
-from cubicsplat_cli.pipeline.shaded import Shading
+from cubicsplat_cli.pipeline.likeness import compared_copies, delta_e, level_db, seen_db
+from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, photo_settings, quick_photo
+from cubicsplat_cli.pipeline.shaded import most_shaded_db, shaded_drawing
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.pipeline.vectorize import task_of
 from cubicsplat_cli.progress import FrameRecorder, Observer, Progress, StageTimer
@@ -95,12 +95,12 @@ def test_a_drawing_of_many_shapes_gives_way_before_it_is_finished():
     task = task_for(strands(), steps=400)
     (early,) = candidates(task, FLAT)
     assert early.style.name == "photo" and "flat, but a photo has" in early.style.reason
-    assert early.scene is whole_photo(task).finished.scene  # which is not fitted twice
+    assert early.scene is task.once(PhotoFit).finished.scene  # which is not fitted twice
 
 
 def test_a_photo_that_is_expected_to_stay_behind_is_not_fitted_to_the_end():
     seen = list[Progress]()
-    fit = whole_photo(replace(task_for(strands(), steps=100), on_progress=seen.append))
+    fit = replace(task_for(strands(), steps=100), on_progress=seen.append).once(PhotoFit)
     expected = fit.seen_if_above(60.0)
     assert expected == fit.expected_to_be_seen < 60.0 and all(progress.step <= 40 for progress in seen)
     assert fit.seen_if_above(20.0) == fit.seen_if_above(19.0) != expected
@@ -202,7 +202,7 @@ def test_a_drawing_of_no_more_bytes_that_is_as_near_as_a_shaded_one_is_kept(monk
     task, doubtful = task_for(graded(), steps=60), replace(MEASURED, doubtful=True)
     only, told = only_made(task, doubtful)
     assert (only.style.name, only.facts["shapes"], is_finished(told)) == ("artwork", 2, False)
-    shaded = task.shading[0].made(task)
+    shaded = task.once(choose._shaded)
     assert shaded is not None and curves_of_equal_bytes(task, only) <= curves_of_equal_bytes(task, shaded)
     assert delta_e(task, only.scene, only.samples) <= delta_e(task, shaded.scene, shaded.samples)
     monkeypatch.setattr(choose, "_nearest_shaded", lambda _: shaded)
@@ -215,11 +215,10 @@ def test_a_drawing_of_no_more_bytes_that_is_as_near_as_a_shaded_one_is_kept(monk
 
 def test_shading_is_not_made_where_a_drawing_is_nearer_than_it_can_be(monkeypatch):
     task = task_for(graded(), steps=60)
-    shading = Shading(task)
-    made = shading.made(task)
-    assert seen_db(task, made.scene, made.samples) < shading.most_db(task) < 70.0
+    made = shaded_drawing(task)
+    assert seen_db(task, made.scene, made.samples) < most_shaded_db(task) < 70.0
     even = task_for(np.full((96, 96, 3), 200, np.uint8))
-    assert Shading(even).most_db(even) == -math.inf
+    assert most_shaded_db(even) == -math.inf
     monkeypatch.setattr("cubicsplat_cli.pipeline.shaded.shade_objects", fails)
     blank, task = drawn_outlines(task_for(np.full((96, 96, 3), 200, np.uint8))), task_for(graded(), steps=60)
     blank = replace(blank, facts=blank.facts | {"shapes": 1}, may_be_photo=True)
@@ -304,7 +303,7 @@ def test_the_artefacts_of_a_lossy_file_are_no_errors_of_its_drawing(file_format,
     disc_shape = Shape((0, 90, 200, 255), (Circle(32.0, 32.0, 20.0),), "disc")
     scene = scene_of(Drawing(64, 64, (ground_shape((250, 240, 230, 255), 64, 64), disc_shape)))
     task = lossy_task(np.rint(255.0 * render_scene(scene)[..., :3]).astype(np.uint8), file_format)
-    plain = replace(task, target=replace(task.target, compression=None))
+    plain = replace(task, target=replace(task.target, compression=None), results={})
     assert level_db(task, scene, 24) > level_db(plain, scene, 24) + rise_db
 
 
@@ -327,8 +326,9 @@ def test_the_colour_fringes_of_text_for_an_lcd_are_no_errors_of_its_drawing():
     filtered = ndimage.uniform_filter1d(np.asarray(fine).astype(float), 3, axis=1)
     task = task_for(np.rint(filtered).reshape(40, 180, 3).astype(np.uint8))
     made = drawn_outlines(task)
-    assert len(task.targets) == 2
-    plain = replace(task, target=task.targets[1])
+    copies = task.once(compared_copies)
+    assert len(copies) == 2
+    plain = replace(task, target=copies[1], results={})
     level, of_plain = (level_db(each, made.scene, made.samples) for each in (task, plain))
     of_fringes = decibels(float(np.square(render_scene(made.scene)[..., :3] - task.pixels).mean()))
     assert level == of_plain > of_fringes + 5.0
@@ -389,17 +389,21 @@ def test_a_photo_is_nearer_if_it_is_beyond_what_the_drawing_may_rise_to():
     task = task_for(blotches(), curves=8)
     drawing = drawn_outlines(task)
     assert "a quick photo of 8 curves has" in str(photo_is_nearer(task, drawing))
-    photo = seen_db(task, task.quick_photos[8], drawing.samples)
+    photo = seen_db(task, task.once(quick_photo, 8), drawing.samples)
     lead = photo - seen_db(task, drawing.scene, drawing.samples, drawing.blur)
     assert photo_is_nearer(task, drawing, lead + 0.9) is not None
     assert photo_is_nearer(task, drawing, lead + 1.1) is None
 
 
+def quick_curves(task: Task) -> list[int]:
+    return [key[1] for key in task.results if key[0] is quick_photo]
+
+
 def test_only_a_drawing_that_has_lost_much_is_compared_with_a_photo_of_more_bytes():
     task = task_for(blotches(), curves=8)
     drawing = drawn_outlines(task)
-    assert photo_is_nearer(task, drawing) is not None and list(task.quick_photos) == [8]
-    assert photo_is_nearer(task, drawing, 10.0) is None and list(task.quick_photos) == [8, 6]
+    assert photo_is_nearer(task, drawing) is not None and quick_curves(task) == [8]
+    assert photo_is_nearer(task, drawing, 10.0) is None and quick_curves(task) == [8, 6]
 
 
 def fails(*_) -> None:

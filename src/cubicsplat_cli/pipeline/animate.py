@@ -185,14 +185,13 @@ def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
             one = Work(_of_frame(task, index), work.deadline, work.threads)
             with under_way(one):
                 drawing = draw(target, chosen)
-            work.interrupted = work.interrupted or one.interrupted
+            work.interrupted |= one.interrupted
             if one.stopped and before is not None:
                 return
             before = target, drawing
-            if one.stopped:
-                yield frame, drawing
-                return
         yield frame, before[1]
+        if one.stopped:
+            return
 
 
 def _of_frame(task: ClipTask, index: int) -> OnProgress:

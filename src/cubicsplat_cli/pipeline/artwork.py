@@ -38,10 +38,7 @@ ENLARGED = 0.41  # px of the small picture: standard deviation of linear interpo
 
 
 def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
-    """Draw few opaque shapes with exact outlines; cells if the picture consists of cells.
-
-    on_sketch: as of `drawn_outlines`.
-    """
+    """Draw few opaque shapes with exact outlines, or cells if the picture consists of them; see `drawn_outlines`."""
     # Cells never join their neighbours, as `min_area` asks of small regions.
     cells = None if task.request.artwork.min_area else cells_of(task.pixels)
     return drawn_outlines(task, on_sketch) if cells is None else drawn_cells(task, cells)
@@ -179,9 +176,8 @@ def _ground_notes(request: Request, has_ground: bool) -> list[str]:
 
 def result_of_drawing(drawing: Drawing, request: Request) -> Made:
     """Return a finished drawing as a result."""
-    outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
     facts = _facts(len(drawing.shapes), drawing.segments, drawing.fills) | {
-        "primitives": sum(not isinstance(outline, (Ring, Chain)) for outline in outlines),
+        "primitives": sum(not isinstance(path, (Ring, Chain)) for shape in drawing.shapes for path in shape.paths),
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
     }
@@ -204,7 +200,6 @@ def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any
 
 def within_budget(task: Task, versions: Iterator[Made]) -> Made:
     """Return the last version with the requested PSNR, if one is requested, else the first within the requested bounds.
-
     A note says if none does. Raises InputError if not even the simplest fits. versions: from rich to simple.
     """
     made, least = next(versions), task.request.target_psnr

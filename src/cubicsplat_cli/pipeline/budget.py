@@ -50,10 +50,7 @@ ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 @record
 class Photo:
-    """The fits of one picture, and the files of their scenes.
-
-    rough: the picture, or a smaller or larger copy, for most of a fit. fine: the one for its exact finish.
-    """
+    """The fits of one picture. rough: it, or a copy of another size, for most of a fit. fine: for the exact finish."""
 
     task: Task
     rough: Picture
@@ -66,17 +63,14 @@ class Photo:
         start = None if request.init is None else request.init.scene
         return FitInputs(self.task.weights(self.fine), start, request.freeze)
 
-    def begin(self, settings: FitSettings) -> FitLoop | RemoteFit:
-        """Begin a fit that runs in parts."""
-        task, rough = self.task, None
-        if self.rough is not self.fine:
+    def begin(self, settings: FitSettings, start: Scene | None = None) -> FitLoop | RemoteFit:
+        """Begin a fit that runs in parts; from the curves of a scene on, if given, to the fine picture alone."""
+        task, inputs, rough = self.task, self.inputs, None
+        if start is not None:
+            inputs = replace(inputs, start=start)
+        elif self.rough is not self.fine:
             rough = self.rough.target(), FitInputs(task.weights(self.rough))
-        return begin_fit(self.fine.target(), settings, self.inputs, task.on_progress, task.recorder, rough=rough)
-
-    def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
-        """Fit curves from a scene on."""
-        task, inputs = self.task, replace(self.inputs, start=scene)
-        return begin_fit(self.fine.target(), settings, inputs, task.on_progress, task.recorder).finish()
+        return begin_fit(self.fine.target(), settings, inputs, task.on_progress, task.recorder, rough=rough)
 
     def writer(self, scene: Scene) -> Callable[[str, str], str]:
         """Return a function that writes the SVG of a scene, at the picture's size, for a title and a comment."""
@@ -104,10 +98,7 @@ class Photo:
 
 
 def within_bytes(most: int, settings: FitSettings, photo: Photo) -> FitResult:
-    """Fit the best picture in at most `most` bytes. settings: with about as many curves as these bytes hold.
-
-    Raises InputError if not even one curve fits.
-    """
+    """Fit the best picture in `most` bytes. settings: of about as many curves. Raises InputError if not one fits."""
     fitting = photo.begin(settings)
     for share, spare in ((MIDWAY, SPARE), (1.0, SPARE_AT_FINISH)):
         if not fitting.relax(share):
@@ -167,7 +158,7 @@ def within_level(least: float, settings: FitSettings, photo: Photo) -> FitResult
             curves=_grown(math.ceil(LEAST_GROWTH * fitted.scene.curves), least - level, limit),
             seed=(settings.seed + 1 + number) % 2**31,
         )
-        fitted = _joined(fitted, photo.refine(fitted.scene, more))
+        fitted = _joined(fitted, photo.begin(more, fitted.scene).finish())
         level = photo.level(fitted.scene)
     if level < least:
         hint = "more --steps" if settings.time_limit is None else "a longer --time-limit"

@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style, only_fill
 from cubicsplat_cli.errors import CubicSplatError, UsageError
@@ -27,12 +26,9 @@ from cubicsplat_cli.photo.remote import require_gpu
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, result_of_one_fill
 from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
-from cubicsplat_cli.pipeline.photo import curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo, whole_photo
+from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
-from cubicsplat_cli.scene import LayeredScene, Scene
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.pipeline.shaded import Shading
+from cubicsplat_cli.scene import LayeredScene
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
@@ -112,16 +108,12 @@ def _page(task: Task) -> tuple[Made | None, bool]:
         suits.append(_suits_photo(part))
         return suits[-1]
 
-    page = page_in(task, suits_photo)
-    better_drawn = not all(suits)
-    if page is None:
-        return None, better_drawn
-    try:
-        made = drawn_page(task, page, partial(check_worth_finishing, quick=True))
-    except DrawingGivenUp:
-        return None, better_drawn
-    style = Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}")
-    return replace(made, style=style), better_drawn
+    made, page = None, page_in(task, suits_photo)
+    if page is not None:
+        with suppress(DrawingGivenUp):
+            made = drawn_page(task, page, partial(check_worth_finishing, quick=True))
+            made = replace(made, style=Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}"))
+    return made, not all(suits)
 
 
 def _suits_photo(task: Task) -> bool:
@@ -154,8 +146,7 @@ def _drawn_or_shaded(task: Task) -> Made:
     """Make a drawing; or a shaded one, if that is plainly nearer than the drawing, or than its sketch may become."""
 
     def is_nearer(drawing: Made, rise_db: float = 0.0) -> bool:
-        drawn_db = _seen_db(task, drawing, _enough_db(drawing)) + rise_db
-        return _shading_is_nearer(task, _shaded, drawing, drawn_db)
+        return _shading_is_nearer(task, _shaded, drawing, _seen_db(task, drawing, _enough_db(drawing)) + rise_db)
 
     def check(sketch: Made) -> None:
         if is_nearer(sketch, SKETCH_DB):
@@ -167,28 +158,22 @@ def _drawn_or_shaded(task: Task) -> Made:
         drawing = drawn_artwork(task, check)
     if drawing is not None and not is_nearer(drawing):
         return drawing
-    shaded = _shaded(task)
+    shaded = task.once(_shaded)
     assert shaded is not None
     return shaded
 
 
-def _shading(task: Task) -> Shading:
-    """Return the shading of a picture, which is made once."""
-    if not task.shading:
-        from cubicsplat_cli.pipeline.shaded import Shading  # few pictures need it
-
-        task.shading.append(Shading(task))
-    return task.shading[0]
-
-
 def _shaded(task: Task) -> Made | None:
     """Return the shaded drawing of a picture, if any."""
-    return _shading(task).made(task)
+    from cubicsplat_cli.pipeline.shaded import shaded_drawing  # few pictures need it
+
+    return shaded_drawing(task)
 
 
 def _check_stop(task: Task) -> None:
     """Raise KeyboardInterrupt, which ends a drawing, if one ended the shaded drawing."""
-    if any(shading.interrupted for shading in task.shading):
+    made = task.results.get((_shaded,))
+    if made is not None and made.interrupted:
         raise KeyboardInterrupt
 
 
@@ -196,21 +181,24 @@ def _shading_is_nearer(task: Task, shaded: Callable[[Task], Made | None], drawin
     """True if a shaded drawing is plainly nearer than a drawing of a level. shaded: makes it, or None."""
     if math.isinf(drawn_db) or not drawing.may_be_photo or drawing.interrupted:
         return False
+    from cubicsplat_cli.pipeline.shaded import most_shaded_db
+
     least_db = drawn_db + MARGIN_DB
-    if _shading(task).most_db(task) <= least_db:
+    if task.once(most_shaded_db) <= least_db:
         return False
-    made = shaded(task)
+    made = task.once(shaded)
     return made is not None and _seen_db(task, made) > least_db
 
 
 def _shaded_or_photo(task: Task, drawn: Style, reason: str) -> Made:
     """Make the shaded drawing of a picture whose drawing is too far from it, or the photo if that is nearer."""
-    return _shaded_instead(task, drawn, reason) or _photo_instead(task, drawn, reason)
+    photo = Style(PHOTO, f"{drawn.reason}, but {reason}")
+    return _shaded_instead(task, drawn, reason) or _made(task, photo).with_note(f"made as photo: {reason}")
 
 
 def _shaded_instead(task: Task, style: Style, reason: str) -> Made | None:
     """Make the shaded drawing of a picture, with a note; None if a photo of as many bytes is nearer in colour."""
-    shaded = _nearest_shaded(task)
+    shaded = task.once(_nearest_shaded)
     if shaded is None:
         return None
     made = replace(shaded, style=Style(ARTWORK, f"{style.reason}, shaded within its outlines"), may_be_photo=False)
@@ -219,12 +207,12 @@ def _shaded_instead(task: Task, style: Style, reason: str) -> Made | None:
 
 def _nearest_shaded(task: Task) -> Made | None:
     """Return the shaded drawing of a picture, if any; None if a photo of as many bytes is nearer in colour."""
-    shaded = _shaded(task)
+    shaded = task.once(_shaded)
     if shaded is None or shaded.interrupted:
         return shaded
-    fit = _quick_photo(task, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
-    nearer = QUICK_OFF * delta_e(task, fit, shaded.samples) >= delta_e(task, shaded.scene, shaded.samples)
-    return shaded if nearer else None
+    fit = task.once(quick_photo, min(curves_of_equal_bytes(task, shaded), photo_settings(task).curves))
+    off, photo_off = (delta_e(task, scene, shaded.samples) for scene in (shaded.scene, fit))
+    return shaded if QUICK_OFF * photo_off >= off else None
 
 
 def _nearer_photo(task: Task, drawing: Made) -> Made:
@@ -255,9 +243,7 @@ def _keeps_its_colours(task: Task, drawing: Made, photo: Made) -> bool:
 
 
 def _nearer_drawing(task: Task, photo: Made) -> Made:
-    """Return the drawing of a picture if the photo is far from it and the drawing nearer; else the photo, with a note
-    on a failure.
-    """
+    """Return the drawing if it is nearer than a photo far from the picture; else the photo, with a note on failures."""
     level = _level_db(task, photo)
     if level >= FAR_DB or photo.interrupted:
         return photo
@@ -272,7 +258,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
     if (shaded := _shaded_instead(task, style, NO_PHOTO)) is not None:
         return _drawing_or_shaded(task, style, shaded) if style.doubtful and not shaded.interrupted else shaded
-    fit = whole_photo(task)
+    fit = task.once(PhotoFit)
     expected = fit.expected()
     if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
         return replace(fit.finished, style=style, may_be_drawn=True)
@@ -293,9 +279,7 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
 
 
 def _drawing_or_shaded(task: Task, style: Style, shaded: Made) -> Made:
-    """Return the drawing of a picture, with a note, if it has no more bytes than the shaded one and is as near in
-    colour; else the shaded one, with a note on a failure.
-    """
+    """Return the drawing if it has no more bytes than the shaded one and is as near in colour; else the shaded one."""
     most = curves_of_equal_bytes(task, shaded)
 
     def is_worth(made: Made) -> bool:
@@ -312,9 +296,7 @@ def _drawing_or_shaded(task: Task, style: Style, shaded: Made) -> Made:
 
 
 def _drawing_of(task: Task, reason: str, is_worth: Callable[[Made], bool]) -> Made | Exception | None:
-    """Draw a picture that looks like a photo. Return None if its sketch is not worth finishing, and the error if the
-    drawing fails.
-    """
+    """Draw a picture that looks like a photo. Return None if a sketch is not worth finishing, an error if it fails."""
 
     def check(sketch: Made) -> None:
         if not is_worth(sketch):
@@ -329,9 +311,7 @@ def _drawing_of(task: Task, reason: str, is_worth: Callable[[Made], bool]) -> Ma
 
 
 def _drawing_above(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
-    """Draw a picture whose photo has a level in dB, as of `_drawing_of`. A sketch that would not be nearer even after a
-    rise of `rise_db` is not worth finishing.
-    """
+    """As `_drawing_of`, where a photo has a level in dB; a sketch must not lie below it by more than its rise."""
     reason = f"{style.reason}, but as a photo it has only {level:.1f} dB"
     return _drawing_of(task, reason, lambda sketch: _level_db(task, sketch) > level - rise_db)
 
@@ -351,11 +331,6 @@ def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Mad
 def _drawing_instead(drawing: Made, reason: str) -> Made:
     """Return a drawing that replaces a photo for a reason, and is not compared again."""
     return replace(drawing.with_note(f"made as artwork: {reason}"), may_be_photo=False)
-
-
-def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
-    """Make the photo of a picture that looks like a drawing, with a note."""
-    return _made(task, Style(PHOTO, f"{drawn.reason}, but {reason}")).with_note(f"made as photo: {reason}")
 
 
 def _failure(style: str, error: Exception) -> str:
@@ -384,11 +359,8 @@ def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
 
 
 def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False, or_shaded: bool = False) -> None:
-    """Raise DrawingGivenUp if a photo is nearer than the drawing can become, and the errors of a fit. quick, or_shaded:
-    as of `photo_is_nearer`.
-    """
-    reason = photo_is_nearer(task, sketch, SKETCH_DB, quick=quick, or_shaded=or_shaded)
-    if reason is not None:
+    """Raise DrawingGivenUp if a photo is nearer than the drawing can become; and as `photo_is_nearer`, see there."""
+    if reason := photo_is_nearer(task, sketch, SKETCH_DB, quick=quick, or_shaded=or_shaded):
         raise DrawingGivenUp(reason)
     _check_stop(task)
 
@@ -413,17 +385,10 @@ def photo_is_nearer(
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
     if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):
         least_db = drawn_db + (NEARLY_ALL_DB if rise_db else 0.0) + MARGIN_DB
-        photo_db = whole_photo(task).seen_if_above(least_db)
+        photo_db = task.once(PhotoFit).seen_if_above(least_db)
         return f"a photo has {photo_db:.1f} dB, drawn it has {drawn_db:.1f} dB" if photo_db > least_db else None
-    photo_db = seen_db(task, _quick_photo(task, curves), drawing.samples)
+    photo_db = seen_db(task, task.once(quick_photo, curves), drawing.samples)
     if photo_db <= drawn_db + rise_db + MARGIN_DB - QUICK_BEHIND_DB:
         return None
     near = "is identical" if math.isinf(photo_db) else f"has {photo_db:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn_db:.1f} dB, as pixels and as tones"
-
-
-def _quick_photo(task: Task, curves: int) -> Scene:
-    """Return the quick fit of some curves, which is made once."""
-    if curves not in task.quick_photos:
-        task.quick_photos[curves] = quick_photo(task, curves)
-    return task.quick_photos[curves]

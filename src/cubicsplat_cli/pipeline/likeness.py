@@ -9,11 +9,12 @@ from itertools import product
 import numpy as np
 from PIL import Image
 
+from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
 from cubicsplat_cli.evaluate.perceptual import opaque_delta_e
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.files.load import Picture, resampled, resize_picture
+from cubicsplat_cli.files.load import Picture, resampled, resize_picture, with_target
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import AnyScene
@@ -51,7 +52,7 @@ def seen_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0,
 
 def seen_db_of(task: Task, pixels: np.ndarray) -> float:
     """Return the level, see `seen_db`, of other pixels of the target, (H, W, 4) float32, premultiplied in [0, 1]."""
-    copies = _copies(task)
+    copies = task.once(compared_copies)
     drawn = resampled(pixels, (copies[0].width, copies[0].height), Image.Resampling.BOX)
     return max(_seen_db(task, *pair, math.inf) for pair in _beside(copies, [drawn]))
 
@@ -64,29 +65,30 @@ def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0)
 
 
 def _pairs(task: Task, scene: AnyScene | None, samples: int, blur: float) -> Iterable[tuple[Picture, ImageSource]]:
-    """Return the pairs of `_beside` for the engine's pictures of a scene: sharp, and blurred if there is a blur. None
-    without a scene.
-    """
+    """Return the pairs of `_beside` for the engine's picture of a scene, also blurred; none without a scene."""
     if scene is None:
         return ()
-    copies, threads = _copies(task), task.request.settings.threads
+    copies = task.once(compared_copies)
     width, height = copies[0].width, copies[0].height
-    drawn = [of_scene(scene, width, height, samples, threads).rows(0, height)]
+    drawn = [of_scene(scene, width, height, samples, task.request.settings.threads).rows(0, height)]
     if blur:
         sigma = blur * width / task.target.width
         drawn.append(ndimage.gaussian_filter(drawn[0], (sigma, sigma, 0.0), mode="nearest"))
     return _beside(copies, drawn)
 
 
-def _copies(task: Task) -> list[Picture]:
-    """Return the target, and a copy without colour fringes if its text has these, at the size that is compared."""
-    return [resize_picture(each, LIKENESS_SIDE) for each in task.targets]
+def compared_copies(task: Task) -> list[Picture]:
+    """Return the target, and a copy without colour fringes and halos if it has any, at the size that is compared."""
+    found, lossy = [task.target], task.target.compression is not None
+    plain, notes = without_filters(as_levels(task.pixels), lossy=lossy)
+    if notes:
+        found.append(with_target(task.target, plain[..., : task.pixels.shape[2]] / np.float32(255.0)))
+    return [resize_picture(each, LIKENESS_SIDE) for each in found]
 
 
 def _beside(copies: Sequence[Picture], drawn: Sequence[np.ndarray]) -> Iterable[tuple[Picture, ImageSource]]:
-    """Return each copy of the target with each picture of it, (H, W, 4) premultiplied in [0, 1].
-
-    The pictures are compressed as the target was, so that they are not blamed for artefacts that they lack.
+    """Return each copy of the target with each picture of it, (H, W, 4) premultiplied in [0, 1]. The pictures are
+    compressed as the target was, so that they are not blamed for artefacts that they lack.
     """
     compression = copies[0].compression
     if compression is not None and compression.known:

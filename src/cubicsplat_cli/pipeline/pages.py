@@ -40,9 +40,8 @@ LEAST_COMMON = 0.5  # intersection over union of the boxes of a part and its sha
 
 
 def page_in(task: Task, suits_photo: Callable[[Task], bool]) -> Page | None:
-    """Return the page that a picture shows; None if it shows none, or the request excludes pages.
-
-    suits_photo: returns whether a picture is better as a photo than drawn, given the task of it alone.
+    """Return the page that a picture shows; None if it shows none, or the request excludes pages. suits_photo: returns
+    whether a picture is better as a photo than drawn, given the task of it alone.
     """
     if not task.request.may_hold_photos or task.recorder is not None:
         return None
@@ -105,9 +104,8 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
 
 def _of_pixels(task: Task, pixels: np.ndarray, compression: Compression | None = None) -> Task:
     """Return the task with other pixels, (H, W, 3) or premultiplied (H, W, 4), as its target, compressed like that."""
-    own = replace(task.target, notes=(), full_size=None)
-    target = replace(with_target(own, pixels.copy()), compression=compression)
-    return replace(task, target=target, quick_photos={}, photo_fit=[], shading=[])
+    target = replace(with_target(task.target, pixels.copy()), notes=(), full_size=None, compression=compression)
+    return replace(task, target=target, results={})
 
 
 def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
@@ -129,9 +127,7 @@ def _image(page: Page, part: PhotoPart) -> EmbeddedImage:
 
 
 def _recoloured(page: Page, shapes: list[Shape]) -> list[Shape]:
-    """Return the shapes, with a part's mean colour in place of its placeholder: in specks at its edge, and in shapes
-    whose photo was not made in time.
-    """
+    """Return the shapes, specks at a part's edge and shapes whose photo was not made in time in its mean colour."""
     for part in page.parts:
         left, top, right, bottom = _box_of(part)
         fill = _fill(_mean_colour(page, part))
@@ -175,12 +171,9 @@ def _is_near(shape: Shape, part: PhotoPart) -> bool:
 
 def _in_common(first: np.ndarray, second: np.ndarray) -> float:
     """Return the intersection over union of two boxes (4,)."""
-
-    def area(box: np.ndarray) -> float:
-        return float(np.maximum(box[2:] - box[:2], 0.0).prod())
-
-    shared = area(np.concatenate([np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])]))
-    return shared / (area(first) + area(second) - shared)
+    both = np.concatenate([np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])])
+    shared, one, other = (float(np.maximum(box[2:] - box[:2], 0.0).prod()) for box in (both, first, second))
+    return shared / (one + other - shared)
 
 
 def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene | EmbeddedImage) -> Shape:

@@ -38,8 +38,8 @@ LEAST_BYTES = 5.0  # of a line or cubic in a file
 def fitted_photo(task: Task) -> Made:
     """Fit curves that blend to the picture: as many as the request's bytes or level need."""
     request = task.request
-    if task.photo_fit:
-        return whole_photo(task).finished
+    if (PhotoFit,) in task.results:
+        return task.once(PhotoFit).finished
     if request.tiny:
         return _tiny_photo(task)
     photo, settings = _prepared(task)
@@ -54,7 +54,7 @@ def fitted_photo(task: Task) -> Made:
 
 
 class PhotoFit:
-    """The fit of a photo without a budget, whose level can be estimated before its end."""
+    """The fit of all curves of a photo without a budget, whose level can be estimated before its end."""
 
     def __init__(self, task: Task) -> None:
         self._photo, settings = _prepared(task)
@@ -69,9 +69,7 @@ class PhotoFit:
 
     @cached_property
     def expected_to_be_seen(self) -> float:
-        """Fit for a share of the steps, and return the level expected at the end as people see it (`likeness.seen_db`),
-        dB; infinite if it ends before.
-        """
+        """Fit for a share of the steps; the `likeness.seen_db` then expected at the end; infinite if it ends before."""
         levels = list[float]()
         for share in SEEN_AT:
             if not self._fitting.relax(share):
@@ -81,7 +79,6 @@ class PhotoFit:
 
     def seen_if_above(self, least: float) -> float:
         """Return the level at the end as people see it; if it is not expected to be above `least`, what is expected.
-
         Raises the errors of a fit, and KeyboardInterrupt.
         """
         if self.expected_to_be_seen <= least:
@@ -100,13 +97,6 @@ class PhotoFit:
         return _made_of(self._photo, self._fitting.finish())
 
 
-def whole_photo(task: Task) -> PhotoFit:
-    """Return the fit of all curves of a photo without a budget, which has begun once only."""
-    if not task.photo_fit:
-        task.photo_fit.append(PhotoFit(task))
-    return task.photo_fit[0]
-
-
 def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
     """Return the curves of a photo in as many bytes as a drawing takes, or fewer if it would not fit into the request's
     bytes. The bytes of large drawings are not counted.
@@ -121,10 +111,7 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
 
 
 def quick_photo(task: Task, curves: int) -> Scene:
-    """Return a fit of some curves in few steps to a small copy of a picture.
-
-    Raises the errors of a fit, and KeyboardInterrupt.
-    """
+    """Fit curves in few steps to a small copy of a picture. Raises the errors of a fit, and KeyboardInterrupt."""
     small = resize_picture(task.target, QUICK_SIDE).target()
     fitted = begin_fit(small, task.settings().with_(curves=curves, steps=QUICK_STEPS)).finish()
     if fitted.interrupted:
@@ -137,7 +124,7 @@ def _prepared(task: Task) -> tuple[Photo, FitSettings]:
     settings = photo_settings(task)
     rough, fine = copies_of(task.target, settings)
     # An initial drawing has all its detail already.
-    return Photo(task, fine if task.request.init is not None else rough, fine), settings
+    return Photo(task, rough if task.request.init is None else fine, fine), settings
 
 
 def _made_of(photo: Photo, fitted: FitResult) -> Made:

@@ -37,10 +37,8 @@ SHAPES = "triangle"
 SHARED_OPACITY = 0.5
 SHADED = 2.0  # levels of root mean square error of its paint, above which an object gets shading
 PX_PER_CURVE = 42.0  # at first: few curves at the start are better than many removed at the end
-# 1024 x 1024 px, the largest picture with shading.
-MOST_PIXELS = 2**20
-# 256 x 256 px. Curves are fitted to a copy of so many pixels at most, since shading is as soft in a larger picture.
-MOST_FITTED = 2**16
+MOST_PIXELS = 2**20  # of a picture with shading
+MOST_FITTED = 2**16  # of the copy that curves are fitted to, since shading is as soft in a larger picture
 # The squared CIEDE2000, summed over the copy's pixels, that a curve must save to stay. The mean 3D emoji then takes the
 # bytes of a photo of 135 curves.
 PRICE = 25.0
@@ -56,8 +54,6 @@ FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones conve
 LEAST_STEPS = 0.25  # the least share of the steps
 # dB by which shading may be above the means of EVEN x EVEN px of the copy; 14 drawings are 12 below to 5.5 above.
 ABOVE_MEANS_DB = 6.0
-
-
 # Of a picture: levels (H, W, 4) premultiplied, 0..255, and labels (H, W) int32, the object of a pixel.
 Objects = tuple[np.ndarray, np.ndarray]
 
@@ -86,48 +82,30 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     return (levels, labels) if (off[visible] > SHADED**2).mean() >= LEAST_SHADED else None
 
 
-class Shading:
-    """The shaded drawing of a task's picture, which is made once it is asked for. It does not hold the task, which
-    holds it.
-    """
+def _objects_in(task: Task) -> Objects | None:
+    return shaded_objects(task.pixels) if task.request.may_shade else None
 
-    def __init__(self, task: Task) -> None:
-        self._objects = shaded_objects(task.pixels) if task.request.may_shade else None
-        self._most_db, self._made = list[float](), list[Made]()
 
-    def most_db(self, task: Task) -> float:
-        """Return the level, see `seen_db`, that the drawing hardly exceeds; minus infinity if there is none."""
-        if self._objects is None:
-            return -math.inf
-        if not self._most_db:
-            self._most_db.append(seen_db_of(task, _softly(*self._objects)) + ABOVE_MEANS_DB)
-        return self._most_db[0]
+def most_shaded_db(task: Task) -> float:
+    """Return the level, see `seen_db`, that a shaded drawing hardly exceeds; minus infinity if there is none."""
+    objects = task.once(_objects_in)
+    return -math.inf if objects is None else seen_db_of(task, _softly(*objects)) + ABOVE_MEANS_DB
 
-    def made(self, task: Task) -> Made | None:
-        """Return the drawing; None if the picture does not consist of shaded objects, or the request rules shading
-        out.
-        """
-        if self._objects is None:
-            return None
-        if not self._made:
-            request = task.request
-            most = int(request.shading) if request.shading.isdecimal() else None
-            with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
-                drawing = shade_objects(self._objects, task.settings(), most)
-            made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
-            self._made.append(replace(made, interrupted=doing.interrupted))
-        return self._made[0]
 
-    @property
-    def interrupted(self) -> bool:
-        """True if a Ctrl-C ended the drawing."""
-        return any(made.interrupted for made in self._made)
+def shaded_drawing(task: Task) -> Made | None:
+    """Return the shaded drawing of a picture; None if it has no shaded objects, or the request rules shading out."""
+    objects, request = task.once(_objects_in), task.request
+    if objects is None:
+        return None
+    most = int(request.shading) if request.shading.isdecimal() else None
+    with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
+        drawing = shade_objects(objects, task.settings(), most)
+    made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
+    return replace(made, interrupted=doing.interrupted)
 
 
 def _softly(levels: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return a picture (H, W, 4) in [0, 1] that holds the means of small squares of an object inside of it, and the
-    given levels at its edges, which an outline draws.
-    """
+    """Return a picture (H, W, 4) in [0, 1] of the means of small squares within an object; its edges as they were."""
     side = 2 * round(0.5 * (EVEN / _fitted_scale(labels.size) - 1.0)) + 1
     inside, soft = ndimage.alike(labels, EVEN), levels / np.float32(255.0)
     for number, box in enumerate(ndimage.find_objects(labels + 1)):
@@ -144,9 +122,7 @@ def _fitted_scale(pixels: int) -> float:
 
 
 def shade_objects(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
-    """Draw objects with their shading; some have none if the current work is stopped. most: curves of an object, or
-    None for as many as are useful.
-    """
+    """Draw objects with shading, with at most `most` curves each; some have none if the current work is stopped."""
     levels, labels = objects
     outlined = draw_flat(silhouettes(levels, labels))
     straight, shares, shapes = _straight(levels), shown(outlined), list[Shape]()
@@ -185,9 +161,8 @@ def _shaded(
 
 
 def _continued(straight: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the colours (H, W, 3) of a shape, and the weights (H, W) of its pixels, the squares of their shares.
-
-    A pixel that the shape shares with others takes the colour of the nearest whole one.
+    """Return the colours (H, W, 3) of a shape, and the weights (H, W) of its pixels, the squares of their shares. A
+    pixel that the shape shares with others takes the colour of the nearest whole one.
     """
     goal, whole = straight.copy(), share > FULL
     weights = np.where(whole, 1.0, 0.0)
@@ -235,9 +210,7 @@ def _off(straight: np.ndarray, fill: Rgba, gradient: Gradient | None) -> np.ndar
 
 
 def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings, scale: float) -> Scene:
-    """Fit curves over a ground to a picture, both (H, W, 3) in levels, in the box of the weights (H, W) above 0.
-    scale: of the copy that is fitted, at most 1.
-    """
+    """Fit curves over a ground to a picture, (H, W, 3) in levels, in the box of weights (H, W), at a scale <= 1."""
     from cubicsplat_cli.photo.loop import FitLoop
 
     rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.style import PHOTO, Style
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.metrics import measurable, seconds_to_measure
 from cubicsplat_cli.files.decode import holds_picture
-from cubicsplat_cli.files.load import Picture, with_target
+from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import provenance_comment, with_checksum
 from cubicsplat_cli.files.names import COMPRESSED, PLAIN, SVG_SUFFIXES, is_compressed_name
 from cubicsplat_cli.files.paths import EXPORTS, format_of
@@ -30,10 +30,11 @@ from cubicsplat_cli.options import listed
 from cubicsplat_cli.progress import FrameRecorder, OnProgress, StageTimer, log, warnings_to
 from cubicsplat_cli.record import record
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
-from cubicsplat_cli.scene import AnyScene, Scene
+from cubicsplat_cli.scene import AnyScene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.markup import data_uri, with_lengths
 
+T = TypeVar("T")
 TOO_FINE = "its lines are too fine to be drawn"  # of a drawing without a shape
 
 
@@ -145,8 +146,7 @@ class Task:
 
     source: the picture as read. picture: the same over the requested ground. target: the picture that is fitted, which
     is `picture`, or a copy of it without the remains of a removed ground, or smaller. recorder: keeps the scenes of a
-    photo's fit. logged: the warnings so far. quick_photos: the quick fits to the picture so far, by their number of
-    curves. photo_fit: the begun fit of all curves, if any. shading: the shaded drawing, once it is looked for.
+    photo's fit. logged: the warnings so far. results: of `once`.
     """
 
     source: Picture
@@ -158,24 +158,19 @@ class Task:
     recorder: FrameRecorder | None
     title: str
     logged: list[str] = field(default_factory=list)
-    quick_photos: dict[int, Scene] = field(default_factory=dict)
-    photo_fit: list[Any] = field(default_factory=list)
-    shading: list[Any] = field(default_factory=list)
+    results: dict[tuple[Any, ...], Any] = field(default_factory=dict)
+
+    def once(self, make: Callable[..., T], *given: Any) -> T:
+        """Return make(task, *given), which is called once for the picture."""
+        key = make, *given
+        if key not in self.results:
+            self.results[key] = make(self, *given)
+        return cast(T, self.results[key])
 
     @cached_property
     def pixels(self) -> np.ndarray:
         """Return the target's pixels; see `Picture.target`."""
         return self.target.target()
-
-    @cached_property
-    def targets(self) -> list[Picture]:
-        """Return the target, and a copy without the colour fringes and halos at its edges, if it has any."""
-        from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters
-
-        plain, notes = without_filters(as_levels(self.pixels), lossy=self.target.compression is not None)
-        if not notes:
-            return [self.target]
-        return [self.target, with_target(self.target, plain[..., : self.pixels.shape[2]] / np.float32(255.0))]
 
     @cached_property
     def reference(self) -> Picture:
@@ -218,8 +213,7 @@ class Task:
 
     def settings(self) -> FitSettings:
         """Return the settings of a fit, which ends early enough for the work after it to keep the time limit."""
-        settings = self.request.settings
-        limit = settings.time_limit
+        settings, limit = self.request.settings, self.request.settings.time_limit
         return settings if limit is None else settings.with_(time_limit=min(self.seconds_to_make(), limit))
 
     def seconds_to_make(self) -> float:

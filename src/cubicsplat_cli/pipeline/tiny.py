@@ -58,10 +58,7 @@ T = TypeVar("T")
 
 
 def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridPolygons, FitResult]:
-    """Return the best polygons whose compressed file has at most `most` bytes, and the fit that they come from.
-
-    Raises InputError if not even one fits.
-    """
+    """Return the best polygons in `most` compressed bytes, and their fit. Raises InputError if not even one fits."""
     count = max(1, round(SPARE * (most - HEAD_BYTES) / (PATH_BYTES + settings.segments * VERTEX_BYTES)))
     width, height = task.picture.size
     spacings = math.sqrt(count * max(width, height) / min(width, height))  # along the longer side
@@ -111,9 +108,8 @@ def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridP
 
 
 def _side_by_side(do: Callable[[int, bool], T], count: int, at_once: int, stop: Event) -> list[T]:
-    """Return do(number, first) of the numbers below `count`, of `at_once` at a time; first: in this thread.
-
-    Once `stop` is set, by Ctrl-C in this thread, all later ones but number 0 are skipped.
+    """Return do(number, first) of the numbers below `count`, of `at_once` at a time; first: in this thread. Once `stop`
+    is set, by Ctrl-C in this thread, all later ones but number 0 are skipped.
     """
 
     def turn(number: int, first: bool) -> list[T]:
@@ -137,9 +133,8 @@ def _loss_of(scene: Scene, goal: np.ndarray, weights: np.ndarray | None, engine:
 
 
 class TinySearch:
-    """A search that improves polygons towards a picture, and reduces their file to a limit.
-
-    loss: of the engine's picture. bytes: of the compressed file. paths: the SVG element of each polygon.
+    """A search that improves polygons towards a picture, and reduces their file to a limit. loss: of the engine's
+    picture. bytes: of the compressed file. paths: the SVG element of each polygon.
     """
 
     def __init__(
@@ -157,7 +152,6 @@ class TinySearch:
 
     def run(self, most: int, deadline: float, stop: Event) -> bool:
         """Sweep until a sweep gains too little, the time is up, or `stop` is set; then shrink the file to `most` bytes.
-
         Return True if Ctrl-C ended the sweeps. Raises InputError if not even one polygon fits.
         """
         interrupted = False

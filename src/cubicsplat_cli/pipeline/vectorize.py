@@ -71,9 +71,7 @@ def task_of(
 
 
 def _without_matte(picture: Picture) -> Picture:
-    """Return a picture without the remains of a removed ground at its edges, and with a note on these; the same if it
-    shows none.
-    """
+    """Return a picture without the remains of a removed ground at its edges, and with a note on them, if any."""
     if picture.alpha is None:
         return picture
     levels, ground = without_matte(as_levels(picture.target()))
