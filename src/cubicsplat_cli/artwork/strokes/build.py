@@ -49,12 +49,10 @@ def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float) -> list[Str
     if len(strokes) < len(found):
         return []
     # Whoever draws several strokes gives them one cap; where it is hidden it may yet show beside what hides it.
-    free = [s.cap for s, (row, closed) in zip(strokes, rows, strict=True) if not closed and _shows_cap(row, graph)]
+    shown = [not closed and _shows_cap(row, graph) for row, closed in rows]
+    free = [stroke.cap for stroke, own in zip(strokes, shown, strict=True) if own]
     usual = max(free, key=free.count) if free else BUTT
-    capped = [
-        stroke if stroke.closed or _shows_cap(row, graph) else replace(stroke, cap=usual)
-        for stroke, (row, _) in zip(strokes, rows, strict=True)
-    ]
+    capped = [s if own or s.closed else replace(s, cap=usual) for s, own in zip(strokes, shown, strict=True)]
     # Lines without corners are told apart from others by the same pen if their joins differ.
     return [s if s.join else replace(s, join=ROUND if s.cap == ROUND else MITER) for s in capped]
 
@@ -117,13 +115,12 @@ def _join(path: Path, closed: bool, width: float, sides: Sides) -> str:
         if size < 2.0 * math.sin(0.5 * CORNER):
             continue
         out = out / size
-        half_turn = math.asin(min(0.5 * size, 1.0))
         off = sides.near(own[0], MITER_LIMIT * width) - own[0]
         ahead = (np.abs(off @ np.array([-out[1], out[0]])) < SLIT * PRECISION) & (off @ out > 0.0)
         if not ahead.any():
             continue
         reach = float((off @ out)[ahead].min()) / (0.5 * width)
-        stretch = math.cos(half_turn)
+        stretch = math.cos(math.asin(min(0.5 * size, 1.0)))  # of half the turn
         wanted = {MITER: 1.0 / max(stretch, 1e-6), ROUND: 1.0, BEVEL: stretch}
         votes[min(wanted, key=lambda join: abs(wanted[join] - reach))] += size
     return max(votes, key=lambda join: votes[join]) if any(votes.values()) else ""
@@ -171,10 +168,9 @@ def _direction(link: Link, centres: list[Centres]) -> np.ndarray | None:
     """(2,) the direction in which a branch leaves a node, from where its width is even; None where it is nowhere."""
     branch, end = link
     own = centres[branch]
-    good = own.points[own.even]
+    good = own.points[own.even][:: -1 if end else 1]
     if len(good) < 3:
         return None
-    good = good[::-1] if end else good
     near = good[np.hypot(*(good - good[0]).T) <= REACH * own.width]
     if len(near) < 3:
         return None
@@ -187,9 +183,8 @@ def _direction(link: Link, centres: list[Centres]) -> np.ndarray | None:
 def with_ends(
     line: np.ndarray, gaps: np.ndarray, width: float, sides: Sides, hidden: list[float]
 ) -> tuple[np.ndarray, np.ndarray, str]:
-    """The points with both ends of the stroke, the gaps between them, and the cap.
-
-    hidden: the widths of the strokes in which an end lies, where no cap shows; 0 for free ends.
+    """The points with both ends of the stroke, the gaps between them, and the cap. hidden: the widths of the strokes in
+    which an end lies, where no cap shows; 0 for free ends.
     """
     tips = [_Tip.of(line[::-1]), _Tip.of(line)]
     reaches = [None if inside else _reaches(tip, width, sides) for tip, inside in zip(tips, hidden, strict=True)]

@@ -22,7 +22,7 @@ FEWEST = 6  # points
 HALF_WINDOWS = 2 ** np.arange(1, 5)  # points, of local fits
 
 
-def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: float = 0.0) -> Chain:
+def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: float) -> Chain:
     """The centre line through points (n, 2), its ends included; corners: indices of those where it bends sharply;
     slack: px by which points may be off beyond PRECISION.
     """
@@ -79,9 +79,8 @@ def _pieces(division: Division, ends: np.ndarray) -> Pieces:
 
 
 def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points about one px apart with corners put into gaps, and the corners' indices.
-
-    points: (n, 2) px; gaps: (n,) bool, whether there is one between a point and the next; width: of the stroke, px.
+    """Points about one px apart with corners put into gaps, and the corners' indices. points: (n, 2) px; gaps: (n,)
+    bool, whether there is one between a point and the next; width: of the stroke, px.
     """
     count = len(points)
     out, corners = list[np.ndarray](), list[int]()
@@ -89,14 +88,13 @@ def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool, width: floa
         out.append(points[i])
         if not gaps[i] or (i == count - 1 and not closed):
             continue
-        before, after = _flank(points, gaps, i, -1, closed), _flank(points, gaps, (i + 1) % count, 1, closed)
-        corner = _meeting(points[i], before, points[(i + 1) % count], after, width)
-        if corner is None:
-            continue
-        out += list(_between(points[i], corner))
-        corners.append(len(out))
-        out.append(corner)
-        out += list(_between(corner, points[(i + 1) % count]))
+        after = (i + 1) % count
+        ways = _flank(points, gaps, i, -1, closed), _flank(points, gaps, after, 1, closed)
+        corner = _meeting(points[i], points[after], *ways, width)
+        if corner is not None:
+            out.extend(_between(points[i], corner))
+            corners.append(len(out))
+            out += [corner, *_between(corner, points[after])]
     return np.array(out), np.array(corners, dtype=int)
 
 
@@ -137,7 +135,7 @@ def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return way, bend - (bend @ way) * way
 
 
-def _meeting(a: np.ndarray, way: np.ndarray, b: np.ndarray, onward: np.ndarray, width: float) -> np.ndarray | None:
+def _meeting(a: np.ndarray, b: np.ndarray, way: np.ndarray, onward: np.ndarray, width: float) -> np.ndarray | None:
     """The point where the line on from a meets the line back from b; None where both are about one line, where a bend
     of a radius of half a width explains the gap, and where it lies so far out that no miter would reach it.
     """

@@ -117,11 +117,11 @@ def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
     is known: its ends and corners are where it is off by more.
     """
     rings = shape.oriented()
-    points = np.concatenate([ring.cubics.reshape(-1, 2) for ring in rings])
-    low, high = np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
-    drawn = [shape.stroked(stroke).oriented() for stroke in strokes]
     margin = math.ceil(2.0 * max(stroke.width for stroke in strokes))
-    low, high = low - margin, high + margin
+    cubics, _ = pieces_of_rings(rings)
+    low = np.floor(cubics.min(axis=(0, 1))).astype(int) - margin
+    high = np.ceil(cubics.max(axis=(0, 1))).astype(int) + margin
+    drawn = [shape.stroked(stroke).oriented() for stroke in strokes]
     off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))
     length = sum(float(np.hypot(*np.diff(flattened(ring), axis=0).T).sum()) for ring in rings)
     most = (MEAN_ERROR + slack) * length

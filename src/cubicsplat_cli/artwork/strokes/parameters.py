@@ -42,7 +42,6 @@ MOST_WIDER = 0.5  # px, of a stroke in a step
 
 class StrokeParameters:
     """A stroke, as a parametrisation of the whole outline that it covers (`finish.Parameters`), holes the other way.
-
     The last variable is its width, unless that is fixed.
     """
 
@@ -100,7 +99,6 @@ def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
 
 def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Goal, detail: float) -> Drawing:
     """The drawing with the strokes of those shapes, fitted to its goal, that make the whole description shorter.
-
     strokes: of each shape, or the shape itself. detail: as in ArtworkSettings.
     """
     tried = np.array([own[0].stroke is not None for own in strokes])
@@ -119,9 +117,8 @@ def shorter_strokes(drawing: Drawing, strokes: list[tuple[Shape, ...]], goal: Go
 
 
 def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
-    """The drawing with rings of circles as strokes, and with bars that share a pen with others, where the whole
-    description becomes shorter: a pen's style and width cost nothing but once. All stay where they are. detail: as in
-    ArtworkSettings.
+    """The drawing with rings of circles as strokes, and bars that share a pen with others, where the description gets
+    shorter: a pen's style and width cost nothing but once. All stay where they are. detail: as in ArtworkSettings.
     """
     shapes, strokes = [*drawing.shapes], by_pens(drawing.shapes)
     if not strokes:
@@ -144,9 +141,7 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
 
 
 def _lost(before: State, after: State, owners: np.ndarray, tried: np.ndarray) -> np.ndarray:
-    """Return (shapes,) by how much the misfit of the shapes tried (shapes,) grows, as numbers of a description. owners:
-    (layers of the state after,) the shape of each.
-    """
+    """Return (shapes,) by how much the misfit of those tried grows, as numbers. owners: of the layers after, (L,)."""
     here, there = (np.array([n for n, _ in state.places])[state.owners] for state in (before, after))
     group, other = (np.where(tried[own], own, -1) for own in (here, owners[there]))
     growth = before.stack.growth(after.stack, group, other, len(tried), before.spread)

@@ -46,7 +46,6 @@ class Graph:
 
 def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
     """The skeleton of what the rings (outer clockwise as seen, holes the other way) cover, a stroke about so wide.
-
     Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
     """
     scale = int(np.clip(np.ceil(FINEST / max(width, 1e-6)), 1, FINEST))
@@ -188,10 +187,7 @@ class Centres:
 
 
 def centres_of(places: np.ndarray, sides: Sides, slack: float) -> Centres:
-    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side.
-
-    slack: px by which the outline may be off.
-    """
+    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side."""
     middle = places
     for _ in range(3):  # rounds
         near = sides.nearest(middle)
