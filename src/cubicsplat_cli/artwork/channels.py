@@ -65,9 +65,8 @@ def widened(box: tuple[slice, ...], by: int, shape: tuple[int, ...]) -> tuple[sl
 def blend_of(
     values: np.ndarray, first: np.ndarray, second: np.ndarray, *, most: float | None = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return colours (..., C) as blends of two others: the shares (...) of the second, and the errors (..., C).
-
-    Shares lie from 0 to `most`; with None, anywhere on the line through both. They are 0 if the two are alike.
+    """Return colours (..., C) as blends of two others: the shares (...) of the second, and the errors (..., C). Shares
+    lie from 0 to `most`; with None, anywhere on the line through both. They are 0 if the two are alike.
     """
     span, off = second - first, values - first
     share = summed(off * span) / np.maximum(summed(span * span), 1e-9)

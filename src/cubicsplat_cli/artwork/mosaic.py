@@ -46,13 +46,14 @@ class CellLayer:
             return [self] if len(self.loops[0]) else []
         rows, columns = self.mask.shape
         lap = int(self.fill[3] == FULL)
+        half = max(rows, columns) // 2
         if rows >= columns:
-            half = rows // 2
-            top = replace(self, mask=self.mask[: half + lap], y=self.y[: half + lap + 1])
-            return top.parts() + replace(self, mask=self.mask[half:], y=self.y[half:]).parts()
-        half = columns // 2
-        left = replace(self, mask=self.mask[:, : half + lap], x=self.x[: half + lap + 1])
-        return left.parts() + replace(self, mask=self.mask[:, half:], x=self.x[half:]).parts()
+            first = replace(self, mask=self.mask[: half + lap], y=self.y[: half + lap + 1])
+            second = replace(self, mask=self.mask[half:], y=self.y[half:])
+        else:
+            first = replace(self, mask=self.mask[:, : half + lap], x=self.x[: half + lap + 1])
+            second = replace(self, mask=self.mask[:, half:], x=self.x[half:])
+        return first.parts() + second.parts()
 
     def rings(self) -> list[np.ndarray]:
         """Return the control points (3k, 2) float32 of each loop as cubics."""
@@ -83,9 +84,7 @@ class Mosaic:
         return tuple(dict.fromkeys(layer.fill for layer in self.layers))
 
     def scene(self) -> Scene | None:
-        """Return the layers as closed curves, front to back, without a background, several for a layer of many corners;
-        None without a layer.
-        """
+        """Return closed curves, front to back, one or more for each layer, without a background; None if empty."""
         parts = [part for layer in reversed(self.layers) for part in layer.parts()]
         if not parts:
             return None
@@ -109,24 +108,19 @@ def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cell
 
 
 def finer(cells: Cells, reach: float) -> Cells:
-    """Return each cell cut into nine, the outer ones `reach` px wide, or a third of the cell if that is less. By this
-    width the layers of a mosaic overlap.
-    """
-    x, y = (_cut(ends, reach) for ends in (cells.x, cells.y))
-    return replace(cells, numbers=cells.numbers.repeat(3, axis=0).repeat(3, axis=1), x=x, y=y)
+    """Return each cell cut into nine; layers overlap by the outer ones, `reach` px wide or a third of a small cell."""
 
+    def cut(ends: np.ndarray) -> np.ndarray:
+        low, high = ends[:-1], ends[1:]
+        lap = np.minimum(reach, (high - low) / 3.0)
+        return np.append(np.stack([low, low + lap, high - lap], axis=1).ravel(), ends[-1])
 
-def _cut(ends: np.ndarray, reach: float) -> np.ndarray:
-    """Return the 3 n + 1 edges of n cells that are cut into three each."""
-    low, high = ends[:-1], ends[1:]
-    lap = np.minimum(reach, (high - low) / 3.0)
-    return np.append(np.stack([low, low + lap, high - lap], axis=1).ravel(), ends[-1])
+    numbers = cells.numbers.repeat(3, axis=0).repeat(3, axis=1)
+    return replace(cells, numbers=numbers, x=cut(cells.x), y=cut(cells.y))
 
 
 def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:
-    """Return the drawing of cells on a canvas of width x height px, with the most frequent colour at the back.
-    abutting: no layer reaches beneath another.
-    """
+    """Return the drawing of cells on a canvas, the most frequent colour at the back. abutting: without overlaps."""
     x, y = cells.x * (width / cells.x[-1]), cells.y * (height / cells.y[-1])
     order = np.argsort(-np.bincount(cells.numbers.ravel(), minlength=len(cells.colours)), kind="stable")
     # Later colours have higher ranks. Nothing may lie beneath a colour that is not opaque.
@@ -172,9 +166,7 @@ def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shifted(owner: np.ndarray, by: int) -> np.ndarray:
-    """Return (n,) for each element the number of the next one (1) or the one before (-1) of its owner, cyclically.
-    owner: (n,) ascending.
-    """
+    """Return (n,) for each element the next one (1) or the one before (-1) of its owner (n,), ascending, cyclically."""
     starts, index, counts = np.unique(owner, return_index=True, return_inverse=True, return_counts=True)[1:]
     first, count = starts[index], counts[index]
     return first + (np.arange(len(owner)) - first + by) % count

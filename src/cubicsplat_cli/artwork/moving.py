@@ -27,10 +27,7 @@ Matches = dict[int, tuple[int, np.ndarray]]  # by the number of a shape in a dra
 
 @record
 class MovingDrawing:
-    """Shapes back to front, each shown in some of F frames, moved by an offset.
-
-    shown: (F, S) bool. offsets: (F, S, 2) px; they count where a shape is shown.
-    """
+    """S shapes back to front, each shown (F, S) bool in some of F frames, moved by offsets (F, S, 2) px in those."""
 
     drawing: Drawing
     shown: np.ndarray
@@ -48,8 +45,7 @@ class _Outline:
 
     @classmethod
     def of(cls, shape: Shape) -> _Outline:
-        paths = shape.outlines if shape.stroke is None else (shape.stroke.path,)
-        points = np.concatenate([_along(path) for path in paths])
+        points = np.concatenate([_along(path) for path in shape.paths])
         points = points[:: max(1, len(points) // MOST_POINTS)]
         return cls(shape, points, points.min(axis=0), np.ptp(points, axis=0))
 
@@ -80,10 +76,9 @@ def _along(path: Path) -> np.ndarray:
 
 def _painted_alike(first: Shape, second: Shape) -> bool:
     """True if two shapes are of one kind, and of one colour to the eye."""
-    strokes = [shape.stroke for shape in (first, second)]
-    if (strokes[0] is None) != (strokes[1] is None) or type(first.gradient) is not type(second.gradient):
+    if type(first.stroke) is not type(second.stroke) or type(first.gradient) is not type(second.gradient):
         return False
-    if strokes[0] and strokes[1] and abs(strokes[0].width - strokes[1].width) > SAME_PX:
+    if first.stroke and second.stroke and abs(first.stroke.width - second.stroke.width) > SAME_PX:
         return False
     colours = [
         np.array([shape.fill] if shape.gradient is None else [stop.colour for stop in shape.gradient.stops])
@@ -181,10 +176,9 @@ def moving_drawing(drawings: Iterable[Drawing]) -> MovingDrawing:
     changes, some count as new.
     """
     tracker, canvas, frames = _Tracker(), (1, 1), 0
-    for drawing in drawings:
+    for frames, drawing in enumerate(drawings, 1):
         canvas = drawing.width, drawing.height
-        tracker.add(frames, drawing)
-        frames += 1
+        tracker.add(frames - 1, drawing)
     shown = np.zeros((frames, len(tracker.order)), bool)
     offsets = np.zeros((*shown.shape, 2))
     for place, number in enumerate(tracker.order):

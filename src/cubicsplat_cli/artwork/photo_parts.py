@@ -7,6 +7,7 @@ photo. The same comparison with a drawing decides on it as on whole pictures; wh
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,8 +30,7 @@ LEAST_LINE = 0.9  # share of one colour in a row of a frame
 # JPEG away from edges. A photo's grain is more.
 GRAIN = 1.0
 LEAST_FILLED = 0.9  # share of a rectangle with all its corners that a photo fills; the rest may be as even as the page
-# Share of a photo's px in one colour: at most .25 in photos, at least .5 in text with a JPEG's artefacts around it.
-MOST_IN_ONE = 0.35
+MOST_IN_ONE = 0.35  # of a photo's px in one colour: up to .25 in photos, at least .5 in text in a JPEG
 # Median second difference of photos that are no rectangles, in levels: 6 to 37 in 20 photos, 2 to 6 in 22 objects with
 # soft shading.
 GRAINY = 7.0
@@ -69,11 +69,8 @@ class Page:
 
 
 def page_of(target: np.ndarray, suits: Callable[[np.ndarray, PhotoPart], bool]) -> Page | None:
-    """Return the page in a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None unless it is a
-    drawing with photographs, at its own size.
-
-    suits: returns whether a part of the picture over white, (H, W, 3), which may be a photo, is better as one than
-    drawn.
+    """Return the page in a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None if it is no drawing
+    with photographs at its own size. suits: tells if a part of the picture over white (H, W, 3) is better as a photo.
     """
     picture = target if target.shape[2] == 3 else target[..., :3] + (1.0 - target[..., 3:])
     levels = np.rint(255.0 * picture).astype(np.float32)
@@ -92,7 +89,7 @@ def page_of(target: np.ndarray, suits: Callable[[np.ndarray, PhotoPart], bool]) 
         opacity[part.window][part.mask] = 1.0
     if _drawn_share(flat, parts) < LEAST_REST:
         return None
-    flat = (flat / np.float32(255.0)).astype(np.float32)
+    flat = flat / np.float32(255.0)
     if target.shape[2] == 4:
         flat = np.concatenate([np.maximum(flat - (1.0 - opacity), 0.0), opacity], axis=2)
     rest = choose_style(flat)
@@ -135,9 +132,7 @@ def _even_areas(levels: np.ndarray) -> np.ndarray:
 
 
 def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray:
-    """Return (count,) the root mean square error of areas, numbered from 1 on, against their best linear gradients, in
-    levels of the worst channel.
-    """
+    """Return (count,) the root mean square errors of areas, from 1 on, in the worst channel of their best gradients."""
     y, x = np.nonzero(areas)
     owner, sides = areas[y, x] - 1, np.array(areas.shape, float)
     terms = [np.ones(len(y)), x / sides[1] - 0.5, y / sides[0] - 0.5, *levels[y, x].T.astype(float)]
@@ -166,11 +161,10 @@ def _photos(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
         if mask[[0, 0, -1, -1], [0, -1, 0, -1]].all() and mask.mean() >= LEAST_FILLED:
             mask = np.ones_like(mask)
         else:
-            window = whole
-            mask = _mask_of(own, even, window)
+            window, mask = whole, _mask_of(own, even, whole)
         if min(mask.shape) >= LEAST_SIDE and 2 * mask.sum() >= LEAST_SIDE**2:
-            rows, columns = window
-            part = PhotoPart(rows.start, columns.start, mask, _stand_in(levels, window, mask, parts))
+            top, left = (side.start for side in window)
+            part = PhotoPart(top, left, mask, _stand_in(levels, window, mask, parts))
             if _is_photo(levels, part):
                 parts.append(part)
                 taken |= own
@@ -209,20 +203,16 @@ def _strongest(part: np.ndarray) -> int:
 def _frame(part: np.ndarray) -> int:
     """Return the number of rows at the top of a part that belong to its frame."""
     rows = 0
-    for row in range(min(FRAME, len(part) - 1)):
-        line = part[row]
-        off = largest(np.abs(line - np.median(line, axis=0)))
-        if (off <= UNSEEN).mean() < LEAST_LINE:
+    for row, (line, following) in enumerate(pairwise(part[: FRAME + 1]), 1):
+        if (largest(np.abs(line - np.median(line, axis=0))) <= UNSEEN).mean() < LEAST_LINE:
             break
-        if (largest(np.abs(part[row + 1] - line)) > FLAT_RANGE).mean() > 0.5:
-            rows = row + 1
+        if (largest(np.abs(following - line)) > FLAT_RANGE).mean() > 0.5:
+            rows = row
     return rows
 
 
 def _mask_of(own: np.ndarray, even: np.ndarray, window: Window) -> np.ndarray:
-    """Return (h, w) bool, the pixels of a window that belong to a part (H, W) bool: not those of even areas that reach
-    into the window from outside.
-    """
+    """Return (h, w) bool, a window's pixels of a part (H, W) bool, without even areas that reach in from outside."""
     inside = even[window]
     counts = np.bincount(even.ravel())
     outside = np.bincount(inside.ravel(), minlength=len(counts)) < counts
@@ -237,9 +227,7 @@ def _mask_of(own: np.ndarray, even: np.ndarray, window: Window) -> np.ndarray:
 
 
 def _stand_in(levels: np.ndarray, window: Window, mask: np.ndarray, others: list[PhotoPart]) -> np.ndarray:
-    """Return (3,) levels far from those around a mask in a window, and unlike the placeholders of other parts: two
-    parts of one fill could become one shape.
-    """
+    """Return (3,) levels far from those around a mask in a window; parts of one fill could become one shape."""
     around = np.ones(levels.shape[:2], dtype=bool)
     around[window] = ~mask
     wide = widened(window, FRAME, around.shape)
@@ -257,8 +245,7 @@ def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
     """
     seen = levels[part.window]
     values, opaque = seen[part.mask], with_channels(seen, 4, 255.0)
-    code = packed(values // COLOUR)
-    _, which, counts = np.unique(code, return_inverse=True, return_counts=True)
+    _, which, counts = np.unique(packed(values // COLOUR), return_inverse=True, return_counts=True)
     commonest = values[which.reshape(-1) == int(counts.argmax())].mean(axis=0)
     if (largest(np.abs(values - commonest)) <= UNSEEN).mean() > MOST_IN_ONE:
         return False

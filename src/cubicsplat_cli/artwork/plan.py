@@ -86,8 +86,7 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
     regions = find_regions(picture)
     _, first, number = np.unique(regions.fill_of, return_index=True, return_inverse=True)
     fills, labels = regions.fills[first], number[regions.labels]
-    areas = np.bincount(labels.ravel(), minlength=len(fills))
-    colours, owner = fewer_colours(fills, areas, settings.colors)
+    colours, owner = fewer_colours(fills, np.bincount(labels.ravel(), minlength=len(fills)), settings.colors)
     if settings.palette:
         colours, becomes = nearest_colours(colours, settings.palette, settings.palette_tolerance)
         owner = becomes[owner]
@@ -97,9 +96,7 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
 
 @record
 class Plan:
-    """The parts of a drawing, back to front. levels: (H, W, 4) the picture that is drawn. fills: of its pixels. edges:
-    the positions of its regions' edges.
-    """
+    """The parts of a drawing, back to front, and what they are of: levels (H, W, 4), their fills, regions and edges."""
 
     levels: np.ndarray
     fills: PixelFills

@@ -40,9 +40,8 @@ def _part(drawing: Drawing, shapes: list[Shape]) -> Scene:
 
 
 def scene_of(drawing: Drawing) -> Scene:
-    """Return the shapes as closed curves of one or more rings, front to back, without a background (numpy arrays).
-
-    Arcs of primitives become cubics, true to 1e-5 of a radius. Raises InputError for a drawing without shapes.
+    """Return the shapes as closed curves of one or more rings, front to back, without a background (numpy arrays). Arcs
+    of primitives become cubics, true to 1e-5 of a radius. Raises InputError for a drawing without shapes.
     """
     if not drawing.shapes:
         raise InputError("the drawing has no shapes; give one of a picture that is not all transparent")

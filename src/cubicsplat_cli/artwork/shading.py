@@ -18,27 +18,23 @@ from cubicsplat_cli.raster.shades import Pixels, best_colours, blends, nearest_p
 from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
-# Levels per px of an edge of 20 levels after the blur, steeper than shading.
-STEEP = 8.0
+STEEP = 8.0  # levels per px of an edge of 20 levels after the blur, steeper than shading
 LEAST_AREA = 24  # px of an object away from edges
 # An edge changes as much within NEAR px to both sides as within FAR; a ramp changes by NEAR / FAR of that. An edge
 # exceeds a ramp by LEAST_STEP levels.
 NEAR, FAR, LEAST_STEP = 2.0, 5.0, 16.0
 EDGE = 2  # px on both sides of a border with blended pixels
 REACH, SLOTS = 4, 3  # px to the objects of a blend, and the most objects that meet
-# The weights of the channels: opacity is reliable within shading too.
-SURE = np.array([1.0, 1.0, 1.0, 8.0])
+SURE = np.array([1.0, 1.0, 1.0, 8.0])  # the weights of the channels: opacity is reliable within shading too
 CLEAR = 128.0  # levels of opacity, below which an object is the transparent ground
 ANGLES, STOPS = 16, 4
-# Levels^2 of mean square error that each stop of a gradient must save, since less is invisible.
-LEAST_GAIN = 4.0
+LEAST_GAIN = 4.0  # levels^2 of mean square error that each stop of a gradient must save, since less is invisible
 FEWEST = 8  # px that a gradient is fitted to
 FULL = 0.995  # share of a pixel that counts as all of it
 
 
 def objects_of(levels: np.ndarray) -> np.ndarray:
     """Return (H, W) int32 the object of each pixel, numbered from 0 on, of a picture (H, W, 4), premultiplied levels.
-
     Thin lines and small spots belong to the object below them; clear ones belong to the ground.
     """
     from skimage.segmentation import watershed  # few pictures need it
@@ -67,9 +63,7 @@ def _slopes(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weak_borders(levels: np.ndarray, labels: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Return (n, 2) the pairs of neighbouring labels with a ramp rather than an edge between them, the weakest first.
-    directions: of `_slopes`.
-    """
+    """Return (n, 2) the pairs of neighbouring labels with a ramp, no edge, between them, the weakest first."""
     height, width = labels.shape
     pairs, steps = [], []
     for dy, dx in ((0, 1), (1, 0)):
@@ -113,9 +107,8 @@ def _united(labels: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
-    """Return a picture (H, W, 4) of premultiplied levels with its objects, labels (H, W), in placeholder fills.
-
-    The shares of objects in a pixel follow from the colours of each a few px away.
+    """Return a picture (H, W, 4) of premultiplied levels with its objects, labels (H, W), in placeholder fills. The
+    shares of objects in a pixel follow from the colours of each a few px away.
     """
     count = int(labels.max()) + 1
     alpha = np.bincount(labels.ravel(), levels[..., 3].ravel(), count) / np.bincount(labels.ravel(), minlength=count)
@@ -147,9 +140,7 @@ def _insides(labels: np.ndarray) -> np.ndarray:
 
 
 def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return (n, slots, 4) the colours of objects at pixels y, x (n,), extrapolated from their pixels `places` (n,
-    slots) and those just behind.
-    """
+    """Return (n, slots, 4) the colours of objects at y, x (n,), extrapolated from their pixels `places` (n, slots)."""
     height, width = paint.shape
     row, column = np.divmod(places, width)
     behind = 2 * row - y[:, None], 2 * column - x[:, None]
@@ -163,9 +154,8 @@ def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarr
 
 
 def _fills(opaque: np.ndarray) -> np.ndarray:
-    """Return (n, 4) different fills in whole levels for opaque objects (n,) bool, and clear ones for others.
-
-    They lie on a sphere, so that none is a blend of two others, about equally far apart.
+    """Return (n, 4) different fills in whole levels for opaque objects (n,) bool, and clear ones for others. They lie
+    on a sphere, so that none is a blend of two others, about equally far apart.
     """
     count, fills = max(int(opaque.sum()), 1), np.zeros((len(opaque), 4))
     number = np.arange(count)
@@ -190,9 +180,7 @@ def shown(drawing: Drawing) -> list[np.ndarray]:
 
 
 def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, Gradient | None]:
-    """Return the opaque fill nearest to straight colours (n, 3) in levels at columns x and rows y, n >= 1, and the
-    gradient that is nearer, or None.
-    """
+    """Return the opaque fill nearest to straight levels (n, 3), n >= 1, at x and y, and a gradient if it is nearer."""
     middle = values.mean(axis=0)
     red, green, blue = (int(np.clip(round(v), 0, 255)) for v in middle.tolist())
     fill = (red, green, blue, 255)
@@ -200,11 +188,12 @@ def base_paint(values: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Rgba, 
         return fill, None
     pixels = Pixels(x + 0.5, y + 0.5, with_channels(values, 4, 255.0))
     shades = [_along(math.pi * k / ANGLES, stops, pixels) for k in range(ANGLES) for stops in (2, STOPS)]
-    flat = float(((values - middle) ** 2).mean())
-    off = (shade.residuals(pixels)[:, :3] for shade in shades)
-    costs = [float((o**2).mean()) + LEAST_GAIN * len(shade.ramp.knots) for o, shade in zip(off, shades, strict=True)]
-    best = int(np.argmin(costs))
-    return fill, gradient_of(shades[best]) if costs[best] < flat else None
+
+    def cost(shade: Shade) -> float:
+        return float((shade.residuals(pixels)[:, :3] ** 2).mean()) + LEAST_GAIN * len(shade.ramp.knots)
+
+    best = min(shades, key=cost)
+    return fill, gradient_of(best) if cost(best) < float(((values - middle) ** 2).mean()) else None
 
 
 def _along(angle: float, stops: int, pixels: Pixels) -> Shade:

@@ -43,9 +43,13 @@ class Shape:
     shading: Scene | EmbeddedImage | None = None
     over: tuple[Gradient, ...] = ()
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The outlines, or the centre line of a stroke."""
+        return self.outlines if self.stroke is None else (self.stroke.path,)
+
     def oriented(self, arcs: int = 4) -> tuple[Ring, ...]:
-        """Return the rings for the nonzero rule: the outer one clockwise as seen, holes the other way. arcs: the cubics
-        of a whole turn."""
+        """Return the rings of the outlines for the nonzero rule, see `oriented`. arcs: the cubics of a whole turn."""
         return oriented([outline.ring(arcs) for outline in self.outlines])
 
     def filled(self, fill: Rgba, width: int, height: int) -> Shape:
@@ -99,8 +103,7 @@ class Drawing:
     @property
     def segments(self) -> int:
         """Return the number of lines and cubics of the outlines, with primitives as their rings."""
-        paths = (shape.outlines if shape.stroke is None else (shape.stroke.path,) for shape in self.shapes)
-        return sum(path.pieces for own in paths for path in own)
+        return sum(path.pieces for shape in self.shapes for path in shape.paths)
 
     @property
     def coordinates(self) -> int:

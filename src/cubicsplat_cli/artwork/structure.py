@@ -124,9 +124,8 @@ def near_box(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
 
 
 def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
-    """Return for each shape the number of the outermost shape that it lies on, its own if there is none.
-
-    A shape lies on a larger one if half of its outline lies within the other's outer outline. The ground holds none.
+    """Return for each shape the number of the outermost shape that it lies on, its own if there is none. A shape lies
+    on a larger one if half of its outline lies within the other's outer outline. The ground holds none.
     """
     shapes = drawing.shapes
     boxes = boxes_of(shapes)

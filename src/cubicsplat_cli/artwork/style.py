@@ -1,6 +1,4 @@
-"""Tell pixel art, flat artwork and photos apart: by cells, by evenness, or by the share in fills and gradients; and
-find pictures of one colour, which need no fit.
-"""
+"""Tell pixel art, artwork and photos apart: by cells, evenness, or shares of fills; and find those of one colour."""
 
 from __future__ import annotations
 
@@ -36,9 +34,7 @@ _MOST_PIXELS = 2**20  # that are tested
 
 @record
 class Style:
-    """The style that suits a picture, and the measurement behind it. cells: of pixel art, else None. doubtful: the
-    other style may suit the picture as well.
-    """
+    """The style that suits a picture, and why. cells: of pixel art, else None. doubtful: another may suit as well."""
 
     name: str
     reason: str
@@ -48,7 +44,6 @@ class Style:
 
 def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
     """Return the style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Samples large ones.
-
     lossy: True if its file was compressed with loss.
     """
     cells = cells_of(target)
@@ -141,9 +136,7 @@ def _straight(levels: np.ndarray) -> np.ndarray:
 
 
 def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
-    """Return the share of the drawn pixels (H, W) bool in blocks of `rough` pixels (H, W) bool only. Blocks have 7 px a
-    side, less in small pictures.
-    """
+    """Return the share of drawn pixels in blocks of rough ones, (H, W) bool each, of 7 px a side, or less if small."""
     longer = max(rough.shape)
     block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *(side - 1 + side % 2 for side in rough.shape))
     return float((ndimage.binary_opening(rough, np.ones((block, block), dtype=bool)) & drawn).sum() / drawn.sum())
@@ -155,8 +148,7 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
 
     step = 1 + max(levels.shape[:2]) // 600  # px of the longer side, about
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
-    gradients = in_gradients(levels, tries=16, layered=True)
-    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | gradients
+    explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | in_gradients(levels, tries=16, layered=True)
     return float((explained & drawn).sum() / drawn.sum())
 
 
@@ -175,9 +167,7 @@ def _in_very_few(levels: np.ndarray, drawn: np.ndarray) -> bool:
 def _in_few_colours(
     levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR, most: int = MOST_PALETTE
 ) -> np.ndarray:
-    """Return (H, W) bool, true for pixels in one of the `most` commonest colours, each `width` levels wide, that differ
-    from their neighbours by at most `flat` levels.
-    """
+    """Return (H, W) bool: pixels in the `most` commonest colours, `width` levels wide, within `flat` of neighbours."""
     code = packed(levels // width)
     colours, counts = np.unique(code[drawn], return_counts=True)
     commonest = colours[np.argsort(-counts, kind="stable")[:most]]
@@ -185,9 +175,8 @@ def _in_few_colours(
 
 
 def only_fill(picture: Picture) -> Rgba | None:
-    """Return the only colour of a picture, (0, 0, 0, 0) if all pixels are clear; None if it has several.
-
-    Nearly equal colours count as their mean; opacities must be equal.
+    """Return the only colour of a picture, (0, 0, 0, 0) if all pixels are clear; None if it has several. Nearly equal
+    colours count as their mean; opacities must be equal.
     """
     if picture.alpha is not None and _mean(picture.alpha[..., None], 0.0) is None:
         return None

@@ -46,9 +46,7 @@ STEPS, MOST_STEPS = 4, 10_000_000
 MOST_OFF, FEW_OFF = 0.75, 0.02
 
 
-def traced(
-    plan: Plan, settings: ArtworkSettings, flat: Flattened, finer: float = 1.0, steps: int = 1
-) -> tuple[Shape, ...]:
+def traced(plan: Plan, settings: ArtworkSettings, flat: Flattened, finer: float = 1.0, steps: int = 1) -> Drawing:
     """Return the parts of a plan as shapes with fitted outlines; polygons if the time is up. finer: a factor of the
     detail. steps: of the plan's picture, a pixel each way.
     """
@@ -63,27 +61,25 @@ def traced(
     return polygons(plan, flat, steps, fitted)
 
 
-def polygons(
-    plan: Plan, flat: Flattened, steps: int = 1, fitted: Sequence[tuple[Outline, ...]] = ()
-) -> tuple[Shape, ...]:
+def polygons(plan: Plan, flat: Flattened, steps: int = 1, fitted: Sequence[tuple[Outline, ...]] = ()) -> Drawing:
     """Return the parts of a plan as shapes: the first ones with their fitted outlines, the others as polygons of few
     lines, which take a thousandth of the time. Other parameters as of `traced`.
     """
-    height, width = plan.levels.shape[:2]
+    height, width = (side // steps for side in plan.levels.shape[:2])
     few = (tuple(few_lines(contour.points) for contour in part.extent.contours) for part in plan.parts[len(fitted) :])
     shapes = []
     for part, outlines in zip(plan.parts, chain(fitted, few), strict=True):
         outlines = tuple(scaled_outline(outline, 1.0 / steps, 1.0 / steps) for outline in outlines)
         fill = eight_bit(part.fill)
-        name = shape_name(fill, outlines, width // steps, height // steps)
+        name = shape_name(fill, outlines, width, height)
         gradient, *over = flat.meant(part.fill) or (None,)
         shapes.append(Shape(fill, outlines, name, gradient, over=tuple(over)))
-    return tuple(shapes)
+    return Drawing(width, height, tuple(shapes))
 
 
-def length(shapes: tuple[Shape, ...]) -> float:
-    """Return the length of the description of shapes, in parameters."""
-    return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
+def length(drawing: Drawing) -> float:
+    """Return the length of the description of a drawing, in parameters."""
+    return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in drawing.shapes)
 
 
 def or_finer(
@@ -104,8 +100,7 @@ def or_finer(
     error: in levels, of the picture's pixels beyond their rounding. smaller: by how many times the share of blends that
     suffice is smaller.
     """
-    height, width = drawing.height, drawing.width
-    steps = steps_of(height, width)
+    steps = steps_of(drawing.height, drawing.width)
     if steps == 1 or not 0 < drawing.segments <= MOST:
         return drawing, None
     state = begin(drawing, goal)
@@ -119,12 +114,12 @@ def or_finer(
         return drawing, state
     closer = replace(settings, min_area=max(settings.min_area, LEAST_AREA) * steps**2)
     plan = planned(picture, closer, 1, 0.0, placeholders, ONE_SAMPLE)
-    other = Drawing(width, height, traced(plan, settings, flat, float(steps), steps))
+    other = traced(plan, settings, flat, float(steps), steps)
     nearer = begin(other, goal)
     # Half of chi^2 falls by as many times what a pixel is off by chance, on average.
     chance = state.chance(slice(None))
     falls = 0.5 * settings.detail * (state.stack.cost - nearer.stack.cost) * len(chance)
-    longer = PRICE * (length(other.shapes) - length(drawing.shapes))
+    longer = PRICE * (length(other) - length(drawing))
     return (other, nearer) if falls > longer * float(chance.sum()) else (drawing, state)
 
 
@@ -154,7 +149,7 @@ def in_steps(levels: np.ndarray, fills: PixelFills, steps: int, error: float, mo
 def with_pixels(drawing: Drawing, plan: Plan) -> Drawing:
     """Return the drawing of a plan's parts, one shape each in their order, with pixels in place of wrong outlines."""
     pairs = zip(drawing.shapes, plan.parts, strict=True)
-    shapes = [_of_pixels(shape, part.extent, plan.levels, part.fill) for shape, part in pairs]
+    shapes = (_of_pixels(shape, part.extent, plan.levels, part.fill) for shape, part in pairs)
     return replace(drawing, shapes=tuple(shapes))
 
 

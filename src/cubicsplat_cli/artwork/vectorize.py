@@ -111,8 +111,7 @@ def versions(
         with under_way(Work()):
             clean = Flattened(small.levels)
             plan = planned(as_if_clean(clean, small, settings), settings, small.mean_scale, 0.0, None)
-        height, width = plan.levels.shape[:2]
-        yield _enlarged(Drawing(width, height, polygons(plan, clean)), small)
+        yield _enlarged(polygons(plan, clean), small)
 
 
 def _small(target: np.ndarray) -> PreparedInput:
@@ -186,17 +185,15 @@ def _with_its_shadow(
 
 
 def _description(drawing: Drawing, levels: np.ndarray, shown: np.ndarray) -> float:
-    """Return the description length, in nats, of a drawing and of its errors, which are taken as normal, against some
-    pixels (H, W) bool of a picture (H, W, 4) in levels.
-    """
+    """Return the description length, in nats, of a drawing and its errors at some pixels (H, W) of levels (H, W, 4)."""
     off = (255.0 * render_scene(scene_of(drawing)) - levels)[shown]
-    return 0.5 * len(off) * math.log(float(np.mean(off * off)) + ROUNDED) + PRICE * length(drawing.shapes)
+    return 0.5 * len(off) * math.log(float(np.mean(off * off)) + ROUNDED) + PRICE * length(drawing)
 
 
 @record
 class Outlined:
     """A picture's outlines, not yet fitted to its pixels. flat, target, error: as of `plan.flat_fills`. placeholders:
-    as of `planned`. smaller: by how many times its longer side is less than TRACED px."""
+    as of `planned`. smaller: by how many times its longer side is less than TRACED px. unpainted: in placeholders."""
 
     flat: Flattened
     target: np.ndarray
@@ -204,13 +201,12 @@ class Outlined:
     placeholders: np.ndarray | None
     plan: Plan
     smaller: float
-    shapes: tuple[Shape, ...]
+    unpainted: Drawing
 
     @property
     def drawing(self) -> Drawing:
-        """The shapes, in the mean colours of their gradients."""
-        height, width = self.plan.levels.shape[:2]
-        return _painted(Drawing(width, height, self.shapes))
+        """The outlines in the mean colours of their gradients."""
+        return _painted(self.unpainted)
 
 
 def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
@@ -220,12 +216,10 @@ def _outlined(prepared: PreparedInput, settings: ArtworkSettings) -> Outlined:
     # An unclean picture does not show blends well enough.
     placeholders = flat.fills if condition.clean and settings.may_overlap else None
     off, share_off = condition.restored_error, condition.share_error
-    shaded = prepared.shaded
-    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, shaded)
+    plan = planned(picture, settings, prepared.mean_scale, off, placeholders, share_off, prepared.shaded)
     smaller = TRACED / min(max(*plan.levels.shape[:2], SMALLEST), TRACED)
-    finer = smaller if condition.clean else 1.0
-    shapes = traced(plan, settings, flat, finer)
-    return Outlined(flat, target, error, placeholders, plan, smaller, shapes)
+    drawing = traced(plan, settings, flat, smaller if condition.clean else 1.0)
+    return Outlined(flat, target, error, placeholders, plan, smaller, drawing)
 
 
 def _likelier(prepared: PreparedInput, settings: ArtworkSettings) -> tuple[Outlined, PreparedInput]:
@@ -246,8 +240,7 @@ def _fitted(
 ) -> Iterator[Drawing]:
     """Yield the versions, in px of the prepared levels, of a picture's outlines."""
     drawing, goal = _finished(outlined, prepared, settings, on_sketch)
-    simpler_ones = iter(()) if goal is None else simpler(drawing, goal, settings.detail)
-    for version in chain([drawing], simpler_ones):
+    for version in chain([drawing], () if goal is None else simpler(drawing, goal, settings.detail)):
         painted = _painted(_with_strokes(version, goal, settings, outlined.error))
         leaks = None if prepared.condition.clean else outlined.flat
         yield recoloured(painted, prepared.levels, leaks) if settings.free_fills else painted
@@ -258,7 +251,7 @@ def _finished(
 ) -> tuple[Drawing, Goal | None]:
     """Return the drawing of outlines after its finish, and the goal of that; None if the work stops before."""
     condition, plan, flat, target = prepared.condition, outlined.plan, outlined.flat, outlined.target
-    drawing, goal, state = replace(outlined.drawing, shapes=outlined.shapes), None, None
+    drawing, goal, state = outlined.unpainted, None, None
     scaled = replace(settings, min_area=settings.min_area / prepared.mean_scale**2)
 
     with work().stoppable():
@@ -313,8 +306,7 @@ def draw_flat(picture: FlatPicture) -> Drawing:
     settings = ArtworkSettings()
     work().at("finding regions", 0.1)
     plan = planned(picture, settings, 1, 0.0, None)
-    height, width = plan.levels.shape[:2]
-    drawing = Drawing(width, height, traced(plan, settings, Flattened(plan.levels)))
+    drawing = traced(plan, settings, Flattened(plan.levels))
     with work().stoppable():
         goal = goal_of(plan.levels.astype(float) / 255.0)
         drawing = polish(drawing, goal)
