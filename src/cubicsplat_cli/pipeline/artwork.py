@@ -88,9 +88,8 @@ def drawn_outlines(
 ) -> Made:
     """Draw regions with smooth outlines.
 
-    on_sketch: is given a first version of a drawing of very many shapes, or of any drawing (of_few); an exception that
-    it raises ends the drawing. completed: returns a changed drawing, in px of the target, before it is scaled to the
-    picture.
+    on_sketch: is given a first version of a drawing of very many shapes, or of any (of_few); what it raises ends the
+    drawing. completed: returns a changed drawing, in px of the target, before it is scaled to the picture.
     """
     from cubicsplat_cli.artwork.vectorize import prepare, versions
 
@@ -98,11 +97,10 @@ def drawn_outlines(
     chosen = replace(request.artwork, curves=request.settings.curves, strokes=request.strokes)
     deadline, threads = time.perf_counter() + task.seconds_to_make(), request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
-        target = task.pixels
-        prepared = prepare(target, task.target.compression)
+        prepared = prepare(task.pixels, task.target.compression)
+        enlarged = ENLARGED if prepared.upscale_factor > 1 else 0.0
         damage: dict[str, Any] = {
-            "blur": prepared.mean_scale
-            * math.hypot(prepared.condition.blur, ENLARGED if prepared.upscale_factor > 1 else 0.0),
+            "blur": prepared.mean_scale * math.hypot(prepared.condition.blur, enlarged),
             "unavoidable_error": prepared.unavoidable_error,
             "may_be_photo": not prepared.scanned,
             "of_scan": prepared.scanned,
@@ -112,7 +110,7 @@ def drawn_outlines(
             if of_few or len(sketch.shapes) > MANY:
                 on_sketch(replace(result_of_drawing(scaled_drawing(sketch, *size), request), **damage))
 
-        drawings = versions(target, chosen, prepared, on_sketch=add_sketch)
+        drawings = versions(task.pixels, chosen, prepared, on_sketch=add_sketch)
         whole = drawings if completed is None else map(completed, drawings)
         made = within_budget(task, (_structured(scaled_drawing(drawing, *size), request) for drawing in whole))
     notes = [*prepared.notes, *made.notes]

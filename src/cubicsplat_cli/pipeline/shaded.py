@@ -30,8 +30,7 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba, painted
 from cubicsplat_cli.settings import FitSettings, cpu_count
 
-# At equal bytes triangles come nearer to soft shading than curves of 2 cubics, by a tenth in root mean square.
-SHAPES = "triangle"
+SHAPES = "triangle"  # at equal bytes nearer to soft shading than curves of 2 cubics, by a tenth in root mean square
 # The opacity of all curves, which the file states once. It is fixed, since the fit would lower it, and the rounding of
 # more and fainter layers would show in even areas. One half serves both best.
 SHARED_OPACITY = 0.5
@@ -48,8 +47,7 @@ ROUGH = 6.0  # levels between a rough pixel and the mean of 3 x 3 px; shading ne
 LEAST_SHADED = 0.1  # share of the objects' pixels that need more than paint
 EVEN = 5  # px each way of an object's inside
 REACH = 3  # px from a pixel at an edge to the pixel whose colour it takes
-# The share of an error's cost that is alike in all directions: CIEDE2000 is quadratic for small errors only.
-PLAIN = 0.1
+PLAIN = 0.1  # share of an error's cost that is alike in all directions: CIEDE2000 is quadratic for small errors only
 FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones converge sooner
 LEAST_STEPS = 0.25  # the least share of the steps
 # dB by which shading may be above the means of EVEN x EVEN px of the copy; 14 drawings are 12 below to 5.5 above.
@@ -141,10 +139,8 @@ def shade_objects(objects: Objects, settings: FitSettings, most: int | None = No
 def _shaded(
     straight: np.ndarray, plain: Shape, share: np.ndarray, spread: np.ndarray, settings: FitSettings, most: int | None
 ) -> Shape:
-    """Return a shape with shading; without if its paint is near enough to the picture.
-
-    share: (H, W) the share of each pixel that shows it. spread: see `_spread`. Raises KeyboardInterrupt if the fit is
-    interrupted.
+    """Return a shape with shading; without if its paint is near enough to the picture. share: (H, W) of each pixel that
+    shows it. spread: see `_spread`. Raises KeyboardInterrupt if the fit is interrupted.
     """
     whole = share > FULL
     if not whole.any() or math.sqrt(float(_off(straight, plain.fill, plain.gradient)[whole].mean())) < SHADED:
