@@ -73,8 +73,6 @@ def _weak_borders(levels: np.ndarray, labels: np.ndarray, directions: np.ndarray
         steps.append(_steps(levels, directions[:, y, x], y + 0.5 * dy, x + 0.5 * dx))
     step = np.concatenate(steps)
     borders, which = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
-    if not len(borders):
-        return borders
     order = np.lexsort((step, which := which.reshape(-1)))
     ends = np.searchsorted(which[order], np.arange(len(borders) + 1))
     medians = step[order][(ends[:-1] + ends[1:] - 1) // 2]
@@ -114,14 +112,13 @@ def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
     alpha = np.bincount(labels.ravel(), levels[..., 3].ravel(), count) / np.bincount(labels.ravel(), minlength=count)
     fills = _fills(alpha >= CLEAR)
     inside = _insides(labels)
-    out = fills[labels]
     y, x = np.nonzero(~inside)
-    if len(y):
-        paint = np.where(inside, labels, -1).astype(np.int32)
-        paints, places = nearest_paints(paint, y * labels.shape[1] + x, REACH, SLOTS)
-        colours = _continued(levels, paint, y, x, places)
-        flat, _ = blends(levels[y, x] * SURE, paints, colours * SURE, fills[np.maximum(paints, 0)], True)
-        out[y, x] = np.clip(flat, 0.0, 255.0)
+    paint = np.where(inside, labels, -1).astype(np.int32)
+    paints, places = nearest_paints(paint, np.flatnonzero(~inside), REACH, SLOTS)
+    colours = _continued(levels, paint, y, x, places)
+    flat, _ = blends(levels[y, x] * SURE, paints, colours * SURE, fills[np.maximum(paints, 0)], True)
+    out = fills[labels]
+    out[y, x] = np.clip(flat, 0.0, 255.0)
     return FlatPicture(out.astype(np.float32), fills, labels)
 
 
@@ -129,13 +126,11 @@ def _insides(labels: np.ndarray) -> np.ndarray:
     """Return (H, W) bool, true for pixels of one object alone, and for the middle of objects too thin for these."""
     inside = ndimage.alike(labels, 2 * EDGE + 1)
     y, x = np.nonzero(~inside)
-    if len(y):
-        paint = np.where(inside, labels, -1).astype(np.int32)
-        paints, _ = nearest_paints(paint, y * labels.shape[1] + x, REACH, SLOTS)
-        thin = (paints != labels[y, x, None]).all(axis=1)
-        depth = ndimage.distance_transform_edt(np.pad(ndimage.alike(labels, 3), 1))[1:-1, 1:-1]
-        middle = depth >= ndimage.maximum_filter(depth, 3)
-        inside[y[thin], x[thin]] = middle[y[thin], x[thin]]
+    paints, _ = nearest_paints(np.where(inside, labels, -1).astype(np.int32), np.flatnonzero(~inside), REACH, SLOTS)
+    thin = (paints != labels[y, x, None]).all(axis=1)
+    y, x = y[thin], x[thin]
+    depth = ndimage.distance_transform_edt(np.pad(ndimage.alike(labels, 3), 1))[1:-1, 1:-1]
+    inside[y, x] = (depth >= ndimage.maximum_filter(depth, 3))[y, x]
     return inside
 
 
@@ -157,13 +152,13 @@ def _fills(opaque: np.ndarray) -> np.ndarray:
     """Return (n, 4) different fills in whole levels for opaque objects (n,) bool, and clear ones for others. They lie
     on a sphere, so that none is a blend of two others, about equally far apart.
     """
-    count, fills = max(int(opaque.sum()), 1), np.zeros((len(opaque), 4))
+    count, fills = int(opaque.sum()), np.zeros((len(opaque), 4))
     number = np.arange(count)
     height = 1.0 - (2.0 * number + 1.0) / count
     turn = math.pi * (3.0 - math.sqrt(5.0)) * number
     radius = np.sqrt(1.0 - height**2)
     sphere = np.stack([height, radius * np.cos(turn), radius * np.sin(turn)], axis=1)
-    fills[opaque, :3] = np.rint(127.5 + 127.0 * sphere[: int(opaque.sum())])
+    fills[opaque, :3] = np.rint(127.5 + 127.0 * sphere)
     fills[opaque, 3] = 255.0
     return fills
 

@@ -81,8 +81,7 @@ class Shape:
 class Drawing:
     """Shapes back to front on a canvas of width x height px, which is transparent elsewhere.
 
-    abutting: no shape overlaps another, except by intended overlaps beneath later shapes, and shapes that touch share
-    their edges to the last digit.
+    abutting: shapes overlap only on purpose, beneath later ones, and those that touch share edges to the last digit.
     """
 
     width: int
@@ -172,7 +171,7 @@ def shape_name(fill: Rgba, outlines: tuple[Outline, ...], width: int, height: in
 
 def colour_group(fill: Rgba) -> str:
     """Return the name of a group of one colour, `color-ff8800`, with two more digits if it is translucent."""
-    return "color-{:02x}{:02x}{:02x}".format(*fill[:3]) + ("" if fill[3] == 255 else f"{fill[3]:02x}")
+    return f"color-{bytes(fill[: 3 if fill[3] == 255 else 4]).hex()}"
 
 
 def colour_name(fill: Rgba) -> str:

@@ -61,8 +61,7 @@ def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -
 def style_of(task: ClipTask) -> Style:
     """Return the requested style, or the one that suits the first frame: a drawing, unless a photo of it is nearer.
 
-    A photo is not tried if all pixels are either opaque or clear, as in a GIF: no shape has such edges, and their error
-    would decide.
+    A photo is not tried if all pixels are either opaque or clear, as in a GIF: the error at such edges would decide.
     """
     if task.request.style != AUTO:
         return Style(task.request.style, "asked for")

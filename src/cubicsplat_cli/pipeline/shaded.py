@@ -15,7 +15,7 @@ from PIL import Image
 
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.shading import CLEAR, FULL, base_paint, objects_of, shown, silhouettes
-from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing, shape_name
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.vectorize import draw_flat
 from cubicsplat_cli.evaluate.perceptual import metric as ciede2000_metric
 from cubicsplat_cli.files.load import resampled
@@ -95,7 +95,7 @@ def shaded_drawing(task: Task) -> Made | None:
     objects, request = task.once(_objects_in), task.request
     if objects is None:
         return None
-    most = int(request.shading) if request.shading.isdecimal() else None
+    most = int(request.shading) if request.shading.isdecimal() else math.inf
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
         drawing = shade_objects(objects, task.settings(), most)
     made = result_of_drawing(scaled_drawing(drawing, *task.picture.size), request)
@@ -119,15 +119,14 @@ def _fitted_scale(pixels: int) -> float:
     return min(1.0, math.sqrt(MOST_FITTED / pixels))
 
 
-def shade_objects(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
+def shade_objects(objects: Objects, settings: FitSettings, most: float = math.inf) -> Drawing:
     """Draw objects with shading, with at most `most` curves each; some have none if the current work is stopped."""
     levels, labels = objects
     outlined = draw_flat(silhouettes(levels, labels))
     straight, shares, shapes = _straight(levels), shown(outlined), list[Shape]()
     for shape, share in zip(outlined.shapes, shares, strict=True):
         fill, gradient = _paint_of(straight, share >= min(FULL, float(share.max())))
-        name = shape_name(fill, shape.outlines, outlined.width, outlined.height)
-        shapes.append(replace(shape, fill=fill, gradient=gradient, name=name))
+        shapes.append(replace(shape.filled(fill, outlined.width, outlined.height), gradient=gradient))
     with work().stoppable():
         spread = _spread(levels, straight, shares)
         for index, share in enumerate(shares):
@@ -137,7 +136,7 @@ def shade_objects(objects: Objects, settings: FitSettings, most: int | None = No
 
 
 def _shaded(
-    straight: np.ndarray, plain: Shape, share: np.ndarray, spread: np.ndarray, settings: FitSettings, most: int | None
+    straight: np.ndarray, plain: Shape, share: np.ndarray, spread: np.ndarray, settings: FitSettings, most: float
 ) -> Shape:
     """Return a shape with shading; without if its paint is near enough to the picture. share: (H, W) of each pixel that
     shows it. spread: see `_spread`. Raises KeyboardInterrupt if the fit is interrupted.
@@ -146,7 +145,7 @@ def _shaded(
     if not whole.any() or math.sqrt(float(_off(straight, plain.fill, plain.gradient)[whole].mean())) < SHADED:
         return plain
     scale = _fitted_scale(whole.size)
-    curves = round(min(scale**2 * float(whole.sum()) / PX_PER_CURVE, math.inf if most is None else most))
+    curves = round(min(scale**2 * float(whole.sum()) / PX_PER_CURVE, most))
     if curves < 1:
         return plain
     goal, weights = _continued(straight, share)
