@@ -227,7 +227,7 @@ def _mask_of(own: np.ndarray, even: np.ndarray, window: Window) -> np.ndarray:
 
 
 def _stand_in(levels: np.ndarray, window: Window, mask: np.ndarray, others: list[PhotoPart]) -> np.ndarray:
-    """Return (3,) levels far from those around a mask in a window; parts of one fill could become one shape."""
+    """Return (3,) levels unlike those around a mask in a window, and those of others: alike, parts could unite."""
     around = np.ones(levels.shape[:2], dtype=bool)
     around[window] = ~mask
     wide = widened(window, FRAME, around.shape)

@@ -359,7 +359,7 @@ def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
 
 
 def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False, or_shaded: bool = False) -> None:
-    """Raise DrawingGivenUp if a photo is nearer than the drawing can become; and as `photo_is_nearer`, see there."""
+    """Raise DrawingGivenUp if a photo is nearer than the drawing can become. All else is as of `photo_is_nearer`."""
     if reason := photo_is_nearer(task, sketch, SKETCH_DB, quick=quick, or_shaded=or_shaded):
         raise DrawingGivenUp(reason)
     _check_stop(task)

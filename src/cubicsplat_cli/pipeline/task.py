@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -165,7 +165,7 @@ class Task:
         key = make, *given
         if key not in self.results:
             self.results[key] = make(self, *given)
-        return cast(T, self.results[key])
+        return self.results[key]
 
     @cached_property
     def pixels(self) -> np.ndarray:
