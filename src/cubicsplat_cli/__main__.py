@@ -10,12 +10,11 @@ import time
 from collections.abc import Callable
 from typing import NoReturn
 
-from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.errors import EXIT_INTERRUPTED, EXIT_USAGE, CubicSplatError, UsageError
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.progress import COMMAND_BEGAN
 
 MAX_MESSAGE = 1000  # characters: messages quote names from files, of any length
-EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
 
 
 def main() -> NoReturn:

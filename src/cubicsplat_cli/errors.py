@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 1, 2, 130
+
 
 class CubicSplatError(Exception):
     """The base of all errors that this package raises on purpose; the text names the problem and a remedy."""
 
-    exit_code = 1
+    exit_code = EXIT_FAILED
 
 
 class InputError(CubicSplatError):
@@ -28,7 +30,7 @@ class UsageError(CubicSplatError):
     ("must be ...").
     """
 
-    exit_code = 2
+    exit_code = EXIT_USAGE
 
     def __init__(self, text: str, setting: str | None = None) -> None:
         super().__init__(text, setting)

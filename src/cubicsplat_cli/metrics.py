@@ -149,7 +149,7 @@ class Figures:
 
     def to_json(self) -> str:
         """Return strictly valid JSON, ending with a newline."""
-        return to_json(self.public())
+        return to_json(self)
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,12 @@ def plain(value: Any, name: str = "") -> Any:
 
 def to_json(value: Any) -> str:
     """Return strictly valid JSON text, ending with a newline; numbers that are not finite become null."""
-    return json.dumps(plain(value), indent=2, allow_nan=False, ensure_ascii=True) + "\n"
+    return json.dumps(plain(value), indent=2, allow_nan=False) + "\n"
+
+
+def json_line(value: Any) -> bytes:
+    """Return the same without spaces, as bytes of one line."""
+    return json.dumps(plain(value), separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
 
 def _built(kind: type[T], value: Any) -> T:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,19 +11,19 @@ import typer
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, Verbose, argument, option, takes_options
 from cubicsplat_cli.clip_request import ARTWORK, FIT_SETTINGS, FRAMES, LOTTIE, SMIL, ClipReport, ClipRequest
-from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.errors import EXIT_INTERRUPTED, UsageError
 from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
 from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_folder, is_lottie, make_folder_of
 from cubicsplat_cli.files.write import write_atomically, write_stdout
 from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size, level_text
 from cubicsplat_cli.from_options import clip_request_of
+from cubicsplat_cli.metrics import json_line
 from cubicsplat_cli.progress import StageTimer, command_began
 from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
     from cubicsplat_cli.pipeline.animation import Animation
 
-EXIT_INTERRUPTED = 130
 _SUFFIXES = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}
 
 Source = Annotated[str, argument("CLIP", "GIF, animated PNG or WebP, video, or folder of frames.")]
@@ -57,7 +56,7 @@ def animate(
     check_outputs(files + (_frames(result) if request.format == FRAMES else [result]), force=request.force)
     report = _run(Path(clip), (result, metrics, page), request, reporter)
     if json:
-        write_stdout(json_text.dumps(report.public(), separators=(",", ":"), allow_nan=False).encode() + b"\n")
+        write_stdout(json_line(report))
     if report.interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)
 

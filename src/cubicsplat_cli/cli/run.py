@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import threading
 import time
@@ -12,7 +11,7 @@ from dataclasses import dataclass, field
 from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, UsageError
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.paths import check_ownership
 from cubicsplat_cli.files.write import write_stdout
@@ -20,11 +19,10 @@ from cubicsplat_cli.formatting import counted, duration, file_size, level_text, 
 from cubicsplat_cli.jobs.execute import execute, lacking, look, pictures_at_once, with_others, write_index
 from cubicsplat_cli.jobs.plan import Job, JobPlan
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, uri_line
-from cubicsplat_cli.metrics import Report, plain
+from cubicsplat_cli.metrics import Report, json_line
 from cubicsplat_cli.progress import Observer, interrupt
 from cubicsplat_cli.request import Request
 
-EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 STATES = (DONE, UNCHANGED, INTERRUPTED, FAILED)  # of ended pictures, in the order of the closing table
 
 
@@ -115,7 +113,7 @@ class BatchRun:
         if self.request.data_uri and svg is not None and written and not self.dry_run:
             write_stdout(uri_line(svg.read_bytes()))
         if self.json:
-            write_stdout(json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False).encode() + b"\n")
+            write_stdout(json_line(outcome.public()))
 
     def _work(self) -> None:
         if self.plan.pictures > 1:
