@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
 from cubicsplat_cli.__main__ import run
-from cubicsplat_cli.cli.options import Command
+from cubicsplat_cli.cli.options import Command, option
+
+Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
 
 
 def program(command: Callable[..., None]) -> Callable[[list[str]], int | None]:

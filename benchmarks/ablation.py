@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from benchmarks import main
 from cubicsplat_cli.bench.quality import configuration_name
-from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
+from cubicsplat_cli.bench.runs import FitJob, Runs
 from cubicsplat_cli.cli.bench import (
     Cache,
     Csv,
@@ -25,7 +24,7 @@ from cubicsplat_cli.cli.bench import (
     end_with,
     modes_of,
     pictures_of,
-    print_json,
+    print_report,
     run_fits,
 )
 from cubicsplat_cli.cli.console import Reporter
@@ -70,23 +69,16 @@ def row_configuration(row: str, mode: str, curves: int) -> str:
 
 
 def jobs_of(
-    pictures: Sequence[Path],
-    rows: Sequence[str],
-    modes: Sequence[str],
-    curves: Sequence[int],
-    fit: Mapping[str, Any],
+    pictures: Sequence[Path], rows: Sequence[str], modes: Sequence[str], curves: Sequence[int], fit: Mapping[str, Any]
 ) -> list[FitJob]:
     """Every picture for every row, mode and number of curves. A row's settings win over those of `fit`, by name.
 
     Raises UsageError for a setting that this version does not have.
     """
     jobs = []
-    for mode in modes:
-        for count in curves:
-            for row in rows:
-                own = {**fit, **ABLATIONS[row]}
-                settings = FitSettings.from_preset(mode=mode, curves=count, **own)
-                jobs += [FitJob(path, row_configuration(row, mode, count), settings) for path in pictures]
+    for mode, count, row in product(modes, curves, rows):
+        settings = FitSettings.from_preset(mode=mode, curves=count, **{**fit, **ABLATIONS[row]})
+        jobs += [FitJob(path, row_configuration(row, mode, count), settings) for path in pictures]
     return jobs
 
 
@@ -99,18 +91,14 @@ def figures(runs: Runs, row: str, mode: str, curves: int) -> dict[str, float | i
     base = {run.picture: run.psnr_db for run in runs.of(row_configuration(BASE, mode, curves))}
     pairs = [(run.psnr_db, base.get(run.picture)) for run in found]
     changes = [own - other for own, other in pairs if own is not None and other is not None]
+    seconds = sum(run.fit_seconds for run in found)
     return {
         "pictures": len(found),
         "psnr_db": mean(run.psnr_db for run in found),
         "change_db": mean(changes),
         "gap_db": mean(run.gap_db for run in found),
-        "steps_per_minute": _steps_per_minute(found),
+        "steps_per_minute": 60.0 * sum(run.steps for run in found) / seconds if seconds > 0 else None,
     }
-
-
-def _steps_per_minute(runs: Sequence[FitFigures]) -> float | None:
-    seconds = sum(run.fit_seconds for run in runs)
-    return 60.0 * sum(run.steps for run in runs) / seconds if seconds > 0 else None
 
 
 def report_of(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequence[int]) -> dict[str, Any]:
@@ -120,9 +108,7 @@ def report_of(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Seq
         "bench": "ablation",
         "rows": [
             {"row": row, "settings": ABLATIONS[row], "mode": mode, "curves": count, **figures(runs, row, mode, count)}
-            for mode in modes
-            for count in curves
-            for row in rows
+            for mode, count, row in product(modes, curves, rows)
         ],
         "runs": [asdict(run) for run, _ in runs.done],
         "failed": runs.failures(),
@@ -131,11 +117,10 @@ def report_of(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Seq
 
 def table_of(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequence[int], *, markdown: bool) -> str:
     """One line per row; for every mode and number of curves the SVG's PSNR, its change, its gap, and steps a minute."""
-    columns = [(mode, count) for mode in modes for count in curves]
+    columns = list(product(modes, curves))
     header = ["row"]
     for mode, count in columns:
-        name = configuration_name(mode, count)
-        header += [f"{name} dB", "change", "own - SVG", "steps/min"]
+        header += [f"{configuration_name(mode, count)} dB", "change", "own - SVG", "steps/min"]
     lines = []
     for row in rows:
         line = [row]
@@ -175,10 +160,8 @@ def ablation(
     pictures = pictures_of(folder, limit)
     chosen = chosen_rows(None if rows is None else comma_parts(rows))
     runs = run_fits(jobs_of(pictures, chosen, modes, counts, fit), cache, Reporter(quiet=quiet))
-    if json:
-        print_json(report_of(runs, chosen, modes, counts))
-    else:
-        typer.echo(table_of(runs, chosen, modes, counts, markdown=markdown), nl=False)
+    table = table_of(runs, chosen, modes, counts, markdown=markdown)
+    print_report(report_of(runs, chosen, modes, counts), table, json=json)
     write_csv(csv, [asdict(run) for run, _ in runs.done])
     end_with(runs.failed)
 

@@ -16,10 +16,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks import main
+from benchmarks import Threads, main
 from benchmarks.tools import missing_piece, vtracer_svg
-from cubicsplat_cli.cli.bench import Limit, Markdown, print_json
-from cubicsplat_cli.cli.options import Json, option
+from cubicsplat_cli.cli.bench import Limit, Markdown, print_report
+from cubicsplat_cli.cli.options import Json, argument, option
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import open_clip
@@ -39,14 +39,6 @@ OURS, EACH, TRACED = "moving", "each frame", "vtracer"
 PRECISION = 1  # decimals of coordinates
 STILL = 2.0 / 255.0  # of the range of values: pixels that change less, in all channels, are still
 BLOCK, REACH = 8, 6  # px: side of the blocks of the flow, and how far it looks
-
-ClipFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of clips.", show_default=False)]
-Frames = Annotated[int, option("--frames N", "The first so many frames of each.", min=2)]
-Side = Annotated[int, option("--side PX", "Longer side of the frames, px.", min=16)]
-Curves = Annotated[int, option("--curves N", "Curves of a frame.", min=1)]
-Preset = Annotated[str, option("--preset", "Effort of the fit of a picture.")]
-Tools = Annotated[str, option("--tools TOOL,...", "Of moving, each and vtracer.")]
-Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
 
 
 @dataclass(frozen=True)
@@ -172,12 +164,12 @@ def _block_sums(values: np.ndarray) -> np.ndarray:
 
 
 def clips(
-    folder: ClipFolder,
-    frames: Frames = 60,
-    side: Side = 176,
-    curves: Curves = 256,
-    preset: Preset = "draft",
-    tools: Tools = "moving,each,vtracer",
+    folder: Annotated[Path, argument("DIR", "Folder of clips.")],
+    frames: Annotated[int, option("--frames N", "The first so many frames of each.", min=2)] = 60,
+    side: Annotated[int, option("--side PX", "Longer side of the frames, px.", min=16)] = 176,
+    curves: Annotated[int, option("--curves N", "Curves of a frame.", min=1)] = 256,
+    preset: Annotated[str, option("--preset", "Effort of the fit of a picture.")] = "draft",
+    tools: Annotated[str, option("--tools TOOL,...", "Of moving, each and vtracer.")] = "moving,each,vtracer",
     threads: Threads = 1,
     limit: Limit = None,
     json: Json = False,
@@ -202,9 +194,6 @@ def clips(
             row = scores(film, played, time.process_time() - began)
             rows.append({"clip": path.name, "tool": label, **row})
             typer.echo(f"{path.name}: {label}", err=True)
-    if json:
-        print_json({**head(), "bench": "clips", "preset": preset, "curves": curves, "rows": rows})
-        return
     header = ("clip", "tool", "PSNR dB", "still", "warp", "kB/s", "kB/s gzip", "CPU s a frame")
     table = [
         (
@@ -214,7 +203,8 @@ def clips(
         )
         for row in rows
     ]  # fmt: skip
-    typer.echo(text_table(header, table, markdown=markdown), nl=False)
+    report = {**head(), "bench": "clips", "preset": preset, "curves": curves, "rows": rows}
+    print_report(report, text_table(header, table, markdown=markdown), json=json)
 
 
 if __name__ == "__main__":

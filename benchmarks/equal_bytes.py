@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from PIL import Image, features
 
-from benchmarks import main
+from benchmarks import Threads, main
 from cubicsplat_cli import compare, vectorize
-from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_json
+from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_report
 from cubicsplat_cli.cli.options import Json, option
 from cubicsplat_cli.files.read import gzip_size
 from cubicsplat_cli.formatting import mean, number, text_table
@@ -25,10 +24,6 @@ OURS = "cubicsplat"
 # Shares of the picture's sides at which a raster format is tried; what is smaller is enlarged again, bicubically.
 SHARES = (1.0, 0.75, 0.5, 0.375, 0.25, 0.1875, 0.125, 0.09, 0.0625)
 _ENCODERS: dict[str, dict[str, Any]] = {"WEBP": {"method": 6}, "AVIF": {"speed": 6}, "JPEG": {"optimize": True}}
-
-Bytes = Annotated[str, option("--bytes N,...", "Sizes to compare at, such as 400,1k; SVGs after gzip.")]
-Side = Annotated[int, option("--side PX", "Longer side of the pictures, px.", min=16)]
-Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
 
 
 def formats() -> list[str]:
@@ -101,8 +96,10 @@ def rows_of(path: Path, sizes: Sequence[int], side: int, threads: int) -> Iterat
 
 def equal_bytes(
     folder: Folder,
-    sizes: Bytes = "400,550,1200,2500,5k,10k",
-    side: Side = 300,
+    sizes: Annotated[
+        str, option("--bytes N,...", "Sizes to compare at, such as 400,1k; SVGs after gzip.")
+    ] = "400,550,1200,2500,5k,10k",
+    side: Annotated[int, option("--side PX", "Longer side of the pictures, px.", min=16)] = 300,
     threads: Threads = 1,
     limit: Limit = None,
     json: Json = False,
@@ -111,12 +108,10 @@ def equal_bytes(
     """Quality of photos at equal bytes, as SVGs and in raster formats."""
     amounts = [int(parse_bytes(text)) for text in sizes.split(",")]
     rows = [row for path in pictures_of(folder, limit) for row in rows_of(path, amounts, side, threads)]
-    if json:
-        print_json({**head(), "bench": "equal_bytes", "side": side, "rows": rows})
-        return
     header = ("bytes", OURS, *formats(), "CPU s")
     table = [[str(most), *(_mean(rows, most, form) for form in header[1:-1]), _seconds(rows, most)] for most in amounts]
-    typer.echo(text_table(header, table, markdown=markdown), nl=False)
+    report = {**head(), "bench": "equal_bytes", "side": side, "rows": rows}
+    print_report(report, text_table(header, table, markdown=markdown), json=json)
 
 
 def _mean(rows: Sequence[dict[str, Any]], most: int, form: str) -> str:

@@ -25,7 +25,7 @@ from benchmarks.artwork.pixels import psnr
 from benchmarks.artwork.scores import count
 from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Limit, end_with, pictures_of
-from cubicsplat_cli.cli.options import option
+from cubicsplat_cli.cli.options import argument, option
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over, straight_rgba
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
@@ -147,9 +147,7 @@ def sheet_row(picture: Path, results: Sequence[tuple[Result, np.ndarray | None]]
 
 
 def folder(
-    folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR... [-- OPTION...]", help="Pictures, and options of vectorize.")
-    ],
+    folders: Annotated[list[Path], argument("DIR... [-- OPTION...]", "Pictures, and options of vectorize.")],
     compare: Annotated[str | None, option("--compare PATH", "Also run the version at this PYTHONPATH.")] = None,
     output: Annotated[Path, option("--output -o DIR", "For SVGs, table.tsv and contact sheets.")] = Path(
         "build/folder"

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
-from numpy.lib.stride_tricks import sliding_window_view
 
 from benchmarks import main
 from benchmarks.artwork.degradations import jpeg, lay_over_white
 from benchmarks.artwork.document import SIZE, Document, Drawings, Only, Size, Skip, drawings_in
+from benchmarks.artwork.pixels import evenly_coloured
 from benchmarks.artwork.scores import count
 from benchmarks.tools import TOOLS, Given, pixels_of
-from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, comma_parts, end_with, print_json
+from cubicsplat_cli.artwork.channels import light_of_srgb
+from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, comma_parts, end_with, print_report
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, option
 from cubicsplat_cli.errors import UsageError
@@ -27,15 +27,12 @@ from cubicsplat_cli.metrics import head
 
 SHAPES = 0.10  # share by which the number of shapes may differ
 DELTA_E, ROUGH_DELTA_E = 0.05, 0.25  # by which the difference to the truth may differ; of aliased and JPEG pictures
-EVEN = 3  # px each way of one colour, which show that
 CROP, MARGIN = (3, 5), 0.25  # px from the left and the top; share of the longer side, on each side
 FINE = 16  # samples along each side of a pixel
 _STRIP = 64  # px, rows that are drawn finely at a time
 
 _LEVELS = np.arange(256, dtype=np.float32) / 255
-_LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4).astype(
-    np.float32
-)  # of sRGB
+_LINEAR = light_of_srgb(_LEVELS).astype(np.float32)
 
 
 def _with_margin(pixels: np.ndarray, scale: int) -> np.ndarray:
@@ -137,8 +134,7 @@ def even_delta_e(plain: np.ndarray, seen: np.ndarray) -> float:
     """Mean CIEDE2000 of a picture (H, W, 4) uint8 and the same with each colour, where it is even, in the mean that it
     has in another such picture.
     """
-    inner = sliding_window_view(plain, (EVEN, EVEN), axis=(0, 1))
-    even = np.pad((inner.max(axis=(3, 4)) == inner.min(axis=(3, 4))).all(axis=2), EVEN // 2)
+    even = evenly_coloured(plain)
     _, index, counts = np.unique(plain[even], axis=0, return_inverse=True, return_counts=True)
     index, told = index.reshape(-1), plain.copy()
     means = np.stack([np.bincount(index, channel) for channel in seen[even].T.astype(float)], axis=1) / counts[:, None]
@@ -214,10 +210,8 @@ def metamorphic(
         for pair in pairs_of(path, chosen, size, failed):
             pairs.append(pair)
             reporter.summary(f"{pair.drawing}, {pair.way}: {'agrees' if pair.agrees else 'differs'}")
-    if json:
-        print_json({**head(), "bench": "metamorphic", "pairs": [asdict(p) | {"agrees": p.agrees} for p in pairs]})
-    else:
-        typer.echo(table_of(pairs, failed, chosen, markdown=markdown), nl=False)
+    report = {**head(), "bench": "metamorphic", "pairs": [asdict(p) | {"agrees": p.agrees} for p in pairs]}
+    print_report(report, table_of(pairs, failed, chosen, markdown=markdown), json=json)
     end_with(failed)
 
 

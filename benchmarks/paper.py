@@ -13,14 +13,14 @@ from benchmarks import main, step_times
 from cubicsplat_cli.bench.quality import configuration_name, means, quality_jobs
 from cubicsplat_cli.bench.runs import FitFigures, FitJob, Runs
 from cubicsplat_cli.bench.step import memory
-from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, comma_parts, end_with, pictures_of, print_json, run_fits
+from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, comma_parts, end_with, pictures_of, run_fits
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, option, takes_options
+from cubicsplat_cli.cli.options import Json, Quiet, argument, option, takes_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.formatting import number, text_table, titled
-from cubicsplat_cli.metrics import head
+from cubicsplat_cli.metrics import head, to_json
 from cubicsplat_cli.settings import FitSettings
 
 MODES = ("open", "closed")
@@ -211,12 +211,7 @@ def chosen_tables(names: str | None, folder: Path | None) -> list[str]:
 @takes_options("preset", "steps", "seed", "device", "threads", after=2)
 def paper(
     folder: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="DIR",
-            help="Folder of pictures, for the tables about pictures.  [default: none]",
-            show_default=False,
-        ),
+        Path | None, argument("DIR", "Folder of pictures, for the tables about pictures.  [default: none]")
     ] = None,
     tables: Annotated[
         str | None,
@@ -253,7 +248,7 @@ def measure(names: Sequence[str], session: Session, *, json: bool = False, markd
             text = text_table(table.header, table.rows, markdown=markdown)
             typer.echo(f"{titled(name, text, markdown=markdown)}{NOTES[name]}\n")
     if json:
-        print_json(report)
+        typer.echo(to_json(report), nl=False)
     end_with(failed)
 
 

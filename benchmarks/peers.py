@@ -11,8 +11,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from benchmarks import main
 from benchmarks.tools import PEERS, Tool, chosen_tools, missing_piece, settings_of_peers
 from cubicsplat_cli._version import __version__
@@ -30,7 +28,7 @@ from cubicsplat_cli.cli.bench import (
     counts_of,
     end_with,
     pictures_of,
-    print_json,
+    print_report,
     run_fits,
 )
 from cubicsplat_cli.cli.console import Reporter
@@ -41,7 +39,7 @@ from cubicsplat_cli.evaluate.perceptual import straight_rgba
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.files.write import write_atomically
-from cubicsplat_cli.formatting import mean, number, one_line, text_table
+from cubicsplat_cli.formatting import counted, mean, number, one_line, text_table
 from cubicsplat_cli.metrics import head
 
 OURS = "cubicsplat"
@@ -85,18 +83,11 @@ def points_of(runs: Runs) -> Points:
     """Our own, from fits of a folder."""
     done = [
         Point(
-            run.picture,
-            OURS,
-            f"{run.curves} curves",
-            run.psnr_db,
-            run.ssim,
-            run.bytes,
-            len(gzip.compress(svg)),
-            run.fit_seconds,
-            run.renderer,
+            run.picture, OURS, f"{run.curves} curves", run.psnr_db, run.ssim, run.bytes, len(gzip.compress(svg)),
+            run.fit_seconds, run.renderer,
         )
         for run, svg in runs.done
-    ]
+    ]  # fmt: skip
     return Points(done, list(runs.failed))
 
 
@@ -122,14 +113,9 @@ def run_peers(
                 points.failed.append((path.name, f"{tool}, {setting}", one_line(error) or type(error).__name__))
                 tell(f"{path.name}, {tool}, {setting}: failed: {one_line(error)}")
                 continue
-            quality = found.quality
-            renderer = found.renderer or ""
-            points.done.append(
-                Point(
-                    path.name, tool, setting, quality.psnr_db, quality.ssim, len(svg), len(gzip.compress(svg)), seconds,
-                    renderer,
-                )
-            )  # fmt: skip
+            quality, sizes = found.quality, (len(svg), len(gzip.compress(svg)))
+            figures = quality.psnr_db, quality.ssim, *sizes, seconds, found.renderer or ""
+            points.done.append(Point(path.name, tool, setting, *figures))
             tell(f"{path.name}, {tool}, {setting}: {number(quality.psnr_db, 2)} dB, {len(svg)} bytes, {seconds:.1f} s")
 
 
@@ -187,8 +173,7 @@ def plotted(points: Points) -> bytes:
     panels[1, 0].set_xlabel("size of the file, kB")
     panels[1, 1].set_xlabel("seconds")
     panels[0, 0].legend()
-    pictures = len({point.picture for point in points.done})
-    figure.suptitle(f"means of {pictures} {'picture' if pictures == 1 else 'pictures'}")
+    figure.suptitle(f"means of {counted(len({point.picture for point in points.done}), 'picture')}")
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": f"{PROGRAM} {__version__}"})
     return buffer.getvalue()
@@ -199,14 +184,12 @@ def peers(
     folder: Folder,
     curves: CurvesList = "64,256,1024,4096",
     tools: Annotated[
-        str | None,
-        option("--tools TOOL,...", "Of vtracer, potrace and diffvg.  [default: those that are installed]"),
+        str | None, option("--tools TOOL,...", "Of vtracer, potrace and diffvg.  [default: those that are installed]")
     ] = None,
     limit: Limit = None,
     cache: Cache = None,
     plot: Annotated[
-        Path | None,
-        option("--plot FILE", "Also draw PSNR and SSIM against bytes and seconds, as a PNG."),
+        Path | None, option("--plot FILE", "Also draw PSNR and SSIM against bytes and seconds, as a PNG.")
     ] = None,
     json: Json = False,
     csv: Csv = None,
@@ -228,10 +211,7 @@ def peers(
     others = settings_of_peers(_chosen(tools, reporter))
     points = points_of(run_fits(quality_jobs(pictures, ["closed"], counts, fit), cache, reporter))
     run_peers(pictures, others, points, reporter.summary)
-    if json:
-        print_json(report_of(points))
-    else:
-        typer.echo(table_of(points, markdown=markdown), nl=False)
+    print_report(report_of(points), table_of(points, markdown=markdown), json=json)
     write_csv(csv, [asdict(point) for point in points.done])
     if plot is not None:
         write_atomically(plot, plotted(points))

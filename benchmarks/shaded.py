@@ -12,11 +12,11 @@ import numpy as np
 import typer
 from PIL import Image
 
-from benchmarks import main
+from benchmarks import Threads, main
 from benchmarks.tools import vtracer_svg
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
-from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_json
+from cubicsplat_cli.cli.bench import Folder, Limit, Markdown, pictures_of, print_report
 from cubicsplat_cli.cli.options import Json, option
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over
@@ -35,9 +35,6 @@ COLUMNS = (
     ("edge_px", "edge px", 3), ("bytes", "gz bytes", 0), ("shapes", "elements", 0), ("objects", "objects", 0),
     ("cpu_s", "CPU s", 1),
 )  # fmt: skip
-
-Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
-Sheet = Annotated[Path | None, option("--sheet OUT.png", "Also a contact sheet.")]
 
 
 def scores(pixels: np.ndarray, svg: str) -> dict[str, Any]:
@@ -95,7 +92,7 @@ def shaded(
     folder: Folder,
     threads: Threads = 1,
     limit: Limit = None,
-    sheet: Sheet = None,
+    sheet: Annotated[Path | None, option("--sheet OUT.png", "Also a contact sheet.")] = None,
     json: Json = False,
     markdown: Markdown = False,
 ) -> None:
@@ -108,12 +105,10 @@ def shaded(
     if sheet is not None:
         sheet.write_bytes(sheet_png(paths, runs))
     rows = [row for run in runs for row, _ in run]
-    if json:
-        print_json({**head(), "bench": "shaded", "rows": rows})
-        return
     tools = list(dict.fromkeys(row["tool"] for row in rows))
     table = [[tool, *_means([row for row in rows if row["tool"] == tool])] for tool in tools]
-    typer.echo(text_table(("", *(title for _, title, _ in COLUMNS)), table, markdown=markdown), nl=False)
+    text = text_table(("", *(title for _, title, _ in COLUMNS)), table, markdown=markdown)
+    print_report({**head(), "bench": "shaded", "rows": rows}, text, json=json)
 
 
 def sheet_png(paths: Sequence[Path], runs: Sequence[Sequence[tuple[dict[str, Any], str]]]) -> bytes:

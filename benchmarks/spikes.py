@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 from benchmarks import main
 from cubicsplat_cli.artwork.geometry.outlines import points_at
-from cubicsplat_cli.cli.bench import Markdown, print_json
-from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.cli.bench import Markdown, print_report
+from cubicsplat_cli.cli.options import Json, argument
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.images import Tile, tiles
 from cubicsplat_cli.files.read import read_file
@@ -126,7 +125,8 @@ def _drawn(rings: list[np.ndarray], half_width: float, part: Tile) -> np.ndarray
 
 def opened(inside: np.ndarray) -> np.ndarray:
     """What discs 4 px across cover that lie within (H, W) bool: 4 x 4 px without their corners."""
-    return _covered(_fitting(inside), inside.shape)
+    # A px is not covered where none of the discs around it lies within.
+    return ~_fitting(np.pad(~_fitting(inside), 3, constant_values=True))
 
 
 def _fitting(inside: np.ndarray) -> np.ndarray:
@@ -136,23 +136,8 @@ def _fitting(inside: np.ndarray) -> np.ndarray:
     return two[1:-1, :-2] & two[1:-1, 2:] & two[:-2, 1:-1] & two[2:, 1:-1]
 
 
-def _covered(fits: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """(H, W): the pixels of all discs that fit."""
-    squares = np.zeros((shape[0] - 1, shape[1] - 1), bool)
-    for rows, columns in ((1, 0), (1, 2), (0, 1), (2, 1)):
-        squares[rows : rows + fits.shape[0], columns : columns + fits.shape[1]] |= fits
-    covered = np.zeros(shape, bool)
-    for rows in (0, 1):
-        for columns in (0, 1):
-            covered[rows : rows + squares.shape[0], columns : columns + squares.shape[1]] |= squares
-    return covered
-
-
 def spikes(
-    files: Annotated[
-        list[Path],
-        typer.Argument(metavar="SVG...", help="Files that the photo style wrote, .svg or .svgz.", show_default=False),
-    ],
+    files: Annotated[list[Path], argument("SVG...", "Files that the photo style wrote, .svg or .svgz.")],
     json: Json = False,
     markdown: Markdown = False,
 ) -> None:
@@ -169,14 +154,12 @@ def spikes(
             raise error if str(error).startswith(shown) else InputError(f"{shown}: {error}") from error
         rows.append({"file": path.name, "curves": scene.curves, **asdict(spikes_of(scene))})
     means = {name: mean(row[name] for row in rows) for name in ("curves", "cusps", "slivers")}
-    if json:
-        print_json({**head(), "bench": "spikes", "means": means, "files": rows})
-        return
     table = [*rows, {"file": f"mean of {len(rows)}", **means}]
     cells = [
         [row["file"], *(number(row[n], 0) for n in ("curves", "cusps")), number(row["slivers"], 1)] for row in table
     ]
-    typer.echo(text_table(("file", "curves", "cusps", "slivers px^2"), cells, markdown=markdown), nl=False)
+    text = text_table(("file", "curves", "cusps", "slivers px^2"), cells, markdown=markdown)
+    print_report({**head(), "bench": "spikes", "means": means, "files": rows}, text, json=json)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ DIFFVG_CURVES = 256
 DIFFVG_SEGMENTS = 4
 DIFFVG_STEPS = 500
 _SPREAD = 0.05  # share of the picture's side that a new curve spans
-_RATES = {"points": 1.0, "colours": 0.01}
+_POINT_RATE, _COLOUR_RATE = 1.0, 0.01
 _GRID = 2  # samples along each side of a pixel
 _POTRACE_SECONDS = 600
 # Of vtracer, from few large shapes to many small ones; without any it is as its authors meant it.
@@ -136,29 +136,21 @@ def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEP
         colour = torch.rand(4, generator=generator).requires_grad_()
         groups.append(diffvg.ShapeGroup(torch.tensor([index]), colour))
     points_of, colours = [path.points for path in paths], [group.fill_color for group in groups]
-    optimisers = [
-        torch.optim.Adam(points_of, lr=_RATES["points"]),
-        torch.optim.Adam(colours, lr=_RATES["colours"]),
-    ]
+    rates = {"params": points_of, "lr": _POINT_RATE}, {"params": colours, "lr": _COLOUR_RATE}
+    optimiser = torch.optim.Adam(rates)
     for step in range(iterations):
-        for optimiser in optimisers:
-            optimiser.zero_grad()
-        image = _drawn(diffvg, width, height, paths, groups, step)
+        optimiser.zero_grad()
+        scene = diffvg.RenderFunction.serialize_scene(width, height, paths, groups)
+        image = diffvg.RenderFunction.apply(width, height, _GRID, _GRID, step, None, *scene)
         over_white = image[..., :3] * image[..., 3:] + 1.0 - image[..., 3:]
         (over_white - goal).pow(2).mean().backward()
-        for optimiser in optimisers:
-            optimiser.step()
+        optimiser.step()
         for colour in colours:
             colour.data.clamp_(0.0, 1.0)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "drawing.svg"
         diffvg.save_svg(str(path), width, height, paths, groups)
         return path.read_bytes()
-
-
-def _drawn(diffvg: Any, width: int, height: int, paths: list[Any], groups: list[Any], seed: int) -> Any:
-    scene = diffvg.RenderFunction.serialize_scene(width, height, paths, groups)
-    return diffvg.RenderFunction.apply(width, height, _GRID, _GRID, seed, None, *scene)
 
 
 def _encoded(pixels: np.ndarray, form: str) -> bytes:
@@ -168,12 +160,8 @@ def _encoded(pixels: np.ndarray, form: str) -> bytes:
 
 
 TOOLS: dict[str, Tool] = {
-    "ours": _ours,
-    "photo": _photo,
-    "vtracer": vtracer_svg,
-    "potrace": potrace_svg,
-    "diffvg": _diffvg,
-}
+    "ours": _ours, "photo": _photo, "vtracer": vtracer_svg, "potrace": potrace_svg, "diffvg": _diffvg
+}  # fmt: skip
 
 
 def settings_of_peers(names: Sequence[str]) -> dict[tuple[str, str], Tool]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 from benchmarks import main
 from benchmarks.artwork.contact_sheet import sheet_png
@@ -16,7 +15,7 @@ from benchmarks.artwork.degradations import CLEAN, check_kind
 from benchmarks.artwork.document import SIZE, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import Scores, Truth, measure, run_tool
 from benchmarks.tools import Tool, chosen_tools
-from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_png, comma_parts, end_with, print_json
+from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_png, comma_parts, end_with, print_report
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, option, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError
@@ -78,26 +77,22 @@ def run_all(
             tell(f"{path.stem}: failed: {one_line(error)}")
             continue
         for name, tool in tools.items():
-            _run(runs, truth, name, tool, tell)
+            try:
+                made = run_tool(tool, truth)
+                scores = measure(truth, name, made)
+            except Exception as error:
+                # Whatever a tool raises is a failure of that tool, which is one of the results.
+                kind_of_error = "" if isinstance(error, CubicSplatError) else f"{type(error).__name__}: "
+                runs.failed.append((truth.name, name, kind_of_error + one_line(error)))
+                tell(f"{truth.name}, {name}: failed: {runs.failed[-1][2]}")
+                continue
+            runs.done.append((scores, made.svg))
+            tell(
+                f"{truth.name}, {name}: dE00 {scores.delta_e:.3f}, {scores.psnr_1x_db:.1f} and "
+                f"{scores.psnr_4x_db:.1f} dB, {scores.shapes} shapes of {scores.artist_shapes}, "
+                f"{scores.coordinates} coordinates of {scores.artist_coordinates}, {scores.seconds:.1f} s"
+            )
     return runs
-
-
-def _run(runs: ScoredRuns, truth: Truth, name: str, tool: Tool, tell: Callable[[str], None]) -> None:
-    try:
-        made = run_tool(tool, truth)
-        scores = measure(truth, name, made)
-    except Exception as error:
-        # Whatever a tool raises is a failure of that tool, which is one of the results.
-        reason = one_line(error) if isinstance(error, CubicSplatError) else f"{type(error).__name__}: {one_line(error)}"
-        runs.failed.append((truth.name, name, reason))
-        tell(f"{truth.name}, {name}: failed: {reason}")
-        return
-    runs.done.append((scores, made.svg))
-    tell(
-        f"{truth.name}, {name}: dE00 {scores.delta_e:.3f}, {scores.psnr_1x_db:.1f} and {scores.psnr_4x_db:.1f} dB, "
-        f"{scores.shapes} shapes of {scores.artist_shapes}, {scores.coordinates} coordinates of "
-        f"{scores.artist_coordinates}, {scores.seconds:.1f} s"
-    )
 
 
 def summary(scores: Sequence[Scores]) -> dict[str, dict[str, float | None]]:
@@ -151,9 +146,8 @@ def artwork(
     tools: Annotated[str, option("--tools TOOL,...", "Of ours, photo, vtracer, potrace and diffvg.")] = "ours",
     size: Size = 512,
     kind: Annotated[
-        str,
-        option("--input KIND", "clean, jpeg, webp, blurred, enlarged, reduced, noisy, palette or dithered."),
-    ] = "clean",
+        str, option("--input KIND", "clean, jpeg, webp, blurred, enlarged, reduced, noisy, palette or dithered.")
+    ] = CLEAN,
     only: Only = None,
     skip: Skip = None,
     limit: Limit = None,
@@ -184,10 +178,7 @@ def artwork(
     if not runs.done:
         raise InputError(f"no drawing could be measured: {runs.failed[0][0]}: {runs.failed[0][2]}")
     names = list(chosen)
-    if json:
-        print_json(report_of(runs, names, size, kind))
-    else:
-        typer.echo(tables_of(runs, names, markdown=markdown), nl=False)
+    print_report(report_of(runs, names, size, kind), tables_of(runs, names, markdown=markdown), json=json)
     write_csv(csv, [asdict(scores) for scores, _ in runs.done])
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)

@@ -10,9 +10,8 @@ from typing import Annotated
 from xml.etree import ElementTree
 
 import numpy as np
-import typer
 
-from cubicsplat_cli.cli.options import option
+from cubicsplat_cli.cli.options import argument, option
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.names import files_in
@@ -21,7 +20,7 @@ from cubicsplat_cli.svg.elements import NOT_DRAWN, StyledShape, StyledTree, loca
 from cubicsplat_cli.svg.untrusted import check_untrusted
 
 SIZE = Setting("count", "", least=16, most=2048)  # px of the longer side
-Drawings = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)]
+Drawings = Annotated[Path, argument("DIR", "Folder of SVG drawings.")]
 Size = Annotated[int, option("--size PX", "Longer side of the input.")]
 Only = Annotated[str | None, option("--only PATTERN,...", "Only drawings of these names, as in 'flag-*'.")]
 Skip = Annotated[str | None, option("--skip PATTERN,...", "None of these names.")]

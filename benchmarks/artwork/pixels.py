@@ -7,8 +7,6 @@ hairlines of its own): neither a displaced outline nor a smoothed edge shows the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
@@ -21,7 +19,6 @@ _LEAST_CONTRAST = 8.0  # levels; less is no edge
 _NEAR = 5  # px, the square whose range of levels is an edge's contrast
 LEAST_SHARE = 5e-4  # of the picture's px, from which a colour counts as a fill
 MOST_DB = 100.0  # what identical pictures count as, so that they have a mean
-SCALES = (1, 4, 16)
 INSIDE = 2  # px
 _TILE = 64  # px of the canvas: 1024 at the largest scale
 
@@ -63,7 +60,7 @@ def exact_colours(truth: np.ndarray, candidate: np.ndarray) -> float | None:
     Both straight RGBA (H, W, 4) uint8. A fill colour is one that fills 3 x 3 px somewhere, which blends along edges do
     not, and in such places at least 0.05 % of the px; None where the truth has none. Levels of a gradient count too.
     """
-    flat = _packed(truth)[_interior(_packed(truth))]
+    flat = _packed(truth)[evenly_coloured(truth)]
     colours, areas = np.unique(flat, return_counts=True)
     fills = {
         c: area for c, area in zip(colours, areas, strict=True) if area >= LEAST_SHARE * truth[..., 0].size and c & 255
@@ -74,69 +71,47 @@ def exact_colours(truth: np.ndarray, candidate: np.ndarray) -> float | None:
     return sum(bool(found.get(colour, 0) >= 0.5 * area) for colour, area in fills.items()) / len(fills)
 
 
-def _interior(colours: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the px that are the middle of 3 x 3 px of one colour."""
-    across = np.zeros(colours.shape, dtype=bool)
-    across[:, 1:-1] = (colours[:, 1:-1] == colours[:, :-2]) & (colours[:, 1:-1] == colours[:, 2:])
-    inside = np.zeros(colours.shape, dtype=bool)
-    inside[1:-1] = across[1:-1] & across[:-2] & across[2:]
-    inside[1:-1] &= (colours[1:-1] == colours[:-2]) & (colours[1:-1] == colours[2:])
-    return inside
+def evenly_coloured(pixels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the px of a picture (H, W, 4) uint8 that are the middle of 3 x 3 px of one colour."""
+    colours = _packed(pixels)
+    even: np.ndarray = np.zeros(colours.shape, dtype=bool)
+    even[1:-1, 1:-1] = (maximum_filter(colours, 3) == minimum_filter(colours, 3))[1:-1, 1:-1]
+    return even
 
 
 def _packed(pixels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pixels).view(">u4")[..., 0]
 
 
-@dataclass(frozen=True)
-class Opaque:
-    """Where the truth is opaque: (H, W) bool at 4 times its size, without what is within two px of the edge."""
-
-    mask: np.ndarray
-
-    def at(self, scale: int) -> np.ndarray:
-        """The mask at 1, 4 or 16 times the size; at 1 a px counts where all of it does."""
-        if scale >= 4:
-            return self.mask.repeat(scale // 4, axis=0).repeat(scale // 4, axis=1)
-        height, width = (side // 4 * 4 for side in self.mask.shape)
-        blocks = self.mask[:height, :width].reshape(height // 4, 4, width // 4, 4)
-        return np.logical_and.reduce(blocks, axis=(1, 3))
-
-
-def opaque_inside(truth: Document) -> Opaque:
-    """The region in which nothing may leak."""
+def opaque_inside(truth: Document) -> np.ndarray:
+    """(H, W) bool at 4 times the size: where nothing may leak, at least two px within what is opaque."""
     mask = truth.draw(4, smooth=False)[..., 3] == 255
     # Row by row and column by column is a square. The canvas's edge counts too: a circle may touch it from within.
     for shape in ((1, 2 * 4 * INSIDE + 1), (2 * 4 * INSIDE + 1, 1)):
         mask = binary_erosion(mask, np.ones(shape, dtype=bool))
-    return Opaque(mask)
+    return mask
 
 
-def leak_areas(document: Document, opaque: Opaque, drawn: dict[int, np.ndarray]) -> tuple[float, ...]:
+def leak_areas(document: Document, opaque: np.ndarray, drawn: dict[int, np.ndarray]) -> tuple[float, float, float]:
     """Area in px of the background that leaks through, at 1, 4 and 16 times the size.
 
-    drawn: the pictures at 1 and 4 times the size.
-
-    At 16 times the size only those parts are drawn that leak at 4 times: an edge that runs along px at 16 times
-    the size and not at 4 does not exist, and what is narrower than a px still shows in its share of it.
+    opaque: see `opaque_inside`. drawn: the pictures at 1 and 4 times the size. At 16 times the size only those parts
+    are drawn that leak at 4 times: an edge that runs along px at 16 times the size and not at 4 does not exist, and
+    what is narrower than a px still shows in its share of it.
     """
-    shown = {scale: _shown(drawn[scale], opaque.at(scale)) for scale in SCALES[:2]}
-    areas = [float(shown[scale].sum()) / scale**2 for scale in SCALES[:2]]
-    return (*areas, _largest_scale(document, opaque, shown[4]))
+    height, width = drawn[1].shape[:2]
+    # At the size itself a px counts where all of it does.
+    native = _shown(drawn[1], np.logical_and.reduce(opaque.reshape(height, 4, width, 4), axis=(1, 3)))
+    shown, largest = _shown(drawn[4], opaque), 0.0
+    for top in range(0, height, _TILE):
+        for left in range(0, width, _TILE):
+            across, down = min(_TILE, width - left), min(_TILE, height - top)
+            part = slice(4 * top, 4 * (top + down)), slice(4 * left, 4 * (left + across))
+            if shown[part].any():
+                tile = document.draw(16, window=(left, top, across, down))
+                largest += float(_shown(tile, opaque[part].repeat(4, axis=0).repeat(4, axis=1)).sum()) / 16**2
+    return float(native.sum()), float(shown.sum()) / 4**2, largest
 
 
 def _shown(pixels: np.ndarray, inside: np.ndarray) -> np.ndarray:
     return np.where(inside, (255.0 - pixels[..., 3]) / 255.0, 0.0)
-
-
-def _largest_scale(document: Document, opaque: Opaque, shown: np.ndarray) -> float:
-    total = 0.0
-    for top in range(0, document.height, _TILE):
-        for left in range(0, document.width, _TILE):
-            width, height = min(_TILE, document.width - left), min(_TILE, document.height - top)
-            part = slice(4 * top, 4 * (top + height)), slice(4 * left, 4 * (left + width))
-            if not shown[part].any():
-                continue
-            tile = document.draw(16, window=(left, top, width, height))
-            total += float(_shown(tile, Opaque(opaque.mask[part]).at(16)).sum()) / 16**2
-    return total

@@ -66,7 +66,8 @@ def primitive_counts(
 
 def _shows(form: Form, pieces: DrawingPieces) -> bool:
     """Whether most of a primitive and of its outline on the canvas shows, and all sides of its bounding box do."""
-    if _seen(form, pieces) < max(LEAST_SEEN, SEEN * _mask(form, pieces).sum()):
+    mask = _mask(form, pieces)
+    if (mask & (pieces.element == form.element)).sum() < max(LEAST_SEEN, SEEN * mask.sum()):
         return False
     _, on_canvas, _, edge = _edge(form, pieces)
     return bool(not on_canvas.any() or edge[on_canvas].mean() >= SEEN) and bool(visible_sides(form, pieces).all())
@@ -79,7 +80,7 @@ def visible_sides(form: Form, pieces: DrawingPieces) -> np.ndarray:
     none. Of a round one: all, since any part determines the others.
     """
     if form.near not in ("box", "rounded"):
-        return np.ones(4, dtype=bool)
+        return EVERY
     points, on_canvas, own, edge = _edge(form, pieces)
     along = np.roll(form.points, -1, axis=0) - form.points
     direction = along[int(np.hypot(*along.T).argmax())]
@@ -132,10 +133,6 @@ def _matters(form: Form, pieces: DrawingPieces) -> bool:
     return bool(min(mask.sum(), near.sum()) >= LEAST_SEEN)
 
 
-def _seen(form: Form, pieces: DrawingPieces) -> int:
-    return int((_mask(form, pieces) & (pieces.element == form.element)).sum())
-
-
 def _mask(form: Form, pieces: DrawingPieces) -> np.ndarray:
     return polygon2mask(pieces.shape, form.points[:, ::-1] - 0.5)
 
@@ -166,13 +163,13 @@ def _open(form: Form, pieces: DrawingPieces, view: View) -> bool:
 
 
 def _among(kind: str, boxes: list[np.ndarray], others: list[Box], visible: np.ndarray = EVERY) -> bool:
-    """visible: (4,) bool, the sides of the boxes that must agree."""
-    return any(_same(kind, box, *other, visible) for box in boxes for other in others)
-
-
-def _same(kind: str, box: np.ndarray, other_kind: str, other: np.ndarray, visible: np.ndarray) -> bool:
-    allowed = PLACE + PLACE_SHARE * float((box[2:] - box[:2]).max())
-    return kind == other_kind and bool((np.abs(box - other) <= allowed)[visible].all()) and bool(visible.any())
+    """Whether a box agrees with another one of its kind. visible: (4,) bool, the sides that must."""
+    same_kind = [other for other_kind, other in others if other_kind == kind]
+    return any(
+        bool((np.abs(box - other) <= PLACE + PLACE_SHARE * float((box[2:] - box[:2]).max()))[visible].all())
+        for box in boxes
+        for other in same_kind
+    )
 
 
 class View:

@@ -6,15 +6,14 @@ import copy
 import gzip
 import re
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 from xml.etree import ElementTree
-
-import numpy as np
 
 from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS, with_background
 from benchmarks.artwork.document import PRIMITIVES, Document
-from benchmarks.artwork.pieces import DrawingPieces, completed, pieces_of, visible_error
-from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
+from benchmarks.artwork.pieces import completed, pieces_of, visible_error
+from benchmarks.artwork.pixels import edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.tools import Given, Tool
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
@@ -30,13 +29,13 @@ _INVISIBLE = {"title", "desc", "metadata"}
 class Counts:
     """shapes: elements that are drawn, those of a `use` each time. coordinates: numbers as written: of path data and
     points (an arc has 5), 3 of a circle, 4 of an ellipse, line or rect (5 with round corners), 2 of a `use`.
-    primitives: circles, ellipses, rects and lines among the shapes. bytes: gzipped, of `minified`.
+    primitives: circles, ellipses, rects and lines among the shapes. gzipped_bytes: of `minified`.
     """
 
     shapes: int
     coordinates: int
     primitives: int
-    bytes: int
+    gzipped_bytes: int
 
 
 def count(document: Document) -> Counts:
@@ -46,7 +45,7 @@ def count(document: Document) -> Counts:
         shapes=len(names),
         coordinates=sum(_coordinates(element) for element in document.root.iter()),
         primitives=sum(name in PRIMITIVES for name in names),
-        bytes=len(gzip.compress(minified(document.root), 9, mtime=0)),
+        gzipped_bytes=len(gzip.compress(minified(document.root), 9, mtime=0)),
     )
 
 
@@ -136,12 +135,12 @@ class Truth:
         """
         self.name = name
         self.document = Document(data, name, size)
-        self.counts: Counts = count(self.document)
+        self.counts = count(self.document)
         with_background(self.document, kind)
         self.input: Given = DEGRADATIONS[kind](self.document)
-        self.drawn: dict[int, np.ndarray] = {scale: self.document.draw(scale) for scale in (1, 2, 4)}
-        self.opaque: Opaque = opaque_inside(self.document)
-        self.pieces: DrawingPieces | None = pieces_of(self.document)
+        self.drawn = {scale: self.document.draw(scale) for scale in (1, 2, 4)}
+        self.opaque = opaque_inside(self.document)
+        self.pieces = pieces_of(self.document)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +165,6 @@ def measure(truth: Truth, name: str, made: ToolResult) -> Scores:
     drawn = {scale: document.draw(scale) for scale in (1, 2, 4)}
     counts, artist = count(document), truth.counts
     leaks = leak_areas(document, truth.opaque, drawn)
-    structure = _structure(truth, document)
     return Scores(
         picture=truth.name,
         tool=name,
@@ -175,7 +173,7 @@ def measure(truth: Truth, name: str, made: ToolResult) -> Scores:
         psnr_4x_db=psnr(truth.drawn[4], drawn[4]),
         shapes_ratio=counts.shapes / max(1, artist.shapes),
         coordinates_ratio=counts.coordinates / max(1, artist.coordinates),
-        bytes_ratio=counts.bytes / artist.bytes,
+        bytes_ratio=counts.gzipped_bytes / artist.gzipped_bytes,
         seconds=made.seconds,
         cpu_seconds=made.cpu_seconds,
         leak_1x_px=leaks[0],
@@ -183,34 +181,24 @@ def measure(truth: Truth, name: str, made: ToolResult) -> Scores:
         leak_16x_px=leaks[2],
         edge_px=edge_displacement(truth.drawn[2], drawn[2], 2),
         exact_colours=exact_colours(truth.drawn[2], drawn[2]),
-        primitive_recall=structure[0],
-        primitive_precision=structure[1],
-        completed=structure[2],
-        visible_error=structure[3],
-        shapes=counts.shapes,
-        coordinates=counts.coordinates,
-        primitives=counts.primitives,
-        gzipped_bytes=counts.bytes,
-        artist_shapes=artist.shapes,
-        artist_coordinates=artist.coordinates,
-        artist_primitives=artist.primitives,
-        artist_gzipped_bytes=artist.bytes,
+        **_structure(truth, document),
+        **asdict(counts),
+        **{f"artist_{member}": value for member, value in asdict(artist).items()},
     )
 
 
-def _structure(truth: Truth, document: Document) -> tuple[float | None, float | None, float | None, float | None]:
+def _structure(truth: Truth, document: Document) -> dict[str, Any]:
     """Recall and precision of primitives, share of completed pieces, visible error."""
     pieces = pieces_of(document)
     if truth.pieces is None or pieces is None:
-        return None, None, None, None
+        return dict.fromkeys(("primitive_recall", "primitive_precision", "completed", "visible_error"))
     recalled, expected, right, written = primitive_counts(truth.document, truth.pieces, document, pieces)
-    whole, covered = completed(truth.pieces, pieces)
-    return (
-        _share(recalled, expected),
-        _share(right, written),
-        _share(whole, covered),
-        visible_error(truth.pieces, pieces),
-    )
+    return {
+        "primitive_recall": _share(recalled, expected),
+        "primitive_precision": _share(right, written),
+        "completed": _share(*completed(truth.pieces, pieces)),
+        "visible_error": visible_error(truth.pieces, pieces),
+    }
 
 
 def _share(part: int, whole: int) -> float | None:

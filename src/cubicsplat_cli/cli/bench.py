@@ -64,10 +64,7 @@ def step(
 
         target, name = load_picture(image).target(), str(image)
     report = measure_step(target, name, settings, warmup=warmup_steps, steps=steps, baseline=baseline)
-    if json:
-        print_json(report)
-    else:
-        typer.echo(step_lines(report), nl=False)
+    print_report(report, step_lines(report), json=json)
 
 
 @bench.command("quality", cls=Command)
@@ -100,10 +97,8 @@ def quality(
 
     runs = run_fits(benchmark.quality_jobs(pictures, modes, counts, fit), cache, Reporter(quiet=quiet))
     names = [benchmark.configuration_name(m, c) for m in modes for c in counts]
-    if json:
-        print_json(benchmark.quality_report(runs, names))
-    else:
-        typer.echo(benchmark.quality_tables(runs, names, markdown=markdown), nl=False)
+    tables = benchmark.quality_tables(runs, names, markdown=markdown)
+    print_report(benchmark.quality_report(runs, names), tables, json=json)
     write_csv(csv, [asdict(run) for run, _ in runs.done])
     if sheet is not None:
         # All configurations of a picture are below one another.
@@ -167,9 +162,9 @@ def run_fits(jobs: Sequence[FitJob], cache: Path | None, reporter: Reporter) -> 
     return runs
 
 
-def print_json(report: dict[str, Any]) -> None:
-    """Print a report to stdout."""
-    typer.echo(to_json(report), nl=False)
+def print_report(report: dict[str, Any], text: str, *, json: bool) -> None:
+    """Print a report to stdout, as JSON or as its text."""
+    typer.echo(to_json(report) if json else text, nl=False)
 
 
 def end_with(failed: Sequence[tuple[str, str, str]]) -> None:
