@@ -26,14 +26,11 @@ if TYPE_CHECKING:
 
 _SUFFIXES = {SMIL: PLAIN, LOTTIE: ".json", FRAMES: ".frames"}
 
-Source = Annotated[str, argument("CLIP", "GIF, animated PNG or WebP, video, or folder of frames.")]
-Output = Annotated[str | None, option("--output -o OUT", "SVG, Lottie JSON (OUT.json) or folder to write.")]
-
 
 @takes_options(*FIT_SETTINGS, *(each.name for each in fields(ClipRequest)), owners=(FitSettings, ClipRequest))
 def animate(
-    clip: Source,
-    output: Output = None,
+    clip: Annotated[str, argument("CLIP", "GIF, animated PNG or WebP, video, or folder of frames.")],
+    output: Annotated[str | None, option("--output -o OUT", "SVG, Lottie JSON (OUT.json) or folder to write.")] = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

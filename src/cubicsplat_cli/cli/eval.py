@@ -21,7 +21,6 @@ from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate.comparison import Change, Comparison
 
-_USUAL = ",".join(USUAL)
 Compare = Callable[[Path, Path], "Comparison"]
 
 
@@ -33,36 +32,27 @@ class ComparedPairs(NamedTuple):
     extra: list[Path]
 
 
-Reference = Annotated[Path, argument("REFERENCE", "The picture to compare with, or a folder.")]
-Candidate = Annotated[
-    Path,
-    argument(
-        "CANDIDATE",
-        "SVG (drawn at the reference's size) or picture to judge, - for standard input, or a folder whose files"
-        " are matched with the references by name.",
-    ),
-]
-Scale = Annotated[
-    int | None, option("--scale K", "Also draw an SVG this many times as large, tile by tile, and average it down.")
-]
-Threads = Annotated[int | None, option("--threads N", "CPU threads of the engine.  [default: one per core]")]
-Metrics = Annotated[str, option("--metrics NAME,...", f"Of {', '.join(NAMES)}.")]
-Csv = Annotated[Path | None, option("--csv FILE", "Also write the figures as a table, one row a pair.")]
-Page = Annotated[
-    Path | None, option("--report OUT", "Also write a page that shows the pair: OUT.html; of two folders a folder.")
-]
-
-
 def evaluate(
-    reference: Reference,
-    candidate: Candidate,
+    reference: Annotated[Path, argument("REFERENCE", "The picture to compare with, or a folder.")],
+    candidate: Annotated[
+        Path,
+        argument(
+            "CANDIDATE",
+            "SVG (drawn at the reference's size) or picture to judge, - for standard input, or a folder whose files"
+            " are matched with the references by name.",
+        ),
+    ],
     renderer: Renderer = "auto",
-    scale: Scale = None,
-    threads: Threads = None,
-    metrics: Metrics = _USUAL,
+    scale: Annotated[
+        int | None, option("--scale K", "Also draw an SVG this many times as large, tile by tile, and average it down.")
+    ] = None,
+    threads: Annotated[int | None, option("--threads N", "CPU threads of the engine.  [default: one per core]")] = None,
+    metrics: Annotated[str, option("--metrics NAME,...", f"Of {', '.join(NAMES)}.")] = ",".join(USUAL),
     json: Json = False,
-    csv: Csv = None,
-    report: Page = None,
+    csv: Annotated[Path | None, option("--csv FILE", "Also write the figures as a table, one row a pair.")] = None,
+    report: Annotated[
+        Path | None, option("--report OUT", "Also write a page that shows the pair: OUT.html; of two folders a folder.")
+    ] = None,
     quiet: Quiet = False,
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
@@ -70,11 +60,11 @@ def evaluate(
     if scale is not None:
         SCALE.check("scale", scale)
     FitSettings(threads=threads)
-    if reference.is_dir() and not candidate.is_dir():
+    folders = reference.is_dir()
+    if folders and not candidate.is_dir():
         raise UsageError(f"{reference} is a folder, so the candidate must be one too, not {candidate}")
     check_csv(csv)
     chosen = chosen_metrics(metrics)
-    folders = reference.is_dir()
     page = None
     if report is not None:
         from cubicsplat_cli.html_report.index import planned_pages, write_pages
@@ -165,9 +155,8 @@ def _quality_parts(quality: Quality) -> list[str]:
 
 def _change_text(change: Change) -> str:
     """Return `31.77 dB  SSIM 0.8528  (native 31.78 dB, -0.01 dB)`."""
-    native = _quality_parts(change.native)[0]
     difference = "" if change.change_db is None else f", {change.change_db:+.3f} dB"
-    return "  ".join([*_quality_parts(change.scaled), f"(native {native}{difference})"])
+    return "  ".join([*_quality_parts(change.scaled), f"(native {level_text(change.native.psnr_db)}{difference})"])
 
 
 def _mean_line(pairs: ComparedPairs) -> str:

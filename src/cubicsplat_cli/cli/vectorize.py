@@ -20,37 +20,30 @@ from cubicsplat_cli.options import BOTH, COMMON, FILES, Setting
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
-Pictures = Annotated[
-    list[str], argument("IN...", "Pictures, folders, patterns such as 'photos/*.png', or - for standard input.")
-]
-Output = Annotated[
-    str | None, option("--output -o OUT", "SVG to write (with OUT.pdf: that too), folder, or - for stdout.", COMMON)
-]
-Recursive = Annotated[bool, option("--recursive -r", "Search folders at any depth.", COMMON)]
-Jobs = Annotated[int | None, option("--jobs -j N", "Pictures at a time.  [default: 1]", COMMON)]
-Cluster = Annotated[str | None, option("--cluster ADDRESS", "Run on a Ray cluster: host:port or auto.", hidden=True)]
 Overrides = Annotated[
     list[str],
     option("--set NAME=VALUE", "Change the recipe; `--set help` lists it.", BOTH, callback=print_names, is_eager=True),
 ]
-Also = Annotated[list[str], option("--also FORMAT,...", "Also write pdf, ps, eps, dxf, xml (Android).", FILES)]
-SvgOnly = Annotated[bool, option("--svg-only", "Write no PNG and no JSON.", FILES)]
-DryRun = Annotated[bool, option("--dry-run", "Only list what would be made.", FILES)]
-Json = Annotated[bool, option("--json", "Print the figures as lines of JSON.", FILES)]
 
 
 @takes_options()
 def vectorize(
-    inputs: Pictures,
-    output: Output = None,
-    recursive: Recursive = False,
-    jobs: Jobs = None,
-    cluster: Cluster = None,
+    inputs: Annotated[
+        list[str], argument("IN...", "Pictures, folders, patterns such as 'photos/*.png', or - for standard input.")
+    ],
+    output: Annotated[
+        str | None, option("--output -o OUT", "SVG to write (with OUT.pdf: that too), folder, or - for stdout.", COMMON)
+    ] = None,
+    recursive: Annotated[bool, option("--recursive -r", "Search folders at any depth.", COMMON)] = False,
+    jobs: Annotated[int | None, option("--jobs -j N", "Pictures at a time.  [default: 1]", COMMON)] = None,
+    cluster: Annotated[
+        str | None, option("--cluster ADDRESS", "Run on a Ray cluster: host:port or auto.", hidden=True)
+    ] = None,
     overrides: Overrides = [],  # noqa: B006 (Typer's default of a list)
-    also: Also = [],  # noqa: B006 (Typer's default of a list)
-    svg_only: SvgOnly = False,
-    dry_run: DryRun = False,
-    json: Json = False,
+    also: Annotated[list[str], option("--also FORMAT,...", "Also write pdf, ps, eps, dxf, xml (Android).", FILES)] = [],  # noqa: B006 (Typer's default of a list)
+    svg_only: Annotated[bool, option("--svg-only", "Write no PNG and no JSON.", FILES)] = False,
+    dry_run: Annotated[bool, option("--dry-run", "Only list what would be made.", FILES)] = False,
+    json: Annotated[bool, option("--json", "Print the figures as lines of JSON.", FILES)] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     **options: Any,
