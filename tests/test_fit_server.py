@@ -258,7 +258,7 @@ def run(
     request, statuses = Request(settings, style="photo"), {}
     jobs = plan([str(folder)], str(out), request, recursive=False).jobs
     for job in jobs:
-        prepare_files(job, force=False)
+        prepare_files(job)
     for outcome in run_in_workers(
         iter(jobs), request, workers=workers, observer=observer, stopping=stopping, gpu=gpu
     ):  # fmt: skip

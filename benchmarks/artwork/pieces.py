@@ -40,8 +40,8 @@ class DrawingPieces:
     """A drawing without smoothing, taken apart: the connected parts of fills and strokes, those joined that meet
     visibly in one colour. Translucent parts are left out.
 
-    names: (parts,) the piece of each, piece k being named by one of its parts. top: (H, W) the part that shows, -1
-    where none does.
+    names: (parts,) the piece of each, piece k being named by one of its parts. top, element: (H, W) the part that
+    shows, and the number of its element, -1 where none does.
     """
 
     def __init__(self, document: Document) -> None:
@@ -50,10 +50,11 @@ class DrawingPieces:
         self.top = np.full(self.shape, -1)
         for k, part in enumerate(self.parts):
             self.top[part.box][part.mask] = k
+        self.element = np.array([*(part.element for part in self.parts), -1])[self.top]
         self.names = self._joined()
         self.shown = np.where(self.top >= 0, self.names[self.top], -1) if self.parts else self.top
         names, sizes = np.unique(self.shown[self.shown >= 0], return_counts=True)
-        self.seen = {int(n): int(size) for n, size in zip(names, sizes, strict=True)}
+        self.seen: dict[int, int] = dict(zip(names.tolist(), sizes.tolist(), strict=True))
 
     def _joined(self) -> np.ndarray:
         names = np.arange(len(self.parts))
@@ -64,12 +65,6 @@ class DrawingPieces:
                 if names[i] != names[j] and (np.abs(colours[i] - colours[j]) <= SAME_COLOUR).all():
                     names[names == names[j]] = names[i]
         return names
-
-    @property
-    def element(self) -> np.ndarray:
-        """(H, W) the number of the element that shows, -1 where none does."""
-        numbers = np.array([*(part.element for part in self.parts), -1])
-        return numbers[self.top]
 
     def silhouette(self, name: int) -> np.ndarray:
         """(H, W) bool: all that a piece covers, whether it shows or not."""

@@ -82,7 +82,7 @@ def _plan(sources: list[str], output: str | None) -> list[tuple[Path | None, Pat
         if output == STDIO or not may_be_folder:
             kind = folder.suffix[1:].upper() or "file"
             raise UsageError(f"-o {output} names one {kind}, but there may be several; give a folder")
-    inside = several or (output is not None and output != STDIO and names_a_folder(output))
+    inside = several or (output is not None and names_a_folder(output))
     places = [(source, _place(source, output, inside=inside)) for source in _files(sources)]
     taken: dict[Path, Path] = {}
     for source, path in places:
@@ -108,13 +108,12 @@ def _files(sources: list[str]) -> list[Path | None]:
 
 def _place(source: Path | None, output: str | None, *, inside: bool) -> Path | None:
     """Return the path of the result, None for standard output. inside: `output` is a folder for it."""
-    if output == STDIO or (output is None and source is None):
+    if output == STDIO:
         return None
     if output is None:
-        assert source is not None
-        if not source.name:
+        if source is not None and not source.name:
             raise InputError(f"{source}: is no file; give an SVG")
-        return drawn_name(source)
+        return None if source is None else drawn_name(source)
     if inside:
         return Path(output) / f"{'stdin' if source is None else source.stem}.png"
     return Path(output)

@@ -57,7 +57,7 @@ def downsampled_svg(
                 means = block_means(draw_by_cairo(module, svg, *large, part), scale)[..., RGBA] / np.float32(255)
             else:
                 drawn = draw_by_resvg(module, crop(svg, size, *large, part), part.width, part.height)
-                means = _means_of_straight(drawn, scale)
+                means = block_means(_premultiplied(drawn), scale)
             pixels[tile.rows, tile.columns] = means
     return Rendered(pixels, f"{module.__name__} {module.__version__}", note)
 
@@ -146,11 +146,11 @@ def tiles(width: int, height: int, scale: int, pixels: int) -> Iterator[Tile]:
             yield Tile(left, top, min(across, width - left), min(down, height - top))
 
 
-def _means_of_straight(pixels: np.ndarray, scale: int) -> np.ndarray:
-    """Return the premultiplied means of blocks, see `block_means`, of straight RGBA uint8."""
+def _premultiplied(pixels: np.ndarray) -> np.ndarray:
+    """Return premultiplied floats in [0, 1] of straight RGBA uint8."""
     values = pixels / np.float32(255)
     values[..., :3] *= values[..., 3:]
-    return block_means(values, scale)
+    return values
 
 
 def crop(svg: bytes, size: SvgSize, width: int, height: int, part: Tile) -> str:
@@ -204,11 +204,8 @@ def of_pixels(pixels: np.ndarray) -> ImageSource:
     transparent = channels == 4 and pixels.size > 0 and int(pixels[..., 3].min()) < 255
 
     def rows(top: int, bottom: int) -> np.ndarray:
-        if not transparent:
-            return pixels[top:bottom, :, :3] / np.float32(255)
-        values = pixels[top:bottom] / np.float32(255)
-        values[..., :3] *= values[..., 3:]
-        return values
+        part = pixels[top:bottom]
+        return _premultiplied(part) if transparent else part[..., :3] / np.float32(255)
 
     return ImageSource(width, height, transparent, rows)
 

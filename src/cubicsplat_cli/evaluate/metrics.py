@@ -110,7 +110,8 @@ def _compared(
             above, below = max(0, top - REACH), min(reference.height, bottom + REACH)
             parts = [layer.rows(above, below) for layer in layers]
             for ground, total in zip(grounds, totals, strict=True):
-                bands = _bands(top - above, bottom - above)
+                first, last = top - above, bottom - above
+                bands = [slice(row, min(last, row + _BAND)) for row in range(first, last, _BAND)]
                 # In the order of the bands, whichever is done first: sums of floats depend on it.
                 for sums in pool.map(partial(_sums_of, parts, ground, similarity), bands):
                     total[:, 1] = np.maximum(total[:, 1], sums[:, 1])
@@ -123,10 +124,6 @@ def _strips(layer: ImageSource, pixels: int = STRIP_PIXELS) -> Iterator[tuple[in
     rows = max(1, pixels // (layer.width * _BAND)) * _BAND
     for top in range(0, layer.height, rows):
         yield top, min(layer.height, top + rows)
-
-
-def _bands(top: int, bottom: int) -> Iterator[slice]:
-    return (slice(row, min(bottom, row + _BAND)) for row in range(top, bottom, _BAND))
 
 
 def _sums_of(parts: Sequence[np.ndarray], ground: float, similarity: bool, band: slice) -> np.ndarray:

@@ -90,7 +90,7 @@ def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome], ob
         outcome = look(job, request)
         if outcome.status == PLANNED:
             try:
-                prepare_files(job, force=request.force)
+                prepare_files(job)
             except CubicSplatError as error:
                 outcome = failure(job, error)
             else:

@@ -20,6 +20,7 @@ from cubicsplat_cli.files.names import (
     Outputs,
     is_heic_name,
     is_picture_name,
+    names_a_folder,
     outputs_beside,
     place_for,
     plan_outputs,
@@ -180,7 +181,7 @@ def _check_folder(output: str | None) -> None:
     if is_there(path) and not is_folder(path):
         raise UsageError(f"-o {output} is a file; give a folder for the results of several pictures")
     of_one = path.suffix.lower() in (PLAIN, COMPRESSED) or format_of(path) is not None
-    if of_one and not is_folder(path) and not output.endswith(("/", "\\")):
+    if of_one and not names_a_folder(output):
         raise UsageError(f"-o {output} is for one picture that you name; give a folder for several or for a folder")
 
 

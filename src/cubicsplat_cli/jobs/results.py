@@ -9,23 +9,20 @@ from pathlib import Path
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import is_edited, sha256_of
 from cubicsplat_cli.files.names import SVG_SUFFIXES, outputs_beside
-from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, is_replaceable, is_there, read_ends
+from cubicsplat_cli.files.paths import check_ownership, is_file, is_replaceable, is_there, read_ends
 from cubicsplat_cli.files.read import unpacked
-from cubicsplat_cli.files.write import folder_locked, write_atomically, write_stdout
+from cubicsplat_cli.files.write import check_writable, folder_locked, write_atomically, write_stdout
 from cubicsplat_cli.jobs.plan import Job, make_folders
 from cubicsplat_cli.metrics import Report
 
 
-def prepare_files(job: Job, *, force: bool) -> None:
-    """Make the folders of a job, and find out before the work whether its files can be written.
-
-    Raises InputError if they cannot, UsageError if they may not (`check_may_write`).
-    """
-    check_may_write(job, force=force)
+def prepare_files(job: Job) -> None:
+    """Make the folders of a job, and raise InputError, before the work, if its files cannot be written."""
     if job.path is not None and not is_there(job.path):
         return  # reading it raises the error; no folder is made for nothing
     make_folders(job)
-    check_outputs(job.outputs.files(), force=force)
+    for path in job.outputs.files():
+        check_writable(path)
 
 
 def check_may_write(job: Job, *, force: bool) -> None:
