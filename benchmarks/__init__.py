@@ -8,19 +8,14 @@ from typing import Annotated, NoReturn
 import typer
 
 from cubicsplat_cli.__main__ import run
-from cubicsplat_cli.cli.options import Command, option
+from cubicsplat_cli.cli.options import TYPER, Command, option
 
 Threads = Annotated[int, option("--threads N", "CPU threads.", min=1)]
 
 
 def program(command: Callable[..., None]) -> Callable[[list[str]], int | None]:
     """A function with Typer's options as a program that takes arguments and returns an exit code."""
-    app = typer.Typer(
-        add_completion=False,
-        pretty_exceptions_enable=False,
-        rich_markup_mode=None,
-        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    )
+    app = typer.Typer(add_completion=False, **TYPER)
     app.command(cls=Command)(command)
     name = f"python -m benchmarks.{command.__name__}"
     return lambda arguments: app(args=arguments, prog_name=name, standalone_mode=False)

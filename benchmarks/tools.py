@@ -45,10 +45,8 @@ def pixels_of(given: Given) -> np.ndarray:
 
 
 def chosen_tools(names: Sequence[str], known: Sequence[str] | None = None) -> dict[str, Tool]:
-    """The tools of these names, in this order; `photo` is the style for photos, `ours` the one for artwork.
-
-    known: the names to choose from, by default all. Raises UsageError for another name, and for a tool that is not
-    installed.
+    """The tools of these names, in this order. known: the names to choose from, by default all. Raises UsageError for
+    another name, and for a tool that is not installed.
     """
     known = list(TOOLS) if known is None else known
     if not names or not set(names) <= set(known):

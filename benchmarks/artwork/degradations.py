@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from benchmarks.artwork.document import Document
 from benchmarks.tools import Given, pixels_of
@@ -68,8 +69,6 @@ def _saved(document: Document, kind: str, **options: int) -> bytes:
 
 def _blurred(document: Document) -> np.ndarray:
     """By a Gaussian."""
-    from scipy.ndimage import gaussian_filter
-
     return _straight(gaussian_filter(_premultiplied(document.draw()), (BLUR_PX, BLUR_PX, 0.0), mode="nearest"))
 
 
@@ -97,16 +96,12 @@ def _noisy(document: Document) -> np.ndarray:
 
 def clouds(rng: np.random.Generator, size: tuple[int, int, int], px: float, levels: float) -> np.ndarray:
     """(H, W, C) float64: normal noise of a standard deviation of so many levels, alike over so many px."""
-    from scipy.ndimage import gaussian_filter
-
     noise = gaussian_filter(rng.normal(size=size), (px, px, 0.0))
     return np.asarray(levels / noise.std() * noise)
 
 
 def _drifting(document: Document) -> np.ndarray:
     """With soft edges and colours that drift over a few px and over more, as in the pictures of generators."""
-    from scipy.ndimage import gaussian_filter
-
     pixels, rng = document.draw().astype(float), np.random.default_rng(0)
     height, width, _ = pixels.shape
     levels = gaussian_filter(pixels[..., :3], (SOFT_PX, SOFT_PX, 0.0)) + rng.normal(0.0, 0.5, (height, width, 3))

@@ -23,10 +23,7 @@ def main() -> NoReturn:
 
 
 def run(program: Callable[[list[str]], int | None]) -> NoReturn:
-    """Run a program with this process's arguments. Raises SystemExit with its exit code, 0 for None.
-
-    Our errors become one line on stderr; bugs keep their traceback.
-    """
+    """Run a program with this process's arguments. Raises SystemExit with its exit code, 0 for None."""
     # Imports make most objects, which stay: a search for unreachable cycles among them takes a twentieth of the time of
     # a small drawing, which makes fewer new objects than this. Without the freeze there is such a search at the end.
     gc.set_threshold(1_000_000)

@@ -40,10 +40,7 @@ def configuration_name(mode: str, curves: int) -> str:
 def quality_jobs(
     pictures: Sequence[Path], modes: Sequence[str], curves: Sequence[int], fit: Mapping[str, Any]
 ) -> list[FitJob]:
-    """Return a fit of every picture with every mode and number of curves, one configuration after the other.
-
-    fit: settings by name, as `FitSettings.from_preset` takes them.
-    """
+    """Return a fit of every picture with every mode and number of curves. fit: settings of all of them, by name."""
     return [
         FitJob(path, configuration_name(mode, count), FitSettings.from_preset(mode=mode, curves=count, **fit))
         for mode, count, path in product(modes, curves, pictures)

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from cubicsplat_cli._version import __version__
-from cubicsplat_cli.cli.options import Command, CommandGroup, GroupedCommand
+from cubicsplat_cli.cli.options import TYPER, Command, CommandGroup, GroupedCommand
 from cubicsplat_cli.files.paths import is_there
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
@@ -52,11 +52,7 @@ def application(*commands: str) -> typer.Typer:
         name="cubicsplat",
         cls=CommandGroup,
         help="Turn pictures into SVGs: photos as curves that blend, drawings as few shapes. Measure any SVG.",
-        add_completion=True,
-        # Tracebacks are for bug reports: plain, complete, and without the values of local variables.
-        pretty_exceptions_enable=False,
-        rich_markup_mode=None,
-        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+        **TYPER,
     )
     app.callback()(_all_commands)
     for command in commands:

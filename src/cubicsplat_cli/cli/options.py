@@ -21,6 +21,12 @@ from cubicsplat_cli.options import COMMON, FILES, GROUPS, RENAMED, Setting, sett
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
+# Of every application. Tracebacks are for bug reports: plain, complete, and without the values of local variables.
+TYPER: dict[str, Any] = {
+    "pretty_exceptions_enable": False, "rich_markup_mode": None,
+    "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 100},
+}  # fmt: skip
+
 
 def option(names: str, text: str, group: str | None = None, **facts: Any) -> Any:
     """Return an option for Typer. names: such as `--output -o OUT`, OUT being its value. text, group: of the help."""
@@ -94,10 +100,7 @@ def print_names(overrides: list[str]) -> list[str]:
 
 
 def override(text: str) -> tuple[str, Any]:
-    """Return name and value of `NAME=VALUE`, of --set; hyphens and underscores in names are the same.
-
-    Raises UsageError for a senseless one.
-    """
+    """Return name and value of `NAME=VALUE`, of --set. Raises UsageError for a senseless one."""
     said, equals, value = text.partition("=")
     if not equals:
         raise UsageError(f"--set takes NAME=VALUE, such as importance=visibility, not {text!r}")

@@ -1,4 +1,1 @@
-"""Quality of the SVG file: drawn by an independent renderer and compared by standard metrics.
-
-The renderers are imported by the functions that need them.
-"""
+"""Quality of the SVG file: drawn by an independent renderer and compared by standard metrics."""

@@ -3,8 +3,6 @@ drawn K times as large, tile by tile, and averaged back to their own size, for s
 
 The native picture composites anti-aliased coverages, one number per pixel and curve. The large picture composites K x K
 samples of a pixel, then averages them. The two differ in pixels that outlines share (conflation), so both are measured.
-cairosvg draws each tile of the unchanged file on a surface with an offset; resvg draws the file inside an SVG whose
-viewBox is the tile.
 """
 
 from __future__ import annotations
@@ -134,9 +132,8 @@ class Tile(NamedTuple):
 
 
 def tiles(width: int, height: int, scale: int, pixels: int) -> Iterator[Tile]:
-    """Cut width x height px into tiles. Each, `scale` times as large, has about `pixels` px at most.
-
-    A tile has one pixel at least, and is at most MAX_TILE_SIDE wide once enlarged.
+    """Cut width x height px into tiles of a pixel at least; `scale` times as large, each has about `pixels` px at most
+    and is at most MAX_TILE_SIDE wide.
     """
     widest = MAX_TILE_SIDE // scale
     across = math.ceil(width / math.ceil(width / widest))
@@ -174,10 +171,8 @@ def crop(svg: bytes, size: SvgSize, width: int, height: int, part: Tile) -> str:
 
 @record
 class ImageSource:
-    """A picture of width x height px.
-
-    rows: returns the rows from a first one up to, but without, a last one: (n, width, 3) float32 in [0, 1], or
-    premultiplied (n, width, 4) if the picture is `transparent`.
+    """A picture of width x height px. rows: returns the rows from a first one up to, but without, a last one: (n,
+    width, 3) float32 in [0, 1], or premultiplied (n, width, 4) if the picture is `transparent`.
     """
 
     width: int

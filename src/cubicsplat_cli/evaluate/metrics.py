@@ -35,10 +35,8 @@ REACH = TAPS // 2  # px from the middle of a window to its edge
 
 
 def compare(reference: Picture, candidate: ImageSource) -> Quality:
-    """Return the quality of a picture.
-
-    If either picture has transparency, both are laid over black and over white, and the worse value of each metric
-    counts. Raises InputError if sizes differ.
+    """Return the quality of a picture: if either has transparency, the worse value of each metric over black and over
+    white. Raises InputError if sizes differ.
     """
     return measure(reference, [candidate])[0][0]
 

@@ -41,10 +41,8 @@ DECLARATIONS = "cairocffi.ffi"  # the module that parses cairo's header
 
 @record
 class Rendered:
-    """A drawn SVG.
-
-    pixels: (H, W, 4) uint8 straight RGBA, on a transparent ground. renderer: name and version. note: a sentence for the
-    user about the choice of the renderer, or None.
+    """A drawn SVG. pixels: (H, W, 4) uint8 straight RGBA, on a transparent ground. renderer: name and version. note: a
+    sentence for the user about the choice of the renderer, or None.
     """
 
     pixels: np.ndarray

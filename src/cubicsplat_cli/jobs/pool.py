@@ -63,10 +63,9 @@ def run_in_workers(
 ) -> Iterator[Outcome]:
     """Yield the outcomes of the jobs in the order in which they end; take the next job when a worker is free.
 
-    Once `stopping()` is true no job begins any more, and the fits under way end early with the best they have. work:
-    the function of a worker, of its end of a pipe, a request, a number of threads, and the address of the process that
-    fits on the GPU (default: do the jobs from the pipe). gpu: start that process (default: if the request may use a GPU
-    and there is one).
+    stopping: see `execute`. work: the function of a worker, of its end of a pipe, a request, a number of threads, and
+    the address of the process that fits on the GPU (default: do the jobs from the pipe). gpu: start that process
+    (default: if the request may use a GPU and there is one).
     """
     if gpu is None:
         gpu = request.settings.device != "cpu" and gpus() > 0
