@@ -35,7 +35,6 @@ from cubicsplat_cli.svg.moving_file import write_clip
 from cubicsplat_cli.svg.scene_reader import quantise_scene
 from cubicsplat_cli.svg.scene_writer import write_svg
 
-OURS, EACH, TRACED = "moving", "each frame", "vtracer"
 PRECISION = 1  # decimals of coordinates
 STILL = 2.0 / 255.0  # of the range of values: pixels that change less, in all channels, are still
 BLOCK, REACH = 8, 6  # px: side of the blocks of the flow, and how far it looks
@@ -48,11 +47,6 @@ class Filmed:
     pictures: np.ndarray
     begins: np.ndarray
     ends: np.ndarray
-
-    @property
-    def duration(self) -> float:
-        """Seconds from the first to the last."""
-        return float(self.ends[-1] - self.begins[0])
 
 
 @dataclass(frozen=True)
@@ -101,7 +95,7 @@ def traced(film: Filmed, _: FitSettings) -> Played:
 
 
 TOOLS: dict[str, tuple[str, Callable[[Filmed, FitSettings], Played]]] = {
-    "moving": (OURS, moving), "each": (EACH, each_frame), "vtracer": (TRACED, traced),
+    "moving": ("moving", moving), "each": ("each frame", each_frame), "vtracer": ("vtracer", traced),
 }  # fmt: skip
 
 
@@ -119,7 +113,7 @@ def scores(film: Filmed, played: Played, seconds: float) -> dict[str, float | No
     levels of 255. warp: root mean square of the difference from the frame before, moved along the clip's flow, in
     levels. bytes_s, gzip_s: a second of the clip. frame_s: CPU seconds a frame.
     """
-    wanted, shown = film.pictures, played.pictures
+    wanted, shown, duration = film.pictures, played.pictures, float(film.ends[-1] - film.begins[0])
     errors = np.square(shown - wanted).mean(axis=(1, 2, 3))
     changes = np.diff(wanted, axis=0)
     still = np.abs(changes).max(axis=-1) < STILL
@@ -132,8 +126,8 @@ def scores(film: Filmed, played: Played, seconds: float) -> dict[str, float | No
         "psnr_db": float(np.mean(-10.0 * np.log10(errors.clip(1e-10)))),
         "still": 255.0 * float(flicker[still].mean()) if still.any() else None,
         "warp": 255.0 * float(np.sqrt(np.mean(warped))),
-        "bytes_s": played.plain / film.duration,
-        "gzip_s": played.packed / film.duration,
+        "bytes_s": played.plain / duration,
+        "gzip_s": played.packed / duration,
         "frame_s": seconds / len(wanted),
     }
 

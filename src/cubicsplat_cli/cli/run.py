@@ -213,7 +213,4 @@ def _quality_parts(report: Report) -> list[str]:
     if report.quality is None:
         return ["not measured"]
     svg = report.quality.svg
-    return [
-        f"SVG {level_text(svg.psnr_db, 1)}",
-        "SSIM n/a" if svg.ssim is None else f"SSIM {svg.ssim:.2f}",
-    ]
+    return [f"SVG {level_text(svg.psnr_db, 1)}", "SSIM n/a" if svg.ssim is None else f"SSIM {svg.ssim:.2f}"]

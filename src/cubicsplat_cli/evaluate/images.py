@@ -100,18 +100,16 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
     touches = ((high >= -reach) & (low <= size + reach)).all(axis=1)
     touches[0] = True  # a scene has at least one curve
-    points = padded(points[touches.repeat(used)] * points.dtype.type(scale), used[touches])
+    points = padded(points[touches.repeat(used)], used[touches])
     part = replace(scene, points=scene.points[:, :0]).chosen(touches)
     gradients, ends = part.gradients, part.ring_ends
     if gradients is not None:
-        gradients = gradients.seen_from(tile.left, tile.top).scaled(scale, scale)
+        gradients = gradients.seen_from(tile.left, tile.top)
     if ends is not None:  # the remaining curves may have fewer rings
         ends = ends[:, : 1 + int((ends < ends[:, -1:]).sum(axis=1).max())]
-    part = replace(
-        part, width=tile.width * scale, height=tile.height * scale, points=points,
-        half_widths=part.half_widths * scale, gradients=gradients, ring_ends=ends,
-    )  # fmt: skip
-    return render_scene(part, coverage="exact", samples=samples, threads=threads)
+    part = replace(part, width=tile.width, height=tile.height, points=points, gradients=gradients, ring_ends=ends)
+    enlarged = part.scaled(tile.width * scale, tile.height * scale)
+    return render_scene(enlarged, coverage="exact", samples=samples, threads=threads)
 
 
 class Tile(NamedTuple):

@@ -91,24 +91,24 @@ class JobPlan:
 
 def plan(arguments: list[str], output: str | None, request: Request, *, recursive: bool) -> JobPlan:
     """Return a job for each picture of the arguments. Raises UsageError where they make no sense together."""
-    if is_batch(arguments):
+    first = arguments[0]
+    if len(arguments) > 1 or (first != STDIO and (is_folder(Path(first)) or _is_pattern(first))):
         for name in ("animation", "geometrize"):
             if getattr(request, name) is not None:
                 raise UsageError(f"--{name} is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs([*search.sources.values()], output, request)
         return _with_others(JobPlan(jobs, [*search.problems], search.left_out), output, request)
-    name = arguments[0]
-    path = None if name == STDIO else Path(name)
+    path = None if first == STDIO else Path(first)
     if path is not None and is_svg(path):
-        raise InputError(f"{printable(name)}: is an SVG or XML file, already vector; give a raster picture")
+        raise InputError(f"{printable(first)}: is an SVG or XML file, already vector; give a raster picture")
     outputs = plan_outputs(
         path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
     )
     if request.geometrize and outputs.metrics and _key(request.geometrize) == _key(outputs.metrics):
         raise UsageError(f"{outputs.metrics} will hold the figures; give --geometrize another name, or add --no-json")
     outputs = replace(outputs, animation=request.animation, geometrize=request.geometrize)
-    return _with_others(JobPlan([Job(name, path, outputs)]), output, request)
+    return _with_others(JobPlan([Job(first, path, outputs)]), output, request)
 
 
 def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan:
@@ -229,12 +229,6 @@ class PictureSearch:
     sources: dict[Path, tuple[Path, Path]] = field(default_factory=dict)
     problems: list[tuple[str, InputError]] = field(default_factory=list)
     left_out: dict[str, list[Path]] = field(default_factory=lambda: defaultdict(list))
-
-
-def is_batch(arguments: list[str]) -> bool:
-    """Return whether the arguments may mean several pictures: there are several, or one is a folder or a pattern."""
-    first = arguments[0]
-    return len(arguments) > 1 or (first != STDIO and (is_folder(Path(first)) or _is_pattern(first)))
 
 
 def find_sources(arguments: list[str], *, recursive: bool) -> PictureSearch:
