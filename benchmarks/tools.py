@@ -112,7 +112,7 @@ def _diffvg(given: Given) -> bytes:
     return diffvg_svg(pixels_of(given), DIFFVG_CURVES)
 
 
-def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEPS, seed: int = 0) -> bytes:
+def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEPS) -> bytes:
     """An SVG of so many closed curves. pixels: (H, W, 4) uint8, laid over white. Raises ImportError without pydiffvg.
 
     As in the authors' example: random places, Adam on control points and RGBA, squared error.
@@ -120,7 +120,7 @@ def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEP
     diffvg = importlib.import_module("pydiffvg")
     import torch
 
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(0)
     height, width = pixels.shape[:2]
     values = torch.from_numpy(pixels.astype(np.float32) / 255.0)
     goal = values[..., :3] * values[..., 3:] + 1.0 - values[..., 3:]

@@ -71,15 +71,14 @@ def weighted_psnr_db(reference: Picture, candidate: ImageSource, weights: np.nda
     black and over white. None if no value with a weight differs.
     """
     layer = of_picture(reference)
-    total = _CHANNELS * float(weights.sum(dtype=np.float64))
-    means = []
-    for ground in (0.0, 1.0) if layer.transparent or candidate.transparent else (0.0,):
-        squares = 0.0
-        for top, bottom in _strips(layer):
-            error = _planes(layer.rows(top, bottom), ground) - _planes(candidate.rows(top, bottom), ground)
-            squares += float((np.square(error).sum(0) * weights[top:bottom]).sum(dtype=np.float64))
-        means.append(squares / total)
-    return None if max(means) <= IDENTICAL_SQUARE else decibels(max(means))
+    squares = dict.fromkeys((0.0, 1.0) if layer.transparent or candidate.transparent else (0.0,), 0.0)
+    for top, bottom in _strips(layer):
+        part, other = layer.rows(top, bottom), candidate.rows(top, bottom)
+        for ground in squares:
+            error = np.square(_planes(part, ground) - _planes(other, ground)).sum(0)
+            squares[ground] += float((error * weights[top:bottom]).sum(dtype=np.float64))
+    worst = max(squares.values()) / (_CHANNELS * float(weights.sum(dtype=np.float64)))
+    return None if worst <= IDENTICAL_SQUARE else decibels(worst)
 
 
 def decibels(mean_square: float) -> float:

@@ -138,11 +138,8 @@ def checked(
 
 def install_hint() -> str:
     """Return the command that installs libcairo on this system."""
-    if sys.platform == "darwin":
-        return "brew install cairo"
-    if sys.platform == "win32":
-        return "install the GTK 3 runtime, which brings cairo"
-    return "apt-get install libcairo2"
+    hints = {"darwin": "brew install cairo", "win32": "install the GTK 3 runtime, which brings cairo"}
+    return hints.get(sys.platform, "apt-get install libcairo2")
 
 
 def choose_renderer(renderer: str = "auto") -> tuple[ModuleType, str, str | None]:
