@@ -107,20 +107,15 @@ def potrace_svg(given: Given) -> bytes:
     return svg.replace(b"<g ", b'<rect width="100%" height="100%" fill="#fff"/><g ', 1) if opaque else svg
 
 
-def _diffvg(given: Given) -> bytes:
-    """By diffvg, with 256 curves."""
-    return diffvg_svg(pixels_of(given), DIFFVG_CURVES)
-
-
-def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEPS) -> bytes:
-    """An SVG of so many closed curves. pixels: (H, W, 4) uint8, laid over white. Raises ImportError without pydiffvg.
+def diffvg_svg(given: Given, curves: int = DIFFVG_CURVES, *, iterations: int = DIFFVG_STEPS) -> bytes:
+    """By diffvg, with so many closed curves, over white. Raises ImportError without pydiffvg.
 
     As in the authors' example: random places, Adam on control points and RGBA, squared error.
     """
     diffvg = importlib.import_module("pydiffvg")
     import torch
 
-    generator = torch.Generator().manual_seed(0)
+    pixels, generator = pixels_of(given), torch.Generator().manual_seed(0)
     height, width = pixels.shape[:2]
     values = torch.from_numpy(pixels.astype(np.float32) / 255.0)
     goal = values[..., :3] * values[..., 3:] + 1.0 - values[..., 3:]
@@ -158,7 +153,7 @@ def _encoded(pixels: np.ndarray, form: str) -> bytes:
 
 
 TOOLS: dict[str, Tool] = {
-    "ours": _ours, "photo": _photo, "vtracer": vtracer_svg, "potrace": potrace_svg, "diffvg": _diffvg
+    "ours": _ours, "photo": _photo, "vtracer": vtracer_svg, "potrace": potrace_svg, "diffvg": diffvg_svg
 }  # fmt: skip
 
 

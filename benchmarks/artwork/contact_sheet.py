@@ -87,7 +87,7 @@ def _marks(found: list[PathSegment], matrix: np.ndarray, unit: float) -> list[El
     """Lines to the handles with a dot each, and a square at every anchor."""
     lines, dots, squares = [], [], []
     for piece in found:
-        start, end, *handles = (_mapped(matrix, point) for point in (piece.start, piece.end, *piece.handles))
+        start, end, *handles = ((matrix @ (*point, 1.0))[:2] for point in (piece.start, piece.end, *piece.handles))
         squares.append(_square(end, 1.8 * unit))
         for handle, anchor in zip(handles, (start, end) if len(handles) == 2 else (start,), strict=False):
             lines.append(f"M{anchor[0]:.6g} {anchor[1]:.6g}L{handle[0]:.6g} {handle[1]:.6g}")
@@ -99,15 +99,10 @@ def _marks(found: list[PathSegment], matrix: np.ndarray, unit: float) -> list[El
     ]
 
 
-def _square(middle: tuple[float, float], half: float) -> str:
+def _square(middle: np.ndarray, half: float) -> str:
     x, y = middle
     return f"M{x - half:.6g} {y - half:.6g}h{2 * half:.6g}v{2 * half:.6g}h{-2 * half:.6g}z"
 
 
 def _path(d: str, **attributes: str) -> ElementTree.Element:
     return ElementTree.Element(f"{SVG}path", {"d": d, **attributes})
-
-
-def _mapped(matrix: np.ndarray, point: tuple[float, float]) -> tuple[float, float]:
-    x, y, _ = matrix @ (*point, 1.0)
-    return float(x), float(y)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from functools import partial
 from xml.etree import ElementTree
 
 import numpy as np
@@ -54,11 +55,6 @@ def degraded(document: Document, kind: str) -> np.ndarray:
 def jpeg(document: Document, quality: int = QUALITY) -> bytes:
     """Of a quality of 1 to 95, chroma at half the size (4:2:0)."""
     return _saved(document, "JPEG", quality=quality, subsampling=2)
-
-
-def _webp(document: Document) -> bytes:
-    """Lossy, quality 80."""
-    return _saved(document, "WEBP", quality=QUALITY)
 
 
 def _saved(document: Document, kind: str, **options: int) -> bytes:
@@ -140,7 +136,7 @@ def _straight(levels: np.ndarray) -> np.ndarray:
 DEGRADATIONS: dict[str, Callable[[Document], Given]] = {
     CLEAN: Document.draw,
     "jpeg": jpeg,
-    "webp": _webp,
+    "webp": partial(_saved, kind="WEBP", quality=QUALITY),
     "blurred": _blurred,
     "enlarged": _enlarged,
     "reduced": _reduced,

@@ -40,19 +40,24 @@ def doctor(json: Json = False) -> None:
 def examine() -> dict[str, Any]:
     """Return versions, renderers and engines as plain values; `problems` has a sentence about each failure."""
     from cubicsplat_cli.evaluate.rerender import available_renderers
+    from cubicsplat_cli.raster.engines import describe
 
     problems: list[str] = []
-    renderers = available_renderers()
+    renderers, engines = available_renderers(), describe()
     if all(version is None for version, _ in renderers.values()):
         problems.append("no SVG renderer works: " + "; ".join(problem or "" for _, problem in renderers.values()))
+    packages = {name: _version_of(name, problems) for name in _PACKAGES}
+    if not any(state["available"] for state in engines.values()):
+        reasons = "; ".join(f"{name}: {state['reason']}" for name, state in engines.items())
+        problems.append(f"no engine works: {reasons}")
     return {
         "version": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "executable": sys.executable,
-        "packages": {name: _version_of(name, problems) for name in _PACKAGES},
+        "packages": packages,
         "renderers": {name: version or problem for name, (version, problem) in renderers.items()},
-        "engine": _engine(problems),
+        "engine": engines,
         "problems": problems,
     }
 
@@ -65,16 +70,6 @@ def _version_of(package: str, problems: list[str]) -> str | None:
     except PackageNotFoundError:
         problems.append(f"the package {package} is missing: pip install {package}")
         return None
-
-
-def _engine(problems: list[str]) -> dict[str, Any]:
-    from cubicsplat_cli.raster.engines import describe
-
-    engines = describe()
-    if not any(state["available"] for state in engines.values()):
-        reasons = "; ".join(f"{name}: {state['reason']}" for name, state in engines.items())
-        problems.append(f"no engine works: {reasons}")
-    return engines
 
 
 def _engine_text(state: dict[str, Any]) -> str:
