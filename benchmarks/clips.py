@@ -137,10 +137,11 @@ def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     height, width, _ = after.shape
     shifts = [(dy, dx) for dy in range(-REACH, REACH + 1) for dx in range(-REACH, REACH + 1)]
     shifts.sort(key=lambda shift: abs(shift[0]) + abs(shift[1]))  # of equal ones the shortest
-    costs = [
-        _block_sums(np.abs(after - moved(before, np.broadcast_to(shift, (height, width, 2)))).sum(axis=2))
-        for shift in shifts
-    ]
+    rows, columns = np.arange(0, height, BLOCK), np.arange(0, width, BLOCK)
+    costs = []
+    for shift in shifts:
+        off = np.abs(after - moved(before, np.broadcast_to(shift, (height, width, 2)))).sum(axis=2)
+        costs.append(np.add.reduceat(np.add.reduceat(off, rows, axis=0), columns, axis=1))
     best = np.array(shifts)[np.argmin(costs, axis=0)]
     return best.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)[:height, :width]
 
@@ -150,11 +151,6 @@ def moved(picture: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     height, width = picture.shape[:2]
     rows, columns = np.mgrid[:height, :width]
     return picture[(rows + shifts[..., 0]).clip(0, height - 1), (columns + shifts[..., 1]).clip(0, width - 1)]
-
-
-def _block_sums(values: np.ndarray) -> np.ndarray:
-    rows, columns = (np.arange(0, size, BLOCK) for size in values.shape)
-    return np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1)
 
 
 def clips(

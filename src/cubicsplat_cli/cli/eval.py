@@ -143,7 +143,10 @@ def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
     changes: list[tuple[str, Change | None]] = [(comparison.renderer or "", scale.svg), ("engine", scale.engine)]
     for name, change in changes:
         if change is not None:
-            typer.echo(f"  {scale.factor}x, {scale.width} x {scale.height} px  {name}  {_change_text(change)}")
+            size = f"  {scale.factor}x, {scale.width} x {scale.height} px"
+            difference = "" if change.change_db is None else f", {change.change_db:+.3f} dB"
+            native = f"(native {level_text(change.native.psnr_db)}{difference})"
+            typer.echo("  ".join([size, name, *_quality_parts(change.scaled), native]))
 
 
 def _quality_parts(quality: Quality) -> list[str]:
@@ -151,12 +154,6 @@ def _quality_parts(quality: Quality) -> list[str]:
         level_text(quality.psnr_db),
         f"SSIM {quality.ssim:.4f}" if quality.ssim is not None else f"SSIM n/a ({quality.ssim_note})",
     ]
-
-
-def _change_text(change: Change) -> str:
-    """Return `31.77 dB  SSIM 0.8528  (native 31.78 dB, -0.01 dB)`."""
-    difference = "" if change.change_db is None else f", {change.change_db:+.3f} dB"
-    return "  ".join([*_quality_parts(change.scaled), f"(native {level_text(change.native.psnr_db)}{difference})"])
 
 
 def _mean_line(pairs: ComparedPairs) -> str:
