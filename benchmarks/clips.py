@@ -1,8 +1,6 @@
 """Clips: moving curves beside fits of each frame on its own, and a trace of each frame.
 
-All have as many curves a frame. Frames are drawn from the rounded numbers of the file. `still` is the mean change from
-frame to frame of pixels that change by less than 2 levels of 255 in the clip, less the clip's own change. `warp` is the
-root mean square difference, in levels, of a frame from the one before, moved along the clip's flow (blocks of 8 px).
+All have as many curves a frame. Frames are drawn from the rounded numbers of the file.
 """
 
 from __future__ import annotations

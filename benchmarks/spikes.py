@@ -1,8 +1,4 @@
-"""Cusps and slivers of SVGs of the photo style: the flaws that show when a file is enlarged.
-
-A cusp is a turn of an outline, or of a stroke's centre line, by over 150 degrees on the canvas; a sliver is a part of a
-curve thinner than a third of a pixel, whether other curves hide it or not.
-"""
+"""Cusps and slivers of SVGs of the photo style, whether other curves hide them or not."""
 
 from __future__ import annotations
 
@@ -45,7 +41,7 @@ class Spikes:
 
 
 def spikes_of(scene: Scene) -> Spikes:
-    """Cusps and slivers of all curves as far as they lie on the canvas; hidden ones count too."""
+    """Cusps and slivers of all curves as far as they lie on the canvas."""
     scene = scene.as_numpy()
     scene.validate()
     return Spikes(cusps_of(scene), sum(_slivers(scene, curve) for curve in range(scene.curves)))
