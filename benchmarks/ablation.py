@@ -71,10 +71,7 @@ def row_configuration(row: str, mode: str, curves: int) -> str:
 def jobs_of(
     pictures: Sequence[Path], rows: Sequence[str], modes: Sequence[str], curves: Sequence[int], fit: Mapping[str, Any]
 ) -> list[FitJob]:
-    """Every picture for every row, mode and number of curves. A row's settings win over those of `fit`, by name.
-
-    Raises UsageError for a setting that this version does not have.
-    """
+    """Every picture for every row, mode and number of curves. A row's settings win over those of `fit`, by name."""
     jobs = []
     for mode, count, row in product(modes, curves, rows):
         settings = FitSettings.from_preset(mode=mode, curves=count, **{**fit, **ABLATIONS[row]})
@@ -83,9 +80,8 @@ def jobs_of(
 
 
 def figures(runs: Runs, row: str, mode: str, curves: int) -> dict[str, float | int | None]:
-    """One cell group: means of a row in one configuration, and its change against the base.
-
-    The change is over the pictures that both have, so that one failed picture does not pass for an effect.
+    """Means of a row in one configuration, and its change against the base: over the pictures that both have, so that
+    one failed picture does not pass for an effect.
     """
     found = runs.of(row_configuration(row, mode, curves))
     base = {run.picture: run.psnr_db for run in runs.of(row_configuration(BASE, mode, curves))}

@@ -134,9 +134,7 @@ def word_or_colour(text: str, name: str, words: Sequence[str], shown: str) -> st
 
 def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
     """Return the 8-bit sRGB of #rgb, #rrggbb or a CSS colour name. Raises UsageError, naming a setting, for other
-    texts.
-
-    form: how the error begins.
+    texts. form: how the error begins.
     """
     from PIL import ImageColor
 

@@ -253,10 +253,8 @@ class FitSettings:
         return settings.with_(recipe=replace(settings.recipe, **numbers)) if numbers else settings
 
     def for_size(self, width: int, height: int) -> FitSettings:
-        """Return the settings with a number of curves for a picture of width x height px, if they have none.
-
-        A small picture has one curve per 96 px, and at least 64 for the details of an icon (`LEAST_PIXELS_PER_CURVE`
-        permitting).
+        """Return the settings with a number of curves, if they have none: in a small picture of width x height px one
+        per 96 px, and at least 64 for the details of an icon (`LEAST_PIXELS_PER_CURVE` permitting).
         """
         if self.curves is not None:
             return self

@@ -72,10 +72,8 @@ class Job:
 
 @record
 class JobPlan:
-    """The jobs of one command.
-
-    jobs: in a fixed order. problems: name and error of each argument without a picture. left_out: pictures that were
-    not taken, by the reason. index: the page that links the pages of all pictures, if they have pages.
+    """The jobs of one command, in a fixed order. problems: name and error of each argument without a picture. left_out:
+    pictures that were not taken, by the reason. index: the page that links the pages of all pictures, if they have any.
     """
 
     jobs: list[Job]

@@ -87,9 +87,8 @@ def earlier_report(job: Job) -> Report | None:
 
 
 def finished(job: Job, digest: str) -> Report | None:
-    """Return the report of an earlier run that made all results of a job from the same input with the same settings.
-
-    None if any file is missing, incomplete, changed, of another input or other settings, or of an interrupted fit.
+    """Return the report of an earlier run that made all results of a job from the same input with the same settings;
+    None if any file is missing, incomplete or changed, or the fit was interrupted.
     """
     outputs = job.outputs
     if outputs.svg is None or not all(is_file(path) for path in outputs.results()):
