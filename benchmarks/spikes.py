@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import points_at
 from cubicsplat_cli.cli.bench import Markdown, print_report
 from cubicsplat_cli.cli.options import Json, argument
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.images import Tile, tiles
+from cubicsplat_cli.evaluate.images import TILE_PIXELS, Tile, tiles
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import mean, number, printable, text_table
 from cubicsplat_cli.metrics import head
@@ -29,7 +29,6 @@ EDGES = 32  # of a segment, between whose directions turns are measured
 SCALE = 12  # enlargement at which slivers are sought: a third of a px is then 4 px
 _SHORTEST = 1e-3  # px: what is shorter has no direction, since files have two decimals
 _MARGIN = 1  # px around a curve, or around the canvas, outside of which it is not looked at
-_TILE_PIXELS = 2**22
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def _slivers(scene: Scene, curve: int) -> float:
     if min(width, height) <= 0:
         return 0.0
     found = 0
-    for tile in tiles(width, height, SCALE, _TILE_PIXELS):
+    for tile in tiles(width, height, SCALE, TILE_PIXELS):
         part = Tile(tile.left + low[0], tile.top + low[1], tile.width + 2 * _MARGIN, tile.height + 2 * _MARGIN)
         inside = _drawn(rings, half_width, part)
         margin = slice(_MARGIN * SCALE, -_MARGIN * SCALE)

@@ -21,10 +21,9 @@ from cubicsplat_cli.pipeline.task import Result
 from cubicsplat_cli.pipeline.vectorize import vectorize_picture
 from cubicsplat_cli.progress import OnProgress
 from cubicsplat_cli.record import record
-from cubicsplat_cli.request import Request
+from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.settings import FitSettings
 
-PRECISION = 2  # of the coordinates in the SVG: the command line's default
 Watch = Callable[[str], AbstractContextManager[OnProgress | None]]
 
 
@@ -121,7 +120,7 @@ def _run(
     if entry is not None and (kept := entry.read()) is not None:
         return _figures(fit, kept[0], cached=True), kept[1]
     with watch(f"{fit.path.name}, {fit.configuration}") as on_progress:
-        request = Request(fit.settings, style="photo", precision=PRECISION)
+        request = Request(fit.settings, style="photo", precision=PHOTO_PRECISION)
         result = vectorized(picture, request, title=fit.path.name, on_progress=on_progress)
     if result.report.interrupted:
         raise KeyboardInterrupt
@@ -161,7 +160,7 @@ class CacheEntry:
     def __init__(self, folder: Path, fit: FitJob, picture: Picture, code: str | None = None) -> None:
         decisive = fit.settings.public() | {
             "picture": picture.sha256,
-            "precision": PRECISION,
+            "precision": PHOTO_PRECISION,
             "version": __version__,
             "engine": fit.settings.device,
             "code": code or code_digest(),

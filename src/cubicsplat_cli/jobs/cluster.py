@@ -19,11 +19,9 @@ from cubicsplat_cli.files.read import read_whole
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink, MemorySink
-from cubicsplat_cli.jobs.run import FAILED, Outcome, attempt, failure
+from cubicsplat_cli.jobs.run import FAILED, POLL_SECONDS, Outcome, attempt, failure
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
-
-_POLL_SECONDS = 0.2
 
 
 class Share(NamedTuple):
@@ -59,7 +57,7 @@ def run_on_cluster(
             yield from _submit(task, jobs, request, share, running, observer)
             if not running:
                 return
-            ready, _ = ray.wait(list(running), timeout=_POLL_SECONDS)
+            ready, _ = ray.wait(list(running), timeout=POLL_SECONDS)
             for reference in ready:
                 yield _collect(ray, reference, running.pop(reference))
         for reference in running:

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.results import FileSink
-from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, Outcome, attempt
+from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, POLL_SECONDS, Outcome, attempt
 from cubicsplat_cli.photo.remote import FitServer, serve, use_server
 from cubicsplat_cli.progress import Observer, Progress, interrupt
 from cubicsplat_cli.raster.cuda.libcuda import gpus
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 ATTEMPTS = 2
-_POLL_SECONDS = 0.2  # between two checks for a stop while nothing happens
 _STOP = "stop"
 PRELOADED = ["cubicsplat_cli.jobs.warm"]  # by the process that workers are forked from
 
@@ -110,7 +109,7 @@ class _Pool:
             if not busy:
                 return
             # A pipe is ready when its worker has sent a message, and when it has died.
-            for pipe in wait([*busy], _POLL_SECONDS):
+            for pipe in wait([*busy], POLL_SECONDS):
                 outcome = self._listen(busy[pipe])
                 if outcome is not None:
                     yield outcome

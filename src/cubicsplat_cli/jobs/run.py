@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.files.load import Picture
     from cubicsplat_cli.pipeline.task import Made, Measured, Task
 
+POLL_SECONDS = 0.2  # between two checks for a stop while nothing happens
 _OVER = 1.25  # of a time limit: what is not worth a note
 DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupted", "failed", "planned"
 
