@@ -332,6 +332,19 @@ def test_narrow_strokes_through_a_wide_blur_keep_their_fill():
     )
 
 
+def test_lines_are_drawn_through_a_blur_that_leaves_nothing_even_between_them():
+    large = Image.new("RGB", (72 * 8, 72 * 8), "white")
+    pen = ImageDraw.Draw(large)
+    pen.arc([60, 60, 516, 516], 20, 300, "black", 48)
+    pen.arc([156, 156, 420, 420], 200, 480, "black", 48)
+    pen.line([110, 540, 470, 540], "black", 44)
+    small = large.resize((72, 72), Image.Resampling.BOX).filter(ImageFilter.GaussianBlur(1.2))
+    prepared = analysed(as_picture(np.asarray(small)).target())
+    assert prepared.condition.blur == pytest.approx(1.2, abs=0.15)
+    drawing = draw(as_picture(np.asarray(small)).target(), None, prepared)
+    assert len(drawing.shapes) <= 6 and drawing.segments <= 40
+
+
 def test_a_picture_is_blurred_everywhere_only_if_its_edges_say_so():
     soft = Image.fromarray(pixels("clean")).filter(ImageFilter.GaussianBlur(2.0))
     assert blurred_everywhere(as_levels(as_picture(np.asarray(soft)).target()))
@@ -405,12 +418,16 @@ def test_an_enlarged_picture_is_known_in_a_jpeg(wide, high):
     assert np.abs(found[..., :3] - np.asarray(small)).mean() < 3.0
 
 
-def test_wide_blurs_of_lines_that_half_the_size_would_not_tell_stay():
+@pytest.mark.parametrize("blur", [2.2, 2.8])
+def test_lines_are_drawn_through_a_wide_blur_that_looks_like_an_enlargement(blur):
     sharp = rerender(svg_of(ICONS["cross"]).encode(), 320, 320).pixels[..., :3]
-    picture = np.asarray(Image.fromarray(sharp).filter(ImageFilter.GaussianBlur(2.2)), dtype=np.float32) / 255.0
+    picture = np.asarray(Image.fromarray(sharp).filter(ImageFilter.GaussianBlur(blur)), dtype=np.float32) / 255.0
     assert before_enlargement(as_levels(picture))[1] == (2.0, 2.0)  # since a blur hides what is between its pixels
     prepared = analysed(picture)
-    assert prepared.scale == (1.0, 1.0) and prepared.condition.blur == pytest.approx(2.2, abs=0.1)
+    assert prepared.mean_scale * prepared.condition.blur == pytest.approx(blur, rel=0.1)
+    drawing = vectorize_pixels(np.rint(255.0 * picture).astype(np.uint8), measure=False)
+    drawn = rerender(drawing.svg.encode(), 320, 320).pixels[..., :3]
+    assert drawing.svg.count("<path") <= 3 and np.abs(drawn.astype(float) - sharp).mean() <= 0.1
 
 
 def test_what_was_not_enlarged_stays():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
 from cubicsplat_cli.raster.unmix import (
@@ -46,10 +47,25 @@ def test_the_variance_of_an_edge_is_that_of_its_blur(sigma: float, turned: bool)
     assert len(found) == 40 and found == pytest.approx(sigma**2, rel=0.06)
 
 
-def test_a_line_between_two_areas_is_no_edge() -> None:
+def test_a_line_between_two_areas_has_its_own_edges_and_is_none_of_them() -> None:
     levels = _step(1.2)
     levels[:, 19:21] = [255.0, 255.0, 255.0, 255.0]
+    assert edge_variances(levels, levels @ LUMA, 100, 2.0, 60.0, 0.1) == pytest.approx(0.0, abs=0.06)
+    levels[:, 20] = levels[:, 30]
     assert not len(edge_variances(levels, levels @ LUMA, 100, 2.0, 60.0, 0.1))
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.5, 0.8, 1.2])
+@pytest.mark.parametrize("width", [6.0, 8.7])
+def test_the_blur_of_lines_is_measured_where_nothing_between_them_is_even(sigma: float, width: float) -> None:
+    # They hardly slant, so that their edges lie anywhere in the pixels, which are the means of 8 x 8 finer ones.
+    y, x = np.mgrid[: 8 * 64, : 8 * 64] / 8.0
+    fine = gaussian_filter(((x + 0.1 * y) // width % 2.0), 8.0 * sigma)
+    levels = np.repeat(30.0 + 200.0 * fine.reshape(64, 8, 64, 8).mean((1, 3))[..., None], 4, axis=2).astype(np.float32)
+    found = edge_variances(levels, levels @ LUMA, 1000, 2.0, 60.0, 0.1, cut=True)
+    # Where lines are five standard deviations wide, the tails of their edges are lost.
+    blur = np.sqrt(max(0.0, np.median(found)))
+    assert len(found) >= 40 and blur == pytest.approx(sigma, rel=0.15 if width < 6.0 * sigma else 0.05, abs=0.2)
 
 
 def test_no_more_edges_are_looked_at_than_asked_for() -> None:

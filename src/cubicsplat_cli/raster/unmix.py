@@ -231,15 +231,16 @@ def guided_means(levels: np.ndarray, guide: np.ndarray, where: np.ndarray, px: f
 
 
 def edge_variances(
-    levels: np.ndarray, luma: np.ndarray, most: int, even: float, contrast: float, off: float
+    levels: np.ndarray, luma: np.ndarray, most: int, even: float, contrast: float, off: float, *, cut: bool = False
 ) -> np.ndarray:
-    """Return (n,) variances, px^2, of the blur of edges between two even places of a picture (H, W, 4).
+    """Return (n,) variances, px^2, of the blur of edges between two even places of a picture (H, W, 4). cut: so count
+    edges that others cut off too, which seem a little sharper than they are.
 
     luma: (H, W) the light in which edges are sought, at most so many each way. even: levels by which places are even;
     contrast: levels of an edge; off: share of the contrast by which an edge's pixels may be off the line between the
     colours that they blend, as the pixels of a thin line between two areas are.
     """
-    given = floats(levels), floats(luma), *luma.shape, most, float(even), float(contrast), float(off)
+    given = floats(levels), floats(luma), *luma.shape, most, float(even), float(contrast), float(off), cut
     return _native("cs_edge_widths", *given, Out(2 * most), result=c_int64)
 
 

@@ -342,8 +342,12 @@ def blurred_everywhere(levels: np.ndarray) -> bool:
 
 
 def _variances(levels: np.ndarray, even: float) -> np.ndarray:
-    """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels."""
-    return edge_variances(levels, levels @ SEEN, EXAMINED, even, CONTRAST, 0.1)
+    """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels; of
+    those cut off too, as between thin lines, where too few are not.
+    """
+    given = levels, levels @ SEEN, EXAMINED, even, CONTRAST, 0.1
+    whole = edge_variances(*given)
+    return whole if len(whole) >= FEWEST else edge_variances(*given, cut=True)
 
 
 def rounding_noise(levels: np.ndarray) -> float:

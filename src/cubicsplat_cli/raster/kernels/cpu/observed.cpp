@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <numeric>
 #include <vector>
 
@@ -11,14 +12,16 @@
 namespace cs {
 namespace {
 
-constexpr int kReach = 8;  // px to either side of an edge
-constexpr int kSteps = 2 * kReach + 1;
+constexpr int kReach = 8;  // px to either side of an edge, at most
 // Squared px by which an edge is displaced from line to line: along the other lines it is less.
 constexpr double kSteepest = 1.2;
 constexpr double kSquare = 1.0 / 12.0;  // variance of a pixel's width
+// Share of its steepest step: a rest that may be cut off an edge, which is a tenth of its variance; noise hides none.
+constexpr double kTail = 0.05;
 
 struct Limits {
   double even, contrast, off;
+  bool cut;
 };
 
 // A picture along its rows, or, turned, along its columns.
@@ -28,35 +31,34 @@ struct Lines {
   double light(int64_t y, int64_t x) const { return luma[y * down + x * along]; }
   float step(int64_t y, int64_t x) const { return luma[y * down + (x + 1) * along] - luma[y * down + x * along]; }
   const float* colour(int64_t y, int64_t x) const { return levels + 4 * (y * down + x * along); }
-  // px by which the edge around x, of so much light in all, is displaced from line to line.
-  double shift(int64_t y, int64_t x, double total) const {
-    const int64_t before = std::max<int64_t>(y - 1, 0), after = std::min(y + 1, height - 1);
-    double sum = 0.0;
-    for (int64_t k = x - kReach; k <= x + kReach + 1; k++) sum += light(after, k) - light(before, k);
-    return after > before ? sum / total / double(after - before) : 0.0;
-  }
 };
 
-bool is_peak(const Lines& lines, int64_t y, int64_t x, double least) {
-  const float own = std::fabs(lines.step(y, x));
-  if (!(own > least)) return false;
-  for (int k = -kReach; k <= kReach; k++)
-    if (std::fabs(lines.step(y, x + k)) > own) return false;
-  return true;
+// The pixels from `first` to `last` of a row, between which an edge lies.
+struct Edge {
+  int64_t y, first, last;
+};
+
+// px by which an edge, of so much light in all, is displaced from line to line.
+double shift(const Lines& lines, const Edge& edge, double total) {
+  const int64_t before = std::max<int64_t>(edge.y - 1, 0), after = std::min(edge.y + 1, lines.height - 1);
+  double sum = 0.0;
+  for (int64_t k = edge.first; k <= edge.last; k++) sum += lines.light(after, k) - lines.light(before, k);
+  return after > before ? sum / total / double(after - before) : 0.0;
 }
 
-// The pixels around a step are blends of those at either end, as no line between two areas is.
-bool blended(const Lines& lines, int64_t y, int64_t x, const Limits& limits) {
+// The pixels of an edge are blends of those at either end, as no line between two areas is.
+bool blended(const Lines& lines, const Edge& edge, const Limits& limits) {
   double before[4], span[4], square = 0.0;
   for (int c = 0; c < 4; c++) {
-    const auto at = [&](int k) { return double(lines.colour(y, x + k)[c]); };
-    before[c] = 0.5 * (at(-kReach) + at(1 - kReach));
-    span[c] = 0.5 * (at(kReach) + at(kReach + 1)) - before[c];
+    const auto at = [&](int64_t x) { return double(lines.colour(edge.y, x)[c]); };
+    const int inner = limits.cut ? 0 : 1;
+    before[c] = 0.5 * (at(edge.first) + at(edge.first + inner));
+    span[c] = 0.5 * (at(edge.last - inner) + at(edge.last)) - before[c];
     square += span[c] * span[c];
   }
   const double most = limits.off * std::sqrt(square) + limits.even;
-  for (int k = -kReach; k <= kReach + 1; k++) {
-    const float* colour = lines.colour(y, x + k);
+  for (int64_t k = edge.first; k <= edge.last; k++) {
+    const float* colour = lines.colour(edge.y, k);
     double along = 0.0, rest = 0.0;
     for (int c = 0; c < 4; c++) along += (colour[c] - before[c]) * span[c];
     along /= std::max(square, 1e-6);
@@ -69,34 +71,40 @@ bool blended(const Lines& lines, int64_t y, int64_t x, const Limits& limits) {
   return true;
 }
 
+// The pixel at which an edge with its steepest step at x ends, before or behind that. Within reach it does in two even
+// steps; or it is cut off where one is even, or where another edge hides a faint rest. -1 where it does not end.
+int64_t end_of(const Lines& lines, int64_t y, int64_t x, int64_t way, const Limits& limits) {
+  const auto step = [&](int64_t k) { return double(lines.step(y, x) > 0.0f ? lines.step(y, k) : -lines.step(y, k)); };
+  const double steepest = step(x), even = limits.even;
+  double least = steepest;
+  for (int64_t at = x + way; at >= 0 && at + 1 < lines.width; at += way) {
+    if (limits.cut && (step(at) <= 0.5 * even || step(at) > least + even)) {
+      const bool ends = std::fabs(step(at)) <= 0.5 * even || least <= kTail * steepest;
+      return ends && 0.5 * even <= kTail * steepest ? at + (way < 0) : -1;
+    }
+    // Of one sign, and falling, but for noise.
+    if (!(step(at) >= -even && step(at) <= steepest && step(at) <= least + even)) return -1;
+    if (std::abs(at - x) == kReach)
+      return std::fabs(step(at)) <= even && std::fabs(step(at - way)) <= even ? at + (way > 0) : -1;
+    least = std::min(least, std::fabs(step(at)));
+  }
+  return -1;
+}
+
 // The variance of the blur of the edge whose steepest step is at x, px^2; NaN where there is no single edge.
 double variance(const Lines& lines, int64_t y, int64_t x, const Limits& limits) {
-  double steps[kSteps], total = 0.0;
-  for (int k = 0; k < kSteps; k++) {
-    steps[k] = lines.step(y, x + k - kReach);
-    total += steps[k];
-  }
-  if (!(std::fabs(total) > limits.contrast)) return NAN;
-  for (int k : {0, 1, kSteps - 2, kSteps - 1})
-    if (!(std::fabs(steps[k]) <= limits.even)) return NAN;
-  // Of one sign, and growing up to the middle, but for noise.
-  for (int k = 0; k < kSteps; k++)
-    if (!((total > 0.0 ? -steps[k] : steps[k]) <= limits.even)) return NAN;
-  double left = 0.0, right = 0.0;
-  for (int k = 0; k <= kReach; k++) {
-    left = std::max(left, std::fabs(steps[k])), right = std::max(right, std::fabs(steps[kSteps - 1 - k]));
-    if (!(left - std::fabs(steps[k]) <= limits.even)) return NAN;
-    if (!(right - std::fabs(steps[kSteps - 1 - k]) <= limits.even)) return NAN;
-  }
-  if (!blended(lines, y, x, limits)) return NAN;
-  const double shift = lines.shift(y, x, total), slant = shift * shift;
-  if (!(slant < kSteepest)) return NAN;
+  const Edge edge{y, end_of(lines, y, x, -1, limits), end_of(lines, y, x, 1, limits)};
+  if (edge.first < 0 || edge.last < 0 || !blended(lines, edge, limits)) return NAN;
+  const double total = lines.light(y, edge.last) - lines.light(y, edge.first), slant = shift(lines, edge, total);
+  if (!(std::fabs(total) > limits.contrast && slant * slant < kSteepest)) return NAN;
   double sum = 0.0, mean = 0.0, square = 0.0;
-  for (double& step : steps) sum += step = std::fabs(step) > 0.5 * limits.even ? step : 0.0;
-  for (int k = 0; k < kSteps; k++) mean += steps[k] / sum * (k - kReach);
-  for (int k = 0; k < kSteps; k++) square += steps[k] / sum * (k - kReach - mean) * (k - kReach - mean);
+  for (int64_t k = edge.first; k < edge.last; k++) {
+    const double own = lines.step(y, k), step = std::fabs(own) > 0.5 * limits.even ? own : 0.0, at = double(k - x);
+    sum += step, mean += step * at, square += step * at * at;
+  }
+  mean /= sum;
   // Pixels are squares, and steps between them are as wide again.
-  return (square - kSquare) / (1.0 + slant) - kSquare;
+  return (square / sum - mean * mean - kSquare) / (1.0 + slant * slant) - kSquare;
 }
 
 }  // namespace
@@ -106,19 +114,23 @@ extern "C" {
 
 // Variances, px^2, of the blur of single edges along the rows of a picture (height x width x 4), and along its
 // columns, of at most `most` edges each way; out: room for twice as many. luma: (height x width). even, contrast: levels;
-// off: share of an edge's contrast. Returns how many there are; -1 where there is no memory.
+// off: share of an edge's contrast. cut: whether edges count that others
+// cut off. Returns how many there are; -1 where there is no memory.
 CS_EXPORT int64_t cs_edge_widths(const float* levels, const float* luma, int64_t height, int64_t width, int64_t most,
-                                 double even, double contrast, double off, double* out) {
+                                 double even, double contrast, double off, int64_t cut, double* out) {
   using namespace cs;
   return counted([&] {
     int64_t found = 0;
-    const Limits limits{even, contrast, off};
+    const Limits limits{even, contrast, off, cut != 0};
     for (const Lines& lines :
          {Lines{levels, luma, height, width, width, 1}, Lines{levels, luma, width, height, 1, width}}) {
       std::vector<std::pair<int64_t, int64_t>> peaks;
       for (int64_t y = 0; y < lines.height; y++)
-        for (int64_t x = kReach + 1; x < lines.width - kReach - 2; x++)
-          if (is_peak(lines, y, x, contrast / 8.0)) peaks.push_back({y, x});
+        for (int64_t x = 1; x + 2 < lines.width; x++) {
+          const float own = std::fabs(lines.step(y, x));
+          const bool peak = own >= std::fabs(lines.step(y, x - 1)) && own >= std::fabs(lines.step(y, x + 1));
+          if (peak && own > contrast / 8.0) peaks.push_back({y, x});
+        }
       const int64_t count = int64_t(peaks.size()), kept = std::min(count, most);
       for (int64_t i = 0; i < kept; i++) {
         const auto [y, x] = peaks[kept < count ? i * (count - 1) / (kept - 1) : i];
