@@ -133,7 +133,10 @@ def without_filters(levels: np.ndarray, *, lossy: bool) -> tuple[np.ndarray, lis
     found = mask.undone(plain) if mask else plain
     if not lossy:
         found = without_halos(found)
-    return found, notes if found is plain else [*notes, HALOS]
+    # Kernels of enlarging ring as sharpening does.
+    if found is plain or max(before_enlargement(plain)[1]) > 1:
+        return plain, notes
+    return found, [*notes, HALOS]
 
 
 def _prepared(
