@@ -347,6 +347,18 @@ def test_a_logo_of_radial_gradients_is_drawn_of_its_jpeg():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("filtered", ["BILINEAR", "BICUBIC"])
+def test_the_drawing_of_an_enlarged_picture_is_compared_with_the_small_one(filtered):
+    pixels = np.asarray(Image.fromarray(flat_picture()).resize((96, 80), Image.Resampling[filtered]))
+    task = task_of(as_picture(pixels), Request(FitSettings(threads=1)), StageTimer())
+    drawing = drawn_outlines(task)
+    assert drawing.small is not None and drawing.small.size == (48, 40)
+    given = task, drawing.scene, drawing.samples, drawing.blur
+    # The enlarged edges are off the drawing's, and so they are in its blurred copy.
+    assert level_db(*given, drawing.small) > level_db(*given) + 5.0
+    assert delta_e(*given, drawing.small) < delta_e(*given)
+
+
 def test_the_sketch_of_a_blurred_picture_is_compared_blurred():
     class Seen(Exception):
         pass

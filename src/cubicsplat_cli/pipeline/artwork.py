@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -20,6 +19,7 @@ from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.load import with_target
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.pipeline.likeness import file_db
@@ -34,7 +34,6 @@ from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic in the engine's own picture
 MANY = 150  # shapes; the finish of more takes longer than a check that they are worth it
-ENLARGED = 0.41  # px of the small picture: standard deviation of linear interpolation, a triangle 2 px wide
 
 
 def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
@@ -98,9 +97,10 @@ def drawn_outlines(
     deadline, threads = time.perf_counter() + task.seconds_to_make(), request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         prepared = prepare(task.pixels, task.target.compression)
-        enlarged = ENLARGED if prepared.upscale_factor > 1 else 0.0
+        small = prepared.levels[..., : task.pixels.shape[2]] / 255 if prepared.upscale_factor > 1 else None
         damage: dict[str, Any] = {
-            "blur": prepared.mean_scale * math.hypot(prepared.condition.blur, enlarged),
+            "blur": prepared.mean_scale * prepared.condition.blur,
+            "small": None if small is None else with_target(task.target, small),
             "unavoidable_error": prepared.unavoidable_error,
             "may_be_photo": not prepared.scanned,
             "of_scan": prepared.scanned,

@@ -238,7 +238,7 @@ def _keeps_its_colours(task: Task, drawing: Made, photo: Made) -> bool:
     few = drawing.facts["shapes"] and curves_of_equal_bytes(task, drawing) <= photo_settings(task).curves
     if not few or _seen_db(task, drawing) < LOST_DB:
         return False
-    drawn_off, photo_off = (delta_e(task, made.scene, made.samples, made.blur) for made in (drawing, photo))
+    drawn_off, photo_off = (_delta_e(task, made) for made in (drawing, photo))
     return drawn_off <= photo_off
 
 
@@ -290,8 +290,8 @@ def _drawing_or_shaded(task: Task, style: Style, shaded: Made) -> Made:
         return shaded.with_note(f"the shading stays, since {_failure('artwork', drawing)}")
     if drawing is None or drawing.interrupted:
         return shaded if drawing is None else replace(shaded, interrupted=True)
-    off = delta_e(task, shaded.scene, shaded.samples)
-    nearer = is_worth(drawing) and delta_e(task, drawing.scene, drawing.samples, drawing.blur) <= off
+    off = _delta_e(task, shaded)
+    nearer = is_worth(drawing) and _delta_e(task, drawing) <= off
     return _drawing_instead(drawing, NO_PHOTO) if nearer else shaded
 
 
@@ -350,12 +350,17 @@ def _enough_db(drawing: Made) -> float:
 
 def _level_db(task: Task, made: Made) -> float:
     """Return the level of a result; see `likeness.level_db`."""
-    return level_db(task, made.scene, made.samples, made.blur)
+    return level_db(task, made.scene, made.samples, made.blur, made.small)
 
 
 def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
     """Return the level of a result as people see it; see `likeness.seen_db`."""
-    return seen_db(task, made.scene, made.samples, made.blur, enough_db)
+    return seen_db(task, made.scene, made.samples, made.blur, made.small, enough_db)
+
+
+def _delta_e(task: Task, made: Made) -> float:
+    """Return the mean CIEDE2000 of a result; see `likeness.delta_e`."""
+    return delta_e(task, made.scene, made.samples, made.blur, made.small)
 
 
 def check_worth_finishing(task: Task, sketch: Made, *, quick: bool = False, or_shaded: bool = False) -> None:

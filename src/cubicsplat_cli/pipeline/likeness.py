@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 from PIL import Image
@@ -32,22 +32,33 @@ def file_db(task: Task, svg: str) -> float:
     return _level_db(task, reference, of_pixels(rerender(svg.encode(), reference.width, reference.height).pixels))
 
 
-def level_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0) -> float:
+def level_db(
+    task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0, small: Picture | None = None
+) -> float:
     """Return the PSNR of a scene against the target, both at most LIKENESS_SIDE px wide and high; infinite without a
-    scene. samples: edges per cubic. blur: px of the target by which its picture is blurred; the scene counts sharp or
-    blurred alike, and its text with an LCD's colour fringes or without, whichever is nearer.
+    scene. samples: edges per cubic. blur: px of the target by which its picture is blurred. small: the target before it
+    was enlarged. The scene counts sharp or blurred alike, against the target or the small one, and its text with an
+    LCD's colour fringes or without, whichever is nearer.
     """
-    return max((_level_db(task, *pair) for pair in _pairs(task, scene, samples, blur)), default=math.inf)
+    return max((_level_db(task, *pair) for pair in _pairs(task, scene, samples, blur, small)), default=math.inf)
 
 
-def seen_db(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0, enough_db: float = math.inf) -> float:
+def seen_db(
+    task: Task,
+    scene: AnyScene | None,
+    samples: int,
+    blur: float = 0.0,
+    small: Picture | None = None,
+    enough_db: float = math.inf,
+) -> float:
     """Return the mean of a scene's PSNR by pixels and its PSNR by tones, which are means over squares of COARSE px.
 
     This is nearer to what people see: slightly misplaced edges do not hide missing shading or drifting tones. Infinite
     without a scene, and if the PSNR by pixels reaches `enough_db` and that by tones TONES_DB more. Other parameters as
     of `level_db`.
     """
-    return max((_seen_db(task, *pair, enough_db) for pair in _pairs(task, scene, samples, blur)), default=math.inf)
+    pairs = _pairs(task, scene, samples, blur, small)
+    return max((_seen_db(task, *pair, enough_db) for pair in pairs), default=math.inf)
 
 
 def seen_db_of(task: Task, pixels: np.ndarray) -> float:
@@ -57,24 +68,32 @@ def seen_db_of(task: Task, pixels: np.ndarray) -> float:
     return max(_seen_db(task, *pair, math.inf) for pair in _beside(copies, [drawn]))
 
 
-def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0) -> float:
+def delta_e(task: Task, scene: AnyScene | None, samples: int, blur: float = 0.0, small: Picture | None = None) -> float:
     """Return the mean CIEDE2000 of a scene against the target, the larger one over black and over white; 0 without a
     scene. Parameters, and the copies of which the nearest counts, as of `level_db`.
     """
-    return min((_delta_e(*pair) for pair in _pairs(task, scene, samples, blur)), default=0.0)
+    return min((_delta_e(*pair) for pair in _pairs(task, scene, samples, blur, small)), default=0.0)
 
 
-def _pairs(task: Task, scene: AnyScene | None, samples: int, blur: float) -> Iterable[tuple[Picture, ImageSource]]:
-    """Return the pairs of `_beside` for the engine's picture of a scene, also blurred; none without a scene."""
+def _pairs(
+    task: Task, scene: AnyScene | None, samples: int, blur: float, small: Picture | None
+) -> Iterable[tuple[Picture, ImageSource]]:
+    """Return the pairs of `_beside` for the engine's picture of a scene, also blurred, and those of the small target;
+    none without a scene.
+    """
     if scene is None:
         return ()
+
+    def drawn(copy: Picture) -> list[np.ndarray]:
+        pixels = [of_scene(scene, *copy.size, samples, task.request.settings.threads).rows(0, copy.height)]
+        if blur:
+            sigma = blur * copy.width / task.target.width
+            pixels.append(ndimage.gaussian_filter(pixels[0], (sigma, sigma, 0.0), mode="nearest"))
+        return pixels
+
     copies = task.once(compared_copies)
-    width, height = copies[0].width, copies[0].height
-    drawn = [of_scene(scene, width, height, samples, task.request.settings.threads).rows(0, height)]
-    if blur:
-        sigma = blur * width / task.target.width
-        drawn.append(ndimage.gaussian_filter(drawn[0], (sigma, sigma, 0.0), mode="nearest"))
-    return _beside(copies, drawn)
+    pairs = _beside(copies, drawn(copies[0]))
+    return pairs if small is None else chain(pairs, product([small], map(of_values, drawn(small))))
 
 
 def compared_copies(task: Task) -> list[Picture]:

@@ -109,7 +109,8 @@ class Made:
     report. style: the style, and why; set by `candidates`. interrupted: a Ctrl-C ended the work early. may_be_photo:
     a photo may be nearer to the picture, so the two are compared; true of all drawings but those of cells and scans.
     may_be_drawn: a drawing may be nearer than this photo. of_scan: a drawing without the paper. blur: px of the
-    target's blur, which the drawing does not have. unavoidable_error: as of `PreparedInput`.
+    target's blur, which the drawing does not have. small: the target before it was enlarged, if it was.
+    unavoidable_error: as of `PreparedInput`.
     """
 
     scene: AnyScene | None
@@ -124,6 +125,7 @@ class Made:
     may_be_drawn: bool = False
     of_scan: bool = False
     blur: float = 0.0
+    small: Picture | None = None
     unavoidable_error: float = 0.0
 
     def with_note(self, note: str) -> Made:
