@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli import read_svg
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
@@ -54,6 +54,24 @@ def test_the_file_draws_what_the_formulas_say(gradient):
     found = np.asarray(drawn(written(filled(gradient))), dtype=float) / 255.0
     premultiplied = np.concatenate([found[..., :3] * found[..., 3:], found[..., 3:]], axis=2)
     assert np.abs(premultiplied - expected(gradient)).max() < 4 / 255
+
+
+@pytest.mark.parametrize("gradient", [SLANTED, OVAL])
+@pytest.mark.parametrize(
+    "outline",
+    [
+        Ellipse(32.0, 24.0, 24.0, 12.0, 0.6), Rectangle(12.0, 12.0, 40.0, 24.0, angle=0.5),
+        Rectangle(12.0, 12.0, 40.0, 24.0, 6.0, 0.5), Rectangle(16.0, 12.0, 32.0, 24.0, 11.9, -0.7),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
+def test_a_gradient_is_not_turned_with_its_shape(outline, gradient, renderer):
+    shape = filled(gradient, outline)
+    svg = written(shape)
+    found = np.asarray(rerender(svg.encode(), *SIZE, renderer=renderer).pixels, dtype=float) / 255.0
+    inside = shape.coverage(0, 0, SIZE[1], SIZE[0]) > 0.999
+    assert inside.sum() > 300 and np.abs(found - expected(gradient))[inside].max() < 4 / 255
+    assert type(read_drawing(svg).shapes[0].gradient) is type(gradient)
 
 
 def test_equal_gradients_are_written_once_and_the_text_is_short():

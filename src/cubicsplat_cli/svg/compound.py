@@ -103,9 +103,14 @@ def _pen(stroke: Stroke | None) -> tuple[float, str, str, bool] | None:
 
 
 def primitive_of(shape: Shape) -> Circle | Ellipse | Rectangle | None:
-    """Return the circle, ellipse or rectangle that a shape, or the path of its stroke, is; None for others."""
-    paths = shape.outlines if shape.stroke is None else (shape.stroke.path,)
-    return None if len(paths) > 1 or isinstance(paths[0], (Chain, Ring)) else paths[0]
+    """Return the circle, ellipse or rectangle that a shape, or the path of its stroke, is; None for others, and for one
+    that a transform would turn together with its gradient.
+    """
+    path, *more = shape.paths
+    if more or isinstance(path, (Chain, Ring)):
+        return None
+    turned = not isinstance(path, Circle) and path.angle != 0.0
+    return None if turned and shape.gradient is not None else path
 
 
 def _opaque(shape: Shape) -> bool:
