@@ -9,7 +9,8 @@ import pytest
 from PIL import Image, ImageDraw
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.files.clips import open_clip
+from cubicsplat_cli.files.clips import is_video, open_clip
+from cubicsplat_cli.files.decode import AVIF, HEIC
 
 SIZE = (24, 16)
 
@@ -118,6 +119,12 @@ def test_frames_before_a_damaged_one_can_be_taken(tmp_path):
     whole = saved(tmp_path / "whole.gif", discs(), duration=40, disposal=2).read_bytes()
     (tmp_path / "cut.gif").write_bytes(whole[:-20])
     assert len([*open_clip(tmp_path / "cut.gif", most_frames=3).frames()]) == 3
+
+
+@pytest.mark.parametrize("brand", sorted(AVIF | HEIC))
+def test_a_still_picture_in_the_boxes_of_videos_is_no_video(brand):
+    assert not is_video(b"\0\0\0\x18ftyp" + brand + bytes(16))
+    assert is_video(b"\0\0\0\x18ftypisom" + bytes(16))
 
 
 def test_a_video_needs_pyav_and_says_so(tmp_path, monkeypatch):

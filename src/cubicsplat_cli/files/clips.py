@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.files.decode import decode, formats_of
+from cubicsplat_cli.files.decode import AVIF, HEIC, decode, formats_of
 from cubicsplat_cli.files.load import Picture, PictureLike, as_picture, load_picture, resize_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import pictures_in
@@ -217,8 +217,7 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[np.ndarray, np.nd
 
 def is_video(data: bytes) -> bool:
     """Return whether the bytes begin as a video does; lists of other files or addresses, which PyAV follows, do not."""
-    stills = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"mif1", b"msf1")  # pictures in the boxes of videos
-    if data[4:8] == b"ftyp" and data[8:12] in stills:
+    if data[4:8] == b"ftyp" and data[8:12] in AVIF | HEIC:  # pictures in the boxes of videos
         return False
     transport = len(data) > 188 and data[0] == data[188] == 0x47  # the start of each packet of an MPEG transport stream
     avi = data.startswith(b"RIFF") and data[8:12] == b"AVI "

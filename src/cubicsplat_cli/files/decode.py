@@ -27,8 +27,8 @@ from cubicsplat_cli.files.write import encoded
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 FORMATS_TEXT = ", ".join((*FORMATS, "AVIF"))
-_AVIF = {b"avif", b"avis"}
-_HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
+AVIF = {b"avif", b"avis"}  # brands in the heads of files
+HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
 READ_WHOLE_PIXELS = 2**25  # larger pictures may be read smaller; those up to here are measured as they are, too
 MOST_PIXELS = 2**24  # of a picture that is read smaller, which has a quarter of them at least
 MAX_DECODED_PIXELS = 2**29  # in Pillow's memory: 2 GiB
@@ -277,7 +277,7 @@ def _averageable(band: Image.Image) -> Image.Image:
 def holds_picture(path: Path) -> bool:
     """Return whether an existing regular file, of any name, begins as a raster picture does."""
     try:
-        if not is_file(path) or _brands(read_head(path)) & (_AVIF | _HEIC):
+        if not is_file(path) or _brands(read_head(path)) & (AVIF | HEIC):
             return is_file(path)
         Image.open(path, formats=FORMATS).close()
     except OSError:
@@ -294,12 +294,12 @@ def formats_of(data: bytes, shown: str) -> tuple[str, ...]:
     install, if that is missing.
     """
     brands = _brands(data)
-    if brands & _AVIF:
+    if brands & AVIF:
         Image.init()
         if "AVIF" not in Image.OPEN:
             raise InputError(f"{shown}: is an AVIF picture; pip install -U 'Pillow>=11.3' to have it read")
         return ("AVIF",)
-    if brands & _HEIC:
+    if brands & HEIC:
         if not reads_heic():
             advice = "pip install pillow-heif to have it read, or save it as JPEG"
             raise InputError(f"{shown}: is an HEIC picture; {advice}")
