@@ -124,8 +124,13 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     if not strokes:
         return drawing
     trials = [shape.stroked(strokes[n][0]) if n in strokes else shape for n, shape in enumerate(shapes)]
-    before = State(_layers(drawing, shapes, goal), goal)
-    after = before.with_layers(_layers(drawing, trials, goal))
+
+    def still(some: list[Shape]) -> list[Layer]:
+        # By their outlines: as a stroke that may move, a ring would be one loop around both of its sides.
+        return [layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in some]
+
+    before = State(still(shapes), goal)
+    after = before.with_layers(still(trials))
     tried = np.isin(np.arange(len(shapes)), [*strokes])
     # None is to be a stroke since its pixels happen to be nearer.
     lost = np.maximum(detail * _lost(before, after, np.arange(len(shapes)), tried), 0.0)
