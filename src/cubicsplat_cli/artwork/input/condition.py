@@ -298,7 +298,7 @@ def _rings(levels: np.ndarray, rough: np.ndarray, near: np.ndarray) -> bool:
     of ten reduced JPEGs, but in one of a hundred clip arts with soft shading.
     """
     swinging = bool(_swinging(levels, rough).sum() >= 0.1 * near.sum())
-    return swinging and (edge_blur(levels) or 0.0) < LEAST_BLUR_OF_JPEG
+    return swinging and (edge_blur(levels, cut=False) or 0.0) < LEAST_BLUR_OF_JPEG
 
 
 def _swinging(levels: np.ndarray, rough: np.ndarray) -> np.ndarray:
@@ -315,14 +315,15 @@ def _swinging(levels: np.ndarray, rough: np.ndarray) -> np.ndarray:
     return out
 
 
-def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
+def edge_blur(levels: np.ndarray, noise: float = 0.0, *, cut: bool = True) -> float | None:
     """Return the standard deviation in px of the blur of a picture's edges beyond their pixels; None if too few edges
-    can be measured, and 0 if a quarter of them are sharper than the median by more than a third.
+    can be measured, and 0 if a quarter of them are sharper than the median by more than a third. cut: as in
+    `_variances`.
 
     At most EXAMINED edges are measured each way; their pixels may be off the line between the colours that they blend
     by a tenth of the contrast.
     """
-    variances = _variances(levels, max(2.0, 3.0 * noise))
+    variances = _variances(levels, max(2.0, 3.0 * noise), cut=cut)
     if len(variances) < FEWEST:
         return None
     quarter, half, rest = np.maximum(np.quantile(variances, [0.25, 0.5, 0.75]), 0.0)
@@ -341,13 +342,13 @@ def blurred_everywhere(levels: np.ndarray) -> bool:
     return bool(few >= 9.0 / 16.0 * half)
 
 
-def _variances(levels: np.ndarray, even: float) -> np.ndarray:
-    """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels; of
-    those cut off too, as between thin lines, where too few are not.
+def _variances(levels: np.ndarray, even: float, *, cut: bool = True) -> np.ndarray:
+    """Return (n,) px^2, the variances of the blur of a picture's edges between places that are even to some levels.
+    cut: of those cut off too, as between thin lines, where too few are not.
     """
     given = levels, levels @ SEEN, EXAMINED, even, CONTRAST, 0.1
     whole = edge_variances(*given)
-    return whole if len(whole) >= FEWEST else edge_variances(*given, cut=True)
+    return edge_variances(*given, cut=True) if cut and len(whole) < FEWEST else whole
 
 
 def rounding_noise(levels: np.ndarray) -> float:
