@@ -155,8 +155,13 @@ def _enlarging(length: int, count: int, kernel: Kernel) -> sparse.csr_matrix:
     from scipy import sparse  # takes a while to import, and few pictures are soft enough to get here
 
     at = (np.arange(length) + 0.5) * (count / length) - 0.5
-    weights = kernel(at[:, None] - np.arange(count))
-    return sparse.csr_matrix(weights / weights.sum(axis=1, keepdims=True))
+    near = np.floor(at).astype(int)[:, None] + np.arange(-2, 4)  # no kernel reaches 3 px
+    weights = np.where((near >= 0) & (near < count), kernel(at[:, None] - near), 0.0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    places = np.repeat(np.arange(length), near.shape[1]), near.clip(0, count - 1).ravel()
+    enlarging = sparse.csr_matrix((weights.ravel(), places), (length, count))
+    enlarging.eliminate_zeros()
+    return enlarging
 
 
 def _cubic(x: np.ndarray, b: float, c: float) -> np.ndarray:
