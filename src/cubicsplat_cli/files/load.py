@@ -279,6 +279,11 @@ def with_target(picture: Picture, channels: np.ndarray) -> Picture:
     return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, compression=None)
 
 
+def with_levels(picture: Picture, levels: np.ndarray) -> Picture:
+    """Return the picture with other pixels, (H, W, 4) premultiplied in levels of 0..255."""
+    return with_target(picture, levels[..., : 3 if picture.alpha is None else 4] / np.float32(255.0))
+
+
 def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS, max_size: int | None = None) -> Picture:
     """Return a picture from anything that holds one.
 

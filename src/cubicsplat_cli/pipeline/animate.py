@@ -188,9 +188,10 @@ def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
             if one.stopped and before is not None:
                 return
             before = target, drawing
+            if one.stopped:
+                yield frame, drawing
+                return
         yield frame, before[1]
-        if one.stopped:
-            return
 
 
 def _of_frame(task: ClipTask, index: int) -> OnProgress:

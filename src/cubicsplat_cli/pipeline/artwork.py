@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, plain_drawing
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files.load import with_target
+from cubicsplat_cli.files.load import with_levels
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.formatting import hex_text
 from cubicsplat_cli.pipeline.likeness import file_db
@@ -97,10 +97,9 @@ def drawn_outlines(
     deadline, threads = time.perf_counter() + task.seconds_to_make(), request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         prepared = prepare(task.pixels, task.target.compression)
-        small = prepared.levels[..., : task.pixels.shape[2]] / 255 if prepared.upscale_factor > 1 else None
         damage: dict[str, Any] = {
             "blur": prepared.mean_scale * prepared.condition.blur,
-            "small": None if small is None else with_target(task.target, small),
+            "small": with_levels(task.target, prepared.levels) if prepared.upscale_factor > 1 else None,
             "unavoidable_error": prepared.unavoidable_error,
             "may_be_photo": not prepared.scanned,
             "of_scan": prepared.scanned,

@@ -9,12 +9,11 @@ from itertools import chain, product
 import numpy as np
 from PIL import Image
 
-from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
 from cubicsplat_cli.evaluate.perceptual import opaque_delta_e
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.files.load import Picture, resampled, resize_picture, with_target
+from cubicsplat_cli.files.load import Picture, resampled, resize_picture, with_levels
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import AnyScene
@@ -98,10 +97,12 @@ def _pairs(
 
 def compared_copies(task: Task) -> list[Picture]:
     """Return the target, and a copy without colour fringes and halos if it has any, at the size that is compared."""
+    from cubicsplat_cli.artwork.input.prepare import as_levels, without_filters  # photos and cells may do without
+
     found, lossy = [task.target], task.target.compression is not None
     plain, notes = without_filters(as_levels(task.pixels), lossy=lossy)
     if notes:
-        found.append(with_target(task.target, plain[..., : task.pixels.shape[2]] / np.float32(255.0)))
+        found.append(with_levels(task.target, plain))
     return [resize_picture(each, LIKENESS_SIDE) for each in found]
 
 

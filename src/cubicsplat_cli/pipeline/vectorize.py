@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from cubicsplat_cli.artwork.channels import FULL
 from cubicsplat_cli.artwork.input.matte import without_matte
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene
 from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.files.load import Picture, laid_over, resize_picture, with_target
+from cubicsplat_cli.files.load import Picture, laid_over, resize_picture, with_levels
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.metrics import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db, plain
@@ -77,7 +76,7 @@ def _without_matte(picture: Picture) -> Picture:
     levels, ground = without_matte(as_levels(picture.target()))
     if not ground:
         return picture
-    bare = with_target(picture, levels / np.float32(FULL))
+    bare = with_levels(picture, levels)
     note = f"made without the remains of a {ground} ground at its edges"
     return replace(bare, compression=picture.compression, notes=(*picture.notes, note))
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import widened
-from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.finish.proposals import MARGIN, Area, Canvas, Placed, TargetPicture, areas, proposals
 from cubicsplat_cli.artwork.finish.settle import PASSES, ROUNDS, settle
 from cubicsplat_cli.artwork.finish.simpler import tolerant, without_shapes
@@ -23,9 +22,9 @@ from cubicsplat_cli.artwork.finish.state import (
     WHITE,
     Layer,
     State,
-    layer_of,
     layers_of,
     premultiplied,
+    still_layer,
 )
 from cubicsplat_cli.artwork.input.chroma import LUMA_CHROMA
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -97,7 +96,7 @@ class _Trials:
     ) -> None:
         self.drawing, self.goal, self.picture, self.detail = drawing, goal, picture, detail
         known = {id(layer.shape): layer for layer in previous.still} if previous is not None else {}
-        self.still: list[Layer] = [known.get(id(shape)) or self._still(shape) for shape in drawing.shapes]
+        self.still: list[Layer] = [known.get(id(shape)) or still_layer(shape, goal) for shape in drawing.shapes]
         self.before: State = State(self.still, goal, previous.before if previous is not None else None)
         self.size = self.before.image.shape[:2]
         self.fills = {shape.fill for shape in drawing.shapes}
@@ -161,7 +160,10 @@ class _Trials:
     def _tried(self, new: list[Placed], rounds: int) -> tuple[list[tuple[Placed, _Change]], np.ndarray]:
         """New shapes after so many rounds and what each changes, and by how much half of the misfit falls, (H, W)."""
         shapes = tuple(each.shape for each in new)
-        layers = layers_of(replace(self.drawing, shapes=shapes), self.goal) if rounds else [*map(self._still, shapes)]
+        if rounds:
+            layers = layers_of(replace(self.drawing, shapes=shapes), self.goal)
+        else:
+            layers = [still_layer(shape, self.goal) for shape in shapes]
         over = self.before.stack, np.array([each.beneath for each in new], np.int32)
         after = settle(State(layers, self.goal, over=over), rounds)
         new = [replace(placed, shape=layer.drawn()) for placed, layer in zip(new, after.layers, strict=True)]
@@ -196,10 +198,6 @@ class _Trials:
         # What two of its shapes change is theirs once.
         fall = min(way.fall, sum(change.fall for _, change in good))
         return (self.detail * fall / floor - price if good else 0.0), [each for each, _ in good]
-
-    def _still(self, shape: Shape) -> Layer:
-        """The layer of a shape that stays as it is."""
-        return layer_of(shape, self.goal, [Still(outline) for outline in shape.outlines])
 
 
 def _back(goal: Goal) -> np.ndarray:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import summed
-from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, parametrised
+from cubicsplat_cli.artwork.finish.parameters import NO_PINS, Constraints, Parameters, Pins, Still, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import areas_beside
 from cubicsplat_cli.artwork.input.restore import BLUR_REACH
 from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
@@ -212,3 +212,8 @@ def layer_of(shape: Shape, goal: Goal, outlines: list[Parameters]) -> Layer:
     areas = [areas_beside(outline.cubics - outline.cubics[0, 0]).sum() for outline in outlines]
     signs = [1.0 if (area > 0.0) == (i == 0) else -1.0 for i, area in enumerate(areas)]
     return Layer(shape, premultiplied(shape.fill) @ goal.space, outlines, signs)
+
+
+def still_layer(shape: Shape, goal: Goal) -> Layer:
+    """The layer of a shape that stays as it is."""
+    return layer_of(shape, goal, [*map(Still, shape.outlines)])

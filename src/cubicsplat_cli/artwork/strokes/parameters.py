@@ -13,9 +13,9 @@ from itertools import chain
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still, parametrised
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.finish.settle import TRIAL_ROUNDS, settle
-from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of
+from cubicsplat_cli.artwork.finish.state import Layer, State, layer_of, still_layer
 from cubicsplat_cli.artwork.geometry.fitting import PRECISION
 from cubicsplat_cli.artwork.geometry.outlines import Outline, polygon_lengths
 from cubicsplat_cli.artwork.geometry.stroke import (
@@ -124,13 +124,9 @@ def with_shared_pens(drawing: Drawing, goal: Goal, detail: float) -> Drawing:
     if not strokes:
         return drawing
     trials = [shape.stroked(strokes[n][0]) if n in strokes else shape for n, shape in enumerate(shapes)]
-
-    def still(some: list[Shape]) -> list[Layer]:
-        # By their outlines: as a stroke that may move, a ring would be one loop around both of its sides.
-        return [layer_of(shape, goal, [*map(Still, shape.outlines)]) for shape in some]
-
-    before = State(still(shapes), goal)
-    after = before.with_layers(still(trials))
+    # By their outlines: as a stroke that may move, a ring would be one loop around both of its sides.
+    before = State([still_layer(shape, goal) for shape in shapes], goal)
+    after = before.with_layers([still_layer(shape, goal) for shape in trials])
     tried = np.isin(np.arange(len(shapes)), [*strokes])
     # None is to be a stroke since its pixels happen to be nearer.
     lost = np.maximum(detail * _lost(before, after, np.arange(len(shapes)), tried), 0.0)
@@ -159,10 +155,12 @@ def _layers(drawing: Drawing, shapes: Iterable[Shape], goal: Goal) -> list[Layer
     """Layers of a drawing's shapes, of which only strokes are free."""
     constraints = Constraints(drawing.width, drawing.height)
 
-    def free(shape: Shape) -> list[Parameters]:
-        return [StrokeParameters.of(shape.stroke, constraints)] if shape.stroke else [*map(Still, shape.outlines)]
+    def layer(shape: Shape) -> Layer:
+        if shape.stroke is None:
+            return still_layer(shape, goal)
+        return layer_of(shape, goal, [StrokeParameters.of(shape.stroke, constraints)])
 
-    return [layer_of(shape, goal, free(shape)) for shape in shapes]
+    return [layer(shape) for shape in shapes]
 
 
 def _drawn(layer: Layer) -> Shape:
