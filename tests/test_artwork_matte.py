@@ -74,6 +74,15 @@ def test_a_pale_outline_of_one_px_is_no_remains():
     assert without_matte(given)[0] is given
 
 
+def test_an_outline_in_the_colour_of_a_ground_is_no_remains():
+    """A black plate with a white outline of 1.5 px, as signs have: pure white would have been removed."""
+    far = np.hypot(*(axis - 80.3 for axis in np.mgrid[:SIDE, :SIDE]))
+    white, black = (np.clip(radius - far, 0.0, 1.0) for radius in (61.5, 60.0))
+    grey = 255.0 * (1.0 - black)
+    given = levels_of(np.rint(np.dstack([grey, grey, grey, 255.0 * white])).astype(np.uint8))
+    assert without_matte(given)[0] is given
+
+
 def test_a_cut_out_is_drawn_as_what_was_cut_out():
     done = vectorize(cut_out(), measure=False)
     assert done.report.shapes == vectorize(drawn(), measure=False).report.shapes
