@@ -318,7 +318,7 @@ def test_a_drawing_gives_way_to_a_shaded_one_that_its_sketch_cannot_reach(monkey
         return regularised(*given)
 
     monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.regularised", finish)
-    for many, drawings in ((150, 2), (0, 1)):  # with and without a sketch; the objects of the shaded one have no fewer
+    for many, drawings in ((1000, 2), (0, 1)):  # with and without a sketch; the objects of the shaded one have no fewer
         monkeypatch.setattr("cubicsplat_cli.pipeline.artwork.MANY", many)
         finished.clear()
         made = vectorize(image_of_ball(4), style="artwork", shading=200, steps=120, threads=1, measure=False)

@@ -33,7 +33,7 @@ from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic in the engine's own picture
-MANY = 150  # shapes; the finish of more takes longer than a check that they are worth it
+MANY = 1000  # pieces; the finish of more takes longer than a check that they are worth it
 
 
 def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
@@ -87,7 +87,7 @@ def drawn_outlines(
 ) -> Made:
     """Draw regions with smooth outlines.
 
-    on_sketch: is given a first version of a drawing of very many shapes, or of any (of_few); what it raises ends the
+    on_sketch: is given a first version of a drawing of very many pieces, or of any (of_few); what it raises ends the
     drawing. completed: returns a changed drawing, in px of the target, before it is scaled to the picture.
     """
     from cubicsplat_cli.artwork.vectorize import prepare, versions
@@ -106,7 +106,7 @@ def drawn_outlines(
         }
 
         def add_sketch(sketch: Drawing) -> None:
-            if of_few or len(sketch.shapes) > MANY:
+            if of_few or sketch.segments > MANY:
                 on_sketch(replace(result_of_drawing(scaled_drawing(sketch, *size), request), **damage))
 
         drawings = versions(task.pixels, chosen, prepared, on_sketch=add_sketch)
