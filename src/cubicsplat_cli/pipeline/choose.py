@@ -35,6 +35,7 @@ FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 # Shapes can be edited, so curves replace them only if plainly better. A quick photo is at least this far behind a
 # finished one.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
+ALIKE_OFF = 1.15  # a mean CIEDE2000 so many times as large looks the same
 QUICK_OFF = 0.6  # the least share of a quick photo's mean CIEDE2000 that a finished one has, of seven pictures
 # What its details add to most sketches, and to 11 of 12. A quick photo, which is too low itself, needs no more than the
 # first.
@@ -234,12 +235,11 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
 
 
 def _keeps_its_colours(task: Task, drawing: Made, photo: Made) -> bool:
-    """True if a drawing of no more bytes than the photo is at least as near in colour, and has not lost much."""
-    few = drawing.facts["shapes"] and curves_of_equal_bytes(task, drawing) <= photo_settings(task).curves
-    if not few or _seen_db(task, drawing) < LOST_DB:
+    """True if a drawing of no more bytes than the photo is about as near in colour."""
+    if not drawing.facts["shapes"] or curves_of_equal_bytes(task, drawing) > photo_settings(task).curves:
         return False
     drawn_off, photo_off = (_delta_e(task, made) for made in (drawing, photo))
-    return drawn_off <= photo_off
+    return drawn_off <= ALIKE_OFF * photo_off
 
 
 def _nearer_drawing(task: Task, photo: Made) -> Made:
