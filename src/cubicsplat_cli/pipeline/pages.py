@@ -71,7 +71,7 @@ def _sample(picture: np.ndarray, part: PhotoPart) -> Window:
 def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) -> Made:
     """Draw a page with its photographs.
 
-    on_sketch: is given the task of the page without photographs, and a first version of a drawing of very many shapes.
+    on_sketch: is given the task of the page without photographs, and a first version of a drawing of very many pieces.
     Raises DrawingGivenUp if a photograph has no shape, and the errors of `on_sketch`.
     """
     own_size = page.flat.shape == task.pixels.shape
