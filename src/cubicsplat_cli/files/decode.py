@@ -77,20 +77,27 @@ class Compression:
         return float(np.sqrt(np.mean(np.square(self.tables[0], dtype=float)) / 12.0))
 
     def again(self, levels: np.ndarray) -> np.ndarray:
-        """Compress a picture (H, W, 3) in levels like this, and decode it: (H, W, 3) uint8."""
-        image = Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
+        """Compress a picture like this, and decode it. Both have premultiplied levels, (H, W, 4) float32; opacity has
+        no loss.
+        """
+        alpha = levels[..., 3:]
+        straight = levels[..., :3] * (255.0 / np.maximum(alpha, 1.0))
+        colours = Image.fromarray(np.clip(np.rint(straight), 0, 255).astype(np.uint8))
         if self.webp:
-            data = encoded(image, "WEBP", quality=self.quality)
+            if alpha.min() < 254.5:
+                colours.putalpha(Image.fromarray(np.rint(alpha[..., 0]).astype(np.uint8)))
+            data = encoded(colours, "WEBP", quality=self.quality)
         else:
-            data = encoded(image, "JPEG", qtables=[list(table) for table in self.tables], subsampling=self.sampling)
+            data = encoded(colours, "JPEG", qtables=[list(table) for table in self.tables], subsampling=self.sampling)
         with Image.open(io.BytesIO(data)) as read:
-            return np.array(read)
+            decoded = np.asarray(read.convert("RGB"), dtype=np.float32)
+        return np.concatenate([decoded * (alpha / np.float32(255.0)), alpha], axis=2, dtype=np.float32)
 
 
 def compression_of(image: Image.Image, data: bytes) -> Compression | None:
-    """Return the compression of a JPEG, or of a WebP that holds nothing but a lossy picture; None for other files."""
-    if image.format == "WEBP" and data[12:16] == b"VP8 ":
-        return Compression(webp=data)
+    """Return the compression of a JPEG, or of a WebP of one lossy picture; None for other files."""
+    if image.format == "WEBP":
+        return Compression(webp=data) if b"VP8 " in _chunks(data) else None
     if not isinstance(image, JpegImageFile):
         return None
     sampling = get_sampling(image)
@@ -98,6 +105,16 @@ def compression_of(image: Image.Image, data: bytes) -> Compression | None:
         return Compression()
     tables = tuple(tuple(image.quantization[component[3]]) for component in image.layer[:2])
     return Compression(tables, sampling) if max(map(max, tables)) <= 255 else Compression()  # as in baseline files
+
+
+def _chunks(data: bytes) -> list[bytes]:
+    """Return the names of the chunks of a WebP file; those of an animation's frames lie within others."""
+    names, at = list[bytes](), 12
+    while at + 8 <= len(data):
+        names.append(data[at : at + 4])
+        size = int.from_bytes(data[at + 4 : at + 8], "little")
+        at += 8 + size + size % 2
+    return names
 
 
 def decode(

@@ -228,7 +228,8 @@ def laid_over(picture: Picture, colour: tuple[float, float, float] | None) -> Pi
         return picture
     alpha = picture.alpha[..., None]
     rgb = picture.rgb * alpha + np.array(colour, np.float32) * (1 - alpha)
-    return replace(picture, rgb=rgb, alpha=None)
+    # What the loss did to an opaque picture is not known.
+    return replace(picture, rgb=rgb, alpha=None, compression=picture.compression and Compression())
 
 
 def resize_picture(picture: Picture, max_size: int) -> Picture:

@@ -112,8 +112,7 @@ def _beside(copies: Sequence[Picture], drawn: Sequence[np.ndarray]) -> Iterable[
     """
     compression = copies[0].compression
     if compression is not None and compression.known:
-        again = [compression.again(255.0 * values[..., :3]) / np.float32(255.0) for values in drawn]
-        drawn = [np.concatenate([rgb, values[..., 3:]], axis=2) for rgb, values in zip(again, drawn, strict=True)]
+        drawn = [compression.again(255.0 * values) / np.float32(255.0) for values in drawn]
     return product(copies, map(of_values, drawn))
 
 

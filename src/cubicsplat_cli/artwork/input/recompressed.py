@@ -56,10 +56,10 @@ def before_compression(
                 labels = with_lines(seen, fills, labels, OUTLIER * MISFIT, THIN)
             mixture = mixture_of(seen, fills, labels, MISFIT, 0.0)
             picture = mixture.painted(palette)
-            left = levels[..., :3] - compression.again(flat.painted(picture, palette, mixture.coverage)[..., :3])
+            left = levels - compression.again(flat.painted(picture, palette, mixture.coverage))
             target = picture.copy()
-            target[..., :3] += left
-            if (error := float((left**2).sum())) < least:
+            target[..., :3] += left[..., :3]
+            if (error := float((left[..., :3] ** 2).sum())) < least:
                 best, least = (mixture, target), error
     assert best is not None  # as the first one is better than none
     mixture, target = best
