@@ -408,6 +408,19 @@ def test_an_enlarged_picture_is_known_as_it_was(filtered, times):
     assert (off <= 3.0).mean() > 0.995
 
 
+@pytest.mark.parametrize(("filtered", "times"), [("BICUBIC", 1.3), ("LANCZOS", 1.5), ("BILINEAR", 1.8)])
+def test_a_small_enlargement_of_parts_that_repeat_is_known(filtered, times):
+    """Keys have peaks of their own in the spectrum, and edges that are still steep."""
+    keys = "".join(f'<path d="M{9 + 27.3 * k} 30h20.6v{60 + 4 * k}h-20.6z" fill="#333"/>' for k in range(5))
+    sign = '<circle cx="90.3" cy="135.2" r="19.5" fill="#c22"/><path d="M40 110l25.4 44.1h-50.9z" fill="#26c"/>'
+    small = np.rint(255.0 * target("clean", keys + sign)[..., :3]).astype(np.uint8)
+    side = round(SIDE * times)
+    large = Image.fromarray(small).resize((side, side), Image.Resampling[filtered])
+    found, factors = before_enlargement(as_levels(as_picture(large).target()))
+    assert factors == (times, times)
+    assert np.abs(found[..., :3] - small).mean() < 1.0
+
+
 @pytest.mark.parametrize(("wide", "high"), rest_slow((2.5, 2.5), (1.5, 2.25), (3.2, 3.2)))
 def test_an_enlarged_picture_is_known_in_a_jpeg(wide, high):
     small = Image.fromarray(np.rint(255.0 * target("clean")).astype(np.uint8)).convert("RGB")

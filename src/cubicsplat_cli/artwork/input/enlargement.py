@@ -9,7 +9,7 @@ gives it back but for rounding is also drawn at that: nothing is lost, and edges
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING
@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import LUMA, largest
-from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
 from cubicsplat_cli.artwork.input.grids import exact_grid
 from cubicsplat_cli.artwork.regions.fills import EVEN
 from cubicsplat_cli.raster import ndimage
@@ -26,12 +25,15 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 EDGE, OFF = 16.0, 2.5  # levels between neighbours at an edge, and by which repeating the enlargement may be off
-SHARP = 0.08  # share of the steps at edges that may be sharp, by noise
+# The share of the steps at edges that may be sharp, as most of a clean picture's are; and that of an edge by which its
+# sides may be off there: cubic kernels ring by 5 % and more.
+SHARP, RINGS = 0.12, 0.02
 FEWEST = 64  # pixels at edges, or blends, that are evidence enough
 LOCAL = 31  # frequencies, and pixels of a side at least, among which a peak of the spectrum stands out
-LINES, PEAKS = 32, 3  # columns and peaks that are tried
+LINES, PEAKS = 32, 8  # columns and peaks that are tried; parts that repeat have peaks of their own
 LEAST, MOST = 1.2, 16.0  # factors that are undone: less gains little, and more leaves few edges steep enough
-ASIDE, WORSE = 3, 1.5  # px by which other lengths are off, whose errors must be so many times as large
+USUAL = (1.25, 1.5, 1.75, 2.0, 3.0, 4.0)  # factors of screens and programs, tried whatever the spectrum
+ASIDE, WORSE = 3, 2.2  # px by which other lengths are off, whose errors must be so many times as large
 
 
 def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
@@ -42,13 +44,13 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
         # Shapes that merely lie on a grid have no blends at their edges.
         if _blends(small) >= FEWEST:
             return small, (grid.side, grid.side)
-    blur = edge_blur(levels)
-    if min(levels.shape[:2]) < LOCAL or (blur is not None and blur < LEAST_BLUR):
+    if min(levels.shape[:2]) < LOCAL:
         return levels, (1.0, 1.0)
     seen = np.stack([levels[..., :3] @ LUMA.astype(levels.dtype), levels[..., 3]], axis=-1)  # chroma may be coarser
     axes = seen, seen.swapaxes(0, 1)
-    # Twice as large, all second differences are alike.
-    shares = {0.5, *(length / len(axis) for axis in axes for length in _peaks(axis))}
+    if _sharp(axes):
+        return levels, (1.0, 1.0)
+    shares = {1.0 / times for times in USUAL} | {length / len(axis) for axis in axes for length in _peaks(axis)}
     lines = levels
     for axis in axes:  # columns, then rows
         found = _before(axis, sorted({round(share * len(axis)) for share in shares}))
@@ -70,10 +72,7 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     """Return the likeliest of several lengths, give or take ASIDE px, from which lines (H, W, C) in levels were
     enlarged, and the kernel; half the length if they were from none of them, but hold no more than that; else None.
     """
-    changes = largest(np.abs(np.diff(seen, axis=0))).max(axis=0)
-    steepest = seen[:, np.argsort(-changes, kind="stable")[:LINES]]
-    if _sharp(steepest):
-        return None
+    steepest = _steepest(seen)
 
     @cache
     def error(before: tuple[int, Kernel]) -> float:
@@ -83,6 +82,8 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
         return min(KERNELS, key=lambda kernel: error((length, kernel)))
 
     def stands_out(length: int) -> float:
+        if error((length, KERNELS[0])) > 2.0 * OFF:
+            return 0.0  # with another kernel the right length is never so far off
         kernel = best(length)
         if (least := error((length, kernel))) > OFF:
             return 0.0
@@ -109,14 +110,24 @@ def _peaks(seen: np.ndarray) -> Iterator[int]:
                 yield length
 
 
-def _sharp(lines: np.ndarray) -> bool:
-    """Return True if lines (H, n, C) go from one even colour to another within two steps in too many places, since
-    every kernel takes three steps or more, none of them small.
+def _steepest(seen: np.ndarray) -> np.ndarray:
+    """Return the columns (H, n, C) of lines (H, W, C) with the steepest edges, steepest first."""
+    changes = largest(np.abs(np.diff(seen, axis=0))).max(axis=0)
+    return seen[:, np.argsort(-changes, kind="stable")[:LINES]]
+
+
+def _sharp(axes: Sequence[np.ndarray]) -> bool:
+    """Return True if the lines (H, W, C) along both axes go from one even colour to another within two steps in too
+    many places, since every kernel takes three steps or more, none of them small.
     """
-    steps = largest(np.abs(np.diff(lines, axis=0)))
-    across = largest(np.abs(lines[3:-1] - lines[1:-3]))
-    sharp = (across > EDGE) & (steps[:-3] <= OFF) & (steps[3:] <= OFF)
-    return bool(sharp.sum() > SHARP * (steps > EDGE).sum())
+    sharp = edges = 0
+    for lines in map(_steepest, axes):
+        steps = largest(np.abs(np.diff(lines, axis=0)))
+        across = largest(np.abs(lines[3:-1] - lines[1:-3]))
+        even = np.maximum(steps[:-3], steps[3:]) <= np.minimum(OFF, RINGS * across)
+        sharp += int((even & (across > EDGE)).sum())
+        edges += int((steps > EDGE).sum())
+    return sharp > SHARP * edges
 
 
 def _mean_error(lines: np.ndarray, length: int, kernel: Kernel) -> float:
