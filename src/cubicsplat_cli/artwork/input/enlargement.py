@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,7 +91,9 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
     # Longer ones hold as much, but so do those beside them.
     length = max(lengths, key=stands_out)
     if stands_out(length) >= WORSE:
-        return min(product(range(length - ASIDE, length + ASIDE + 1), KERNELS), key=error)
+        near = range(length - ASIDE, length + ASIDE + 1)
+        length = min(near, key=lambda other: error((other, best(length))))
+        return length, best(length)
     half = len(seen) // 2, best(len(seen) // 2)
     return half if error(half) <= EVEN else None
 
