@@ -96,8 +96,8 @@ class Compression:
 
 def compression_of(image: Image.Image, data: bytes) -> Compression | None:
     """Return the compression of a JPEG, or of a WebP of one lossy picture; None for other files."""
-    if image.format == "WEBP":
-        return Compression(webp=data) if b"VP8 " in _chunks(data) else None
+    if image.format == "WEBP" and _is_lossy_webp(data):
+        return Compression(webp=data)
     if not isinstance(image, JpegImageFile):
         return None
     sampling = get_sampling(image)
@@ -107,14 +107,13 @@ def compression_of(image: Image.Image, data: bytes) -> Compression | None:
     return Compression(tables, sampling) if max(map(max, tables)) <= 255 else Compression()  # as in baseline files
 
 
-def _chunks(data: bytes) -> list[bytes]:
-    """Return the names of the chunks of a WebP file; those of an animation's frames lie within others."""
-    names, at = list[bytes](), 12
-    while at + 8 <= len(data):
-        names.append(data[at : at + 4])
+def _is_lossy_webp(data: bytes) -> bool:
+    """Return True if the picture in a WebP's file was compressed with loss; False for those of several pictures."""
+    at = 12
+    while data[at : at + 4] in (b"VP8X", b"ICCP", b"ALPH"):  # may come first: the features, the profile, the opacity
         size = int.from_bytes(data[at + 4 : at + 8], "little")
         at += 8 + size + size % 2
-    return names
+    return data[at : at + 4] == b"VP8 "
 
 
 def decode(

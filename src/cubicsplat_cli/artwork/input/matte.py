@@ -48,7 +48,7 @@ def without_matte(levels: np.ndarray) -> tuple[np.ndarray, str]:
         whole, off = blends(straight, paints, colours, others, three=True)
         same = np.where(soft, np.abs(whole[:, 3] - seen[:, 3]) <= BLEND, level == FULL)
         # A pixel of nothing but the ground would have been removed: it is an outline in the ground's colour.
-        mixed = tells & same & (off <= BLEND) & (np.abs(whole[:, 3] - FULL / 2) < FULL / 2 - BLEND)
+        mixed = tells & same & (off <= BLEND) & (whole[:, 3] > BLEND) & (whole[:, 3] < FULL - BLEND)
         shades = len(np.unique(np.rint(whole[mixed, 3])))
         if mixed.sum() >= max(FEWEST, MOST * len(seen)) and shades >= SHADES:
             out = levels.copy()
