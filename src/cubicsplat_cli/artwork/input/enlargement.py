@@ -23,7 +23,9 @@ from cubicsplat_cli.raster import ndimage
 if TYPE_CHECKING:
     from scipy import sparse
 
-EDGE, OFF = 16.0, 2.5  # levels between neighbours at an edge, and by which repeating the enlargement may be off
+# Levels between neighbours at an edge; by which repeating the enlargement may be off, at most and times the share of
+# the pixels along an axis that the smaller picture lacks: 1.2 for a fifth.
+EDGE, OFF, MISSING = 16.0, 2.5, 6.0
 # The share of the steps at edges that may be sharp, as most of a clean picture's are; and that of an edge by which its
 # sides may be off there: cubic kernels ring by 5 % and more.
 SHARP, RINGS = 0.12, 0.02
@@ -84,7 +86,8 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
         if error((length, KERNELS[0])) > 2.0 * OFF:
             return 0.0  # with another kernel the right length is never so far off
         kernel = best(length)
-        if (least := error((length, kernel))) > OFF:
+        # A smaller picture of nearly as many pixels holds much of any picture.
+        if (least := error((length, kernel))) > min(OFF, MISSING * (1.0 - length / len(seen))):
             return 0.0
         return min(error((length + off, kernel)) for off in (-ASIDE, ASIDE)) / max(least, 1e-6)
 
