@@ -86,7 +86,7 @@ def task_for(pixels: np.ndarray, **settings: Any) -> Task:
 def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo():
     first, second = candidates(task_for(blotches(), curves=12, steps=60), FLAT)
     assert (first.style.name, second.style.name) == ("artwork", "photo")
-    assert "flat, but a quick photo of" in second.style.reason
+    assert "flat, but a quick photo of 12 curves" in second.style.reason
     asked = Request(SETTINGS, style="artwork", measure=False)
     assert [made.style.name for made in candidates(task_of(as_picture(blotches()), asked, StageTimer()))] == ["artwork"]
 
