@@ -49,11 +49,12 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, tuple[float, flo
         return levels, (1.0, 1.0)
     seen = np.stack([levels[..., :3] @ LUMA.astype(levels.dtype), levels[..., 3]], axis=-1)  # chroma may be coarser
     axes = seen, seen.swapaxes(0, 1)
-    if _sharp(axes):
+    steepest = [_steepest(axis) for axis in axes]
+    if _sharp(steepest):
         return levels, (1.0, 1.0)
     shares = {1.0 / times for times in USUAL} | {length / len(axis) for axis in axes for length in _peaks(axis)}
     lines = levels
-    for axis in axes:  # columns, then rows
+    for axis in steepest:  # columns, then rows
         found = _before(axis, sorted({round(share * len(axis)) for share in shares}))
         if found is None:
             return levels, (1.0, 1.0)
@@ -69,15 +70,14 @@ def _blends(levels: np.ndarray) -> int:
     return int(((np.minimum(before, after) < here) & (here < np.maximum(before, after))).any(axis=-1).sum())
 
 
-def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
-    """Return the likeliest of several lengths, give or take ASIDE px, from which lines (H, W, C) in levels were
+def _before(lines: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
+    """Return the likeliest of several lengths, give or take ASIDE px, from which lines (H, n, C) in levels were
     enlarged, and the kernel; half the length if they were from none of them, but hold no more than that; else None.
     """
-    steepest = _steepest(seen)
 
     @cache
     def error(before: tuple[int, Kernel]) -> float:
-        return _mean_error(steepest, *before)
+        return _mean_error(lines, *before)
 
     def best(length: int) -> Kernel:
         return min(KERNELS, key=lambda kernel: error((length, kernel)))
@@ -87,7 +87,7 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
             return 0.0  # with another kernel the right length is never so far off
         kernel = best(length)
         # A smaller picture of nearly as many pixels holds much of any picture.
-        if (least := error((length, kernel))) > min(OFF, MISSING * (1.0 - length / len(seen))):
+        if (least := error((length, kernel))) > min(OFF, MISSING * (1.0 - length / len(lines))):
             return 0.0
         return min(error((length + off, kernel)) for off in (-ASIDE, ASIDE)) / max(least, 1e-6)
 
@@ -97,7 +97,7 @@ def _before(seen: np.ndarray, lengths: list[int]) -> tuple[int, Kernel] | None:
         near = range(length - ASIDE, length + ASIDE + 1)
         length = min(near, key=lambda other: error((other, best(length))))
         return length, best(length)
-    half = len(seen) // 2, best(len(seen) // 2)
+    half = len(lines) // 2, best(len(lines) // 2)
     return half if error(half) <= EVEN else None
 
 
@@ -121,11 +121,11 @@ def _steepest(seen: np.ndarray) -> np.ndarray:
 
 
 def _sharp(axes: Sequence[np.ndarray]) -> bool:
-    """Return True if the lines (H, W, C) along both axes go from one even colour to another within two steps in too
+    """Return True if the lines (H, n, C) along both axes go from one even colour to another within two steps in too
     many places, since every kernel takes three steps or more, none of them small.
     """
     sharp = edges = 0
-    for lines in map(_steepest, axes):
+    for lines in axes:
         steps = largest(np.abs(np.diff(lines, axis=0)))
         across = largest(np.abs(lines[3:-1] - lines[1:-3]))
         even = np.maximum(steps[:-3], steps[3:]) <= np.minimum(OFF, RINGS * across)
