@@ -67,6 +67,7 @@ def test_a_picture_is_compressed_again_as_its_file_was(sampling):
     read = load_picture(encode(image, "JPEG", quality=73, subsampling=sampling))
     again = read.compression.again(as_levels(as_picture(image).target()))
     assert np.array_equal(again[..., :3], np.rint(255.0 * read.rgb)) and (again[..., 3] == 255.0).all()
+    assert np.array_equal(read.compression.again(as_levels(as_picture(image).target())[..., :3]), again[..., :3])
 
 
 @pytest.mark.parametrize("clear", [False, True])

@@ -314,6 +314,8 @@ def test_the_artefacts_of_a_lossy_file_are_no_errors_of_its_drawing(file_format,
     task = lossy_task(np.rint(255.0 * render_scene(scene)[..., :3]).astype(np.uint8), file_format)
     plain = replace(task, target=replace(task.target, compression=None), results={})
     assert level_db(task, scene, 24) > level_db(plain, scene, 24) + rise_db
+    (photo,) = candidates(replace(task, request=Request(replace(SETTINGS, curves=8, steps=60), style="photo")))
+    assert level_db(task, photo.scene, 24) > level_db(plain, photo.scene, 24), "an opaque picture has no opacity"
 
 
 def test_a_drawing_through_the_steps_of_edges_without_anti_aliasing_has_lost_nothing():

@@ -77,10 +77,11 @@ class Compression:
         return float(np.sqrt(np.mean(np.square(self.tables[0], dtype=float)) / 12.0))
 
     def again(self, levels: np.ndarray) -> np.ndarray:
-        """Compress a picture like this, and decode it. Both have premultiplied levels, (H, W, 4) float32; opacity has
-        no loss.
+        """Compress a picture like this, and decode it. Both have premultiplied levels, (H, W, 4) float32, or (H, W, 3)
+        of an opaque picture; opacity has no loss.
         """
-        alpha = levels[..., 3:]
+        channels = levels.shape[2]
+        alpha = levels[..., 3:] if channels == 4 else np.full_like(levels[..., :1], 255.0)
         straight = levels[..., :3] * (255.0 / np.maximum(alpha, 1.0))
         colours = Image.fromarray(np.clip(np.rint(straight), 0, 255).astype(np.uint8))
         if self.webp:
@@ -91,7 +92,7 @@ class Compression:
             data = encoded(colours, "JPEG", qtables=[list(table) for table in self.tables], subsampling=self.sampling)
         with Image.open(io.BytesIO(data)) as read:
             decoded = np.asarray(read.convert("RGB"), dtype=np.float32)
-        return np.concatenate([decoded * (alpha / np.float32(255.0)), alpha], axis=2, dtype=np.float32)
+        return np.concatenate([decoded * (alpha / np.float32(255.0)), alpha], axis=2, dtype=np.float32)[..., :channels]
 
 
 def compression_of(image: Image.Image, data: bytes) -> Compression | None:
