@@ -30,7 +30,6 @@ from cubicsplat_cli.raster.unmix import STRANGE
 
 WINDOW = 7  # px of the means, and within which an edge between two fills does half of its change
 LEFT, LEFT_LEVELS = 1.25, 0.7  # residual of a window from its plane: times the noise, and levels besides
-STEEPEST = 6.0  # levels per px, beyond which a ramp may be two fills
 # Pixels of a JPEG differ so many times as much from their gradient as those of a clean picture, and those of a noisy
 # picture by so much more for each level of noise.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
@@ -95,14 +94,12 @@ def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.nd
     size, at = (WINDOW, WINDOW, 1), np.arange(WINDOW) - WINDOW // 2
     means = ndimage.uniform_filter(levels, size, mode="nearest")
     left = ndimage.uniform_filter(levels * levels, size, mode="nearest") - means * means
-    spread, slope = float((at * at).mean()), np.zeros_like(left)
+    spread = float((at * at).mean())
     for axis, across in enumerate(((1, WINDOW, 1), (WINDOW, 1, 1))):
         along = ndimage.correlate1d(levels, at / (WINDOW * spread), axis=axis, mode="nearest")
-        square = ndimage.uniform_filter(along, across, mode="nearest") ** 2
-        left -= spread * square
-        slope += square
+        left -= spread * ndimage.uniform_filter(along, across, mode="nearest") ** 2
     most = LEFT * condition.noise + LEFT_LEVELS
-    return means.astype(np.float32), ((left <= most**2) & (slope <= STEEPEST**2)).all(axis=-1)
+    return means.astype(np.float32), (left <= most**2).all(axis=-1)
 
 
 def is_step(shade: Shade, shortest: float = WINDOW) -> bool:
