@@ -59,6 +59,16 @@ def test_a_small_logo_in_a_jpeg_is_drawn():
     assert (fitted.report.style, len(fitted.svg) < 2000) == ("artwork", True)
 
 
+def test_steep_gradients_in_a_jpeg_may_be_a_drawing():
+    y, x = np.mgrid[:240, :240]
+    share = ((0.8 * x + 0.6 * y) % 64.0 / 64.0)[..., None]
+    stripes = np.rint((1.0 - share) * [255, 250, 230] + share * [200, 60, 0]).astype(np.uint8)
+    found = choose_style(recoded(stripes, quality=75).astype(np.float32) / 255, lossy=True)
+    assert found.name == "photo" and found.doubtful, found.reason
+    cat = np.rint(255.0 * load_picture(SAMPLES / "chelsea.png").target()).astype(np.uint8)
+    assert not choose_style(recoded(cat, quality=75).astype(np.float32) / 255, lossy=True).doubtful
+
+
 def test_a_window_with_a_soft_shadow_is_doubtful():
     rng = np.random.default_rng(1)
     shadow = np.zeros((500, 700))

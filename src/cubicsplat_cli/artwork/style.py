@@ -8,6 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import ROWS, largest, packed
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
+from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.dither import without_dither
 from cubicsplat_cli.artwork.input.evenness import ASIDE, SMALL, contrasts, even
 from cubicsplat_cli.artwork.regions.fills import FLAT_RANGE, MOST_PALETTE
@@ -16,6 +17,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
 from cubicsplat_cli.record import record
+from cubicsplat_cli.scene.arrays import with_channels
 from cubicsplat_cli.scene.paint import Rgba
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
@@ -29,6 +31,7 @@ UNSEEN, COLOUR, LEAST_DOUBTFUL = 6.0, 8, 0.5
 # The commonest colours, as wide as a JPEG rings near strong edges, in levels, and the least share of the pixels in them
 # of a possible drawing: small logos in JPEGs have 0.66 and more, photos without an even ground at most 0.57.
 FEW_COLOURS, RINGING, LEAST_IN_FEW = 4, 32, 0.6
+TYPICAL = Condition(noise=1.0, jpeg=True)  # 48 JPEGs and WebPs of drawings have a noise of 0.6 to 2.3 levels
 _MOST_PIXELS = 2**20  # that are tested
 
 
@@ -71,9 +74,12 @@ def choose_style(target: np.ndarray, *, lossy: bool = False) -> Style:
         reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
         if shaded >= LEAST_SHADED:
             return _unless_soft(levels, drawn, reason, lossy=lossy)
-    textured = _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE
-    in_few = lossy and _in_very_few(levels, drawn)
-    if not in_few and (textured or _in_possible_fills(levels, drawn) < LEAST_DOUBTFUL):
+    if lossy:
+        possible = _in_very_few(levels, drawn) or _in_possible_paints(levels, drawn) >= LEAST_DOUBTFUL
+    else:
+        textured = _texture((change > UNSEEN) & ~straight, drawn) > MOST_TEXTURE
+        possible = not textured and _in_possible_fills(levels, drawn) >= LEAST_DOUBTFUL
+    if not possible:
         return Style(PHOTO, reason)
     suits = _unless_soft(levels, drawn, reason, lossy=lossy)
     return suits if suits.name == PHOTO else Style(PHOTO, reason, doubtful=True)
@@ -146,15 +152,31 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
     """Return the share of the drawn pixels that are flat in one of the commonest colours, or in gradients."""
     from cubicsplat_cli.artwork.input.softness import in_gradients
 
-    step = 1 + max(levels.shape[:2]) // 600  # px of the longer side, about
+    step = _step(levels)
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
     explained = _in_few_colours(levels, drawn, FLAT_RANGE, 1) | in_gradients(levels, tries=16, layered=True)
     return float((explained & drawn).sum() / drawn.sum())
 
 
+def _step(levels: np.ndarray) -> int:
+    """Return which rows and columns of a picture leave about 600 px of its longer side."""
+    return 1 + max(levels.shape[:2]) // 600
+
+
 def _in_possible_fills(levels: np.ndarray, drawn: np.ndarray) -> float:
     """Return the share of the drawn pixels in common colours that change less than people, or a JPEG, would tell."""
     return float((_in_few_colours(levels, drawn, UNSEEN) & drawn).sum() / drawn.sum())
+
+
+def _in_possible_paints(levels: np.ndarray, drawn: np.ndarray) -> float:
+    """Return the share of the drawn pixels in possible fills, or in gradients under the artefacts of a JPEG."""
+    from cubicsplat_cli.artwork.gradients.noisy import plane_areas
+    from cubicsplat_cli.artwork.gradients.shade import covered
+
+    step = _step(levels)
+    levels, drawn = levels[::step, ::step], drawn[::step, ::step]
+    gradients = covered(plane_areas(with_channels(levels, 4, 255.0), TYPICAL), drawn.shape)
+    return float(((_in_few_colours(levels, drawn, UNSEEN) | gradients) & drawn).sum() / drawn.sum())
 
 
 def _in_very_few(levels: np.ndarray, drawn: np.ndarray) -> bool:

@@ -1,8 +1,8 @@
 """Choose between photo and drawing: propose a result of one style, compare it with the other, keep the nearer.
 
-1. `_first` makes the style that is requested, or that `choose_style` measures. It may change to the other style on
-   the way: a drawing ends early if a quick photo or a shaded drawing is nearer (`check_worth_finishing`), and a photo
-   ends early if its drawing is nearer (`_photo_or_drawing`).
+1. `_first` makes the style that is requested, or that `choose_style` measures; in doubt, the drawing. It may change to
+   the other style on the way: a drawing ends early if a quick photo or a shaded drawing is nearer
+   (`check_worth_finishing`), and a photo ends early if it stays far from its picture (`_photo_or_drawing`).
 2. `candidates` yields this result, compares it with the other style (`_nearer_photo`, `_nearer_drawing`), and yields
    that one if it is nearer.
 3. Wherever a photo would be made, a shaded drawing is made instead if no photo of as many bytes is nearer in colour
@@ -28,14 +28,13 @@ from cubicsplat_cli.pipeline.likeness import delta_e, level_db, seen_db
 from cubicsplat_cli.pipeline.pages import drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, curves_of_equal_bytes, fitted_photo, photo_settings, quick_photo
 from cubicsplat_cli.pipeline.task import TOO_FINE, DrawingGivenUp, Made, Task
-from cubicsplat_cli.scene import LayeredScene
+from cubicsplat_cli.scene import LayeredScene, Scene
 
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 # Shapes can be edited, so curves replace them only if plainly better. A quick photo is at least this far behind a
 # finished one.
 MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
-ALIKE_OFF = 1.15  # a mean CIEDE2000 so many times as large looks the same
 QUICK_OFF = 0.6  # the least share of a quick photo's mean CIEDE2000 that a finished one has, of seven pictures
 # What its details add to most sketches, and to 11 of 12. A quick photo, which is too low itself, needs no more than the
 # first.
@@ -82,9 +81,12 @@ def _first(task: Task, style: Style | None) -> Made:
         page, better_drawn = _page(task)
         if page is not None:
             return page
+        check = partial(check_worth_finishing, task, or_shaded=True)
+        if (style.doubtful or better_drawn) and not task.bounded and task.recorder is None:
+            style, check = replace(style, name=ARTWORK), partial(_check_beside_photo, task)
         if style.name == PHOTO:
-            return _photo_or_drawing(task, replace(style, doubtful=style.doubtful or better_drawn))
-        return replace(drawn_outlines(task, partial(check_worth_finishing, task, or_shaded=True)), style=style)
+            return _photo_or_drawing(task, style)
+        return replace(drawn_outlines(task, check), style=style)
     except DrawingGivenUp as reason:
         return _shaded_or_photo(task, style, str(reason))
     except UsageError:
@@ -225,21 +227,11 @@ def _nearer_photo(task: Task, drawing: Made) -> Made:
         if reason is None:
             return drawing
         photo = _shaded_or_photo(task, drawing.style, reason)
-        if not photo.interrupted and _keeps_its_colours(task, drawing, photo):
-            return drawing
     except Exception as error:
         return drawing.with_note(f"the drawing stays, since {_failure('photo', error)}")
     except KeyboardInterrupt:
         return replace(drawing, interrupted=True)
     return replace(drawing, interrupted=True) if photo.interrupted else photo
-
-
-def _keeps_its_colours(task: Task, drawing: Made, photo: Made) -> bool:
-    """True if a drawing of no more bytes than the photo is about as near in colour."""
-    if not drawing.facts["shapes"] or curves_of_equal_bytes(task, drawing) > photo_settings(task).curves:
-        return False
-    drawn_off, photo_off = (_delta_e(task, made) for made in (drawing, photo))
-    return drawn_off <= ALIKE_OFF * photo_off
 
 
 def _nearer_drawing(task: Task, photo: Made) -> Made:
@@ -251,69 +243,47 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
 
 
 def _photo_or_drawing(task: Task, style: Style) -> Made:
-    """Make the photo of a picture. If the style is doubtful, or the fit will end far from the picture, also make the
-    drawing, and return that if it is nearer by more than the estimate of the fit's end may be wrong.
+    """Make the photo of a picture. If the fit will end far from the picture, also make the drawing, and return that if
+    it is nearer by more than the estimate of the fit's end may be wrong.
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
     if (shaded := _shaded_instead(task, style, NO_PHOTO)) is not None:
-        return _drawing_or_shaded(task, style, shaded) if style.doubtful and not shaded.interrupted else shaded
+        return shaded
     fit = task.once(PhotoFit)
     expected = fit.expected()
-    if math.isinf(expected) or (expected >= FAR_DB and not style.doubtful):
+    if expected >= FAR_DB:
         return replace(fit.finished, style=style, may_be_drawn=True)
     # The estimate may be too low by as much as a sketch may rise.
     drawing = _drawing_above(task, style, expected, 0.0)
-    if isinstance(drawing, Made):
-        # The photo may end far above the estimate, as those of few colours do, in fewer bytes than many shapes take.
-        far = expected < FAR_DB
-        if drawing.interrupted or (far and _level_db(task, drawing) > expected + MARGIN_DB):
-            return _drawing_instead(drawing, f"a photo has only {expected:.1f} dB")
-        if (
-            not far
-            and curves_of_equal_bytes(task, drawing) < photo_settings(task).curves
-            and photo_is_nearer(task, drawing) is None
-        ):
-            return _drawing_instead(drawing, NO_PHOTO)
+    # The photo may end far above the estimate, as those of few colours do, in fewer bytes than many shapes take.
+    if isinstance(drawing, Made) and (drawing.interrupted or _level_db(task, drawing) > expected + MARGIN_DB):
+        return _drawing_instead(drawing, f"a photo has only {expected:.1f} dB")
     return _nearer_of(task, replace(fit.finished, style=style), drawing)
 
 
-def _drawing_or_shaded(task: Task, style: Style, shaded: Made) -> Made:
-    """Return the drawing if it has no more bytes than the shaded one and is as near in colour; else the shaded one."""
-    most = curves_of_equal_bytes(task, shaded)
-
-    def is_worth(made: Made) -> bool:
-        return curves_of_equal_bytes(task, made) <= most
-
-    drawing = _drawing_of(task, f"{style.reason}, but {NO_PHOTO}", is_worth)
-    if isinstance(drawing, Exception):
-        return shaded.with_note(f"the shading stays, since {_failure('artwork', drawing)}")
-    if drawing is None or drawing.interrupted:
-        return shaded if drawing is None else replace(shaded, interrupted=True)
-    off = _delta_e(task, shaded)
-    nearer = is_worth(drawing) and _delta_e(task, drawing) <= off
-    return _drawing_instead(drawing, NO_PHOTO) if nearer else shaded
+def _check_beside_photo(task: Task, sketch: Made) -> None:
+    """Raise DrawingGivenUp if a sketch is no nearer than an early look at the photo's fit: both rise by up to 6 dB."""
+    if _level_db(task, sketch) <= task.once(PhotoFit).expected():
+        raise DrawingGivenUp("an early look at a photo is as near as the drawing's sketch")
 
 
-def _drawing_of(task: Task, reason: str, is_worth: Callable[[Made], bool]) -> Made | Exception | None:
-    """Draw a picture that looks like a photo. Return None if a sketch is not worth finishing, an error if it fails."""
+def _drawing_above(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
+    """Draw a picture that looks like a photo, where a photo has a level in dB. Return None if a sketch lies below it by
+    more than its rise, an error if the drawing fails.
+    """
 
     def check(sketch: Made) -> None:
-        if not is_worth(sketch):
+        if _level_db(task, sketch) <= level - rise_db:
             raise DrawingGivenUp
 
     try:
-        return replace(drawn_outlines(task, check), style=Style(ARTWORK, reason))
+        made = drawn_outlines(task, check)
     except DrawingGivenUp:
         return None
     except Exception as error:
         return error
-
-
-def _drawing_above(task: Task, style: Style, level: float, rise_db: float) -> Made | Exception | None:
-    """As `_drawing_of`, where a photo has a level in dB; a sketch must not lie below it by more than its rise."""
-    reason = f"{style.reason}, but as a photo it has only {level:.1f} dB"
-    return _drawing_of(task, reason, lambda sketch: _level_db(task, sketch) > level - rise_db)
+    return replace(made, style=Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
 
 
 def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Made:
@@ -383,9 +353,11 @@ def photo_is_nearer(
     drawn_db = _seen_db(task, drawing, _enough_db(drawing))
     if math.isinf(drawn_db):
         return None
+    curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
+    if not quick and curves < all_curves and _is_as_near_in_colour(task, drawing, task.once(quick_photo, all_curves)):
+        return None
     if or_shaded and _shading_is_nearer(task, _nearest_shaded, drawing, drawn_db + rise_db):
         return SHADING
-    curves, all_curves = curves_of_equal_bytes(task, drawing), photo_settings(task).curves
     if drawn_db + rise_db < LOST_DB and task.request.max_bytes is None:
         curves = max(curves, all_curves)  # to have few bytes is no merit where much is lost
     if curves >= all_curves and not (quick or task.bounded or task.recorder is not None):
@@ -397,3 +369,8 @@ def photo_is_nearer(
         return None
     near = "is identical" if math.isinf(photo_db) else f"has {photo_db:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn_db:.1f} dB, as pixels and as tones"
+
+
+def _is_as_near_in_colour(task: Task, drawing: Made, quick: Scene) -> bool:
+    """True if a drawing is as near in colour as a quick photo, which repeats few artefacts of a lossy file."""
+    return _delta_e(task, drawing) <= delta_e(task, quick, drawing.samples)

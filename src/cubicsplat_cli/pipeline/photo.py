@@ -27,7 +27,7 @@ FINISH_SCALE = 3
 # for most of the fit, and at most so many times for the finish. More gain nothing.
 ENLARGED_PIXELS_PER_CURVE, MOST_PIXELS = 1152, 768 * 512
 ENLARGED, MOST_ENLARGED = 2, 4
-QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: px of its copy's longer side; its steps
+QUICK_SIDE, QUICK_STEPS = 192, 300  # of a quick fit: its copy has as many px as a square of such a side; its steps
 # The shares of the steps before the finish at which it is seen how fast a fit comes nearer; from the second to the end
 # its level rises by 1 to 4 times as much as between them, in 11 of 14 pictures by LATER times or more.
 SEEN_AT, LATER = (0.15, 0.3), 1.9
@@ -112,7 +112,8 @@ def curves_of_equal_bytes(task: Task, drawing: Made) -> int:
 
 def quick_photo(task: Task, curves: int) -> Scene:
     """Fit curves in few steps to a small copy of a picture. Raises the errors of a fit, and KeyboardInterrupt."""
-    small = resize_picture(task.target, QUICK_SIDE).target()
+    shorter, longer = sorted(task.target.size)
+    small = resize_picture(task.target, round(QUICK_SIDE * math.sqrt(longer / shorter))).target()
     fitted = begin_fit(small, task.settings().with_(curves=curves, steps=QUICK_STEPS)).finish()
     if fitted.interrupted:
         raise KeyboardInterrupt
