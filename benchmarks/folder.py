@@ -95,7 +95,11 @@ def measure(
     if "error" in result:
         return result, None
     data = svg.read_bytes()
-    result |= {"bytes": len(data), "style": json.loads(output.splitlines()[-1])["style"]}
+    report = json.loads(output.splitlines()[-1])
+    result |= {"bytes": len(data), "style": report["style"]}
+    # The other style stands in for one that failed, which nobody would see in the figures.
+    if bugs := [note for note in report.get("notes", ()) if "this is a bug" in note]:
+        return result | {"error": bugs[0]}, None
     try:
         original = _opaque(straight_rgba(load_picture(picture)))
         height, width = original.shape[:2]

@@ -103,6 +103,15 @@ def test_two_versions_take_turns_and_are_compared(run_benchmark, pictures, tmp_p
         assert sheet.width > 3 * benchmark.CELL
 
 
+def test_a_bug_that_the_other_style_hides_is_a_failure(tmp_path, monkeypatch):
+    report = '{"style": "photo", "notes": ["made as photo, since artwork failed; this is a bug, please report it"]}'
+    monkeypatch.setattr(benchmark, "run_process", lambda *_: (report, {"seconds": 1.0}))
+    svg = tmp_path / "a.svg"
+    svg.write_text(FLAT.format("#808080"))
+    result, drawn = benchmark.measure(tmp_path / "a.png", svg, None, [], 1.0, 1.0)
+    assert result["error"].startswith("made as photo, since artwork failed") and drawn is None
+
+
 def test_wrong_usage_is_said(run_benchmark, pictures, tmp_path):
     run_benchmark("folder", pictures, "--time-limit", 0, code=2, error="must be above 0")
     run_benchmark("folder", tmp_path / "none", code=1, error="cannot be read")
